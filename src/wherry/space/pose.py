@@ -1,0 +1,82 @@
+"""SE(2): positions and headings in the plane, and how they are put together.
+
+Every frame follows REP 103: x forward, y to the left, angles counter-clockwise from the x axis, metres and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def wrap(angle: float) -> float:
+    """Return the same direction as an angle in (−π, π], in rad."""
+    wrapped = math.remainder(angle, math.tau)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A position and a heading; also the rigid transform that carries the origin there.
+
+    Attributes:
+        x: m, along the frame's x axis.
+        y: m, along the frame's y axis.
+        theta: θ, rad, counter-clockwise from the frame's x axis.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    theta: float = 0.0
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """Compose: ``map_from_odom @ odom_from_base`` is ``map_from_base`` (⊕ in the SLAM literature)."""
+        cos, sin = math.cos(self.theta), math.sin(self.theta)
+        return Pose(
+            self.x + cos * other.x - sin * other.y,
+            self.y + sin * other.x + cos * other.y,
+            wrap(self.theta + other.theta),
+        )
+
+    @property
+    def inverse(self) -> Pose:
+        """The transform that undoes this one: ``p @ p.inverse`` is the identity (⊖)."""
+        cos, sin = math.cos(self.theta), math.sin(self.theta)
+        return Pose(-cos * self.x - sin * self.y, sin * self.x - cos * self.y, wrap(-self.theta))
+
+    def relative_to(self, origin: Pose) -> Pose:
+        """This pose as seen from ``origin``: ``origin.inverse @ self``."""
+        return origin.inverse @ self
+
+    def transform(self, points: Floats) -> Floats:
+        """Carry points of this pose's own frame into the frame that the pose is given in.
+
+        Args:
+            points: [N, 2] m.
+
+        Returns:
+            [N, 2] m.
+        """
+        cos, sin = math.cos(self.theta), math.sin(self.theta)
+        rotation = np.array([[cos, sin], [-sin, cos]])
+        moved: Floats = points @ rotation + (self.x, self.y)
+        return moved
+
+    def distance_to(self, other: Pose) -> float:
+        """Distance between the two positions, m."""
+        return math.hypot(other.x - self.x, other.y - self.y)
+
+    def as_array(self) -> Floats:
+        """[3] x m, y m, θ rad."""
+        return np.array([self.x, self.y, self.theta])
+
+    @classmethod
+    def from_array(cls, array: Floats) -> Self:
+        """The pose of an array [3] x m, y m, θ rad; θ is wrapped."""
+        return cls(float(array[0]), float(array[1]), wrap(float(array[2])))
