@@ -1,0 +1,36 @@
+"""The distance field is the exact Euclidean distance transform, cut off at its limit."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import distance_transform_edt
+
+from wherry.space.distance_field import DistanceField
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.integers(1, 30),
+    st.integers(1, 30),
+    st.floats(0.0, 0.3),
+    st.floats(0.05, 2.0),
+    st.integers(0, 2**32 - 1),
+)
+def test_agrees_with_scipy(height: int, width: int, density: float, limit: float, seed: int) -> None:
+    occupied = np.random.default_rng(seed).random((height, width)) < density
+    field = DistanceField.of(OccupancyGrid(occupied.astype(np.float32), 0.05), limit)
+    exact = distance_transform_edt(~occupied) * 0.05 if occupied.any() else np.full(occupied.shape, np.inf)
+    np.testing.assert_allclose(field.distance, np.minimum(exact, limit), atol=1e-6)
+
+
+def test_looks_points_up_in_a_turned_grid() -> None:
+    probability = np.zeros((4, 6), np.float32)
+    probability[1, 2] = 1.0  # its centre is 2.5 right of and 1.5 above the grid's corner
+    grid = OccupancyGrid(probability, 1.0, Pose(10.0, 20.0, np.pi / 2))
+    field = DistanceField.of(grid, 5.0)
+    points = np.array([[8.5, 22.5], [8.5, 24.5], [6.5, 22.5], [50.0, 0.0]])
+    np.testing.assert_allclose(field.at(points), [0.0, 2.0, 2.0, 5.0], atol=1e-6)
