@@ -72,7 +72,7 @@ def _squared_distances(occupied: NDArray[np.bool_], reach: int) -> NDArray[np.fl
     column = _column_distances(occupied, reach)
     squared = np.empty_like(column)
     for y in range(len(column)):
-        _row_envelope(column[y], np.float32(reach), squared[y])
+        _row_envelope(column[y], float(reach), squared[y])
     return squared
 
 

@@ -1,0 +1,298 @@
+"""Adaptive Monte Carlo localization: propagate, reweight, resample (paper, section 5; Fox et al., 1999)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.errors import InputError
+from wherry.localization.clusters import heaviest_cluster
+from wherry.localization.motion import MOTION_MODELS
+from wherry.localization.parameters import AmclParameters
+from wherry.localization.recovery import RecoveryAverages
+from wherry.localization.refinement import agrees, match_scan
+from wherry.localization.resampling import BIN_SIZE, adaptive_count, hash_table, low_variance, normalize
+from wherry.localization.sensor import SENSOR_MODELS, Beams, choose_beams
+from wherry.robot import Odometry, Scan
+from wherry.space.distance_field import DistanceField
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+
+Floats = NDArray[np.float64]
+
+MATCHED_BEAMS = 360  # more do not make the match better
+JUMP_SLACK = 0.5  # m; odometry is not called a jump below this
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Where the robot is believed to be.
+
+    Attributes:
+        time: s, the scan's.
+        pose: base_link in the map frame.
+        covariance: [3, 3] m, m, rad, of the heaviest cluster of particles.
+        weight: That cluster's share of the belief, 0 to 1.
+        particles: How many carry the belief.
+        likelihood: Geometric mean of the beams' likelihoods, averaged over the particles, at the last filter update.
+        updated: Whether this scan was weighed; otherwise the robot had hardly moved since the last one that was.
+        problem: Why the measurement was not used; empty when it was.
+    """
+
+    time: float
+    pose: Pose
+    covariance: Floats
+    weight: float
+    particles: int
+    likelihood: float
+    updated: bool
+    problem: str = ""
+
+
+class Amcl:
+    """A particle filter over poses on a known map.
+
+    Args:
+        grid: The map.
+        lidar: The lidar's pose on the base, base_link frame.
+        parameters: As in nav2's amcl.
+        rng: Where all randomness comes from; the same seed gives the same bytes.
+    """
+
+    def __init__(self, grid: OccupancyGrid, lidar: Pose, parameters: AmclParameters, rng: np.random.Generator) -> None:
+        self.parameters = parameters
+        self._grid = grid
+        self._lidar = lidar
+        self._rng = rng
+        self._field = DistanceField.of(grid, parameters.laser_likelihood_max_dist)
+        self._sensor = SENSOR_MODELS[parameters.laser_model_type](self._field, parameters)
+        self._move = MOTION_MODELS[parameters.robot_model_type]
+        most = parameters.max_particles
+        self._buffers = (np.empty((most, 3)), np.empty((most, 3)))
+        self._noise = np.empty((most, 3), np.float32)
+        self._log_weights = np.empty(most)
+        self._weights = np.empty(most)
+        self._table = hash_table(most)
+        self._bin_size = np.array(BIN_SIZE)
+        p = parameters
+        self._limits = np.array([p.pf_err, p.pf_z, p.min_particles, p.max_particles], np.float64)
+        self._free = np.flatnonzero(grid.free)
+        self._recovery = RecoveryAverages(parameters.recovery_alpha_slow, parameters.recovery_alpha_fast)
+        self._seen: Odometry | None = None
+        self._reference: Pose | None = None  # the odometry's pose at the last filter update
+        self._time = -math.inf
+        self._count = 0
+        self._updates = 0
+        self._likelihood = 0.0
+        self._forced = True
+        self._estimate = Estimate(self._time, parameters.initial_pose, np.eye(3), 1.0, 0, 0.0, updated=False)
+        self.initialize(parameters.initial_pose, np.diag(parameters.initial_covariance))
+
+    @property
+    def particles(self) -> Floats:
+        """[N, 3] m, m, rad, map frame."""
+        return self._buffers[0][: self._count].copy()
+
+    @property
+    def weights(self) -> Floats:
+        """[N] summing to 1."""
+        log_weights = self._log_weights[: self._count].copy()
+        weights = np.empty(self._count)
+        normalize(log_weights, weights)
+        return weights
+
+    def initialize(self, pose: Pose, covariance: Floats) -> None:
+        """Believe that the robot is about here, and forget all else.
+
+        Args:
+            pose: base_link in the map frame.
+            covariance: [3, 3] m, m, rad.
+
+        Raises:
+            InputError: Pose or covariance is not finite, or the covariance has a negative direction.
+        """
+        mean = pose.as_array()
+        if not np.isfinite(mean).all():
+            raise InputError("initial pose", "", f"{pose} is not finite")
+        if not np.isfinite(covariance).all() or float(np.linalg.eigvalsh(covariance).min()) < -1e-9:
+            raise InputError("initial pose", "covariance", "is not a covariance: finite, symmetric and not negative")
+        count = self.parameters.max_particles
+        drawn = self._rng.multivariate_normal(mean, covariance, count, method="eigh")
+        self._believe(drawn, pose)
+
+    def initialize_globally(self) -> None:
+        """Believe that the robot may be anywhere on the map's free space.
+
+        Raises:
+            InputError: The map has no free space.
+        """
+        if not len(self._free):
+            raise InputError("map", "", "has no free space, so the robot can be nowhere on it")
+        drawn = self._anywhere(self.parameters.max_particles)
+        self._believe(drawn, Pose.from_array(drawn[0]))
+
+    def request_update(self) -> None:
+        """Weigh the next scan even if the robot has not moved (nav2's request_nomotion_update)."""
+        self._forced = True
+
+    def update(self, odometry: Odometry, scan: Scan) -> Estimate:
+        """Take in one scan, and the odometry of the same instant.
+
+        The filter is updated when the robot has moved update_min_d or turned update_min_a; in between, the last
+        estimate is carried on by odometry. Measurements that make no sense are left out, and ``problem`` says why.
+
+        Args:
+            odometry: base_link in the odom frame when the scan was taken.
+            scan: The scan.
+
+        Returns:
+            The pose of base_link in the map frame when the scan was taken, never NaN.
+        """
+        problem = self._refusal(odometry, scan)
+        if problem:
+            return replace(self._estimate, updated=False, problem=problem)
+        problem = self._absorb_jump(odometry)
+        beams = choose_beams(scan, self._lidar, self.parameters)
+        if not len(beams):
+            self._estimate = replace(self._carried_on(odometry, scan), problem="the scan has no readings")
+        elif self._is_due(odometry):
+            self._propagate(odometry)
+            self._reweight(beams)
+            self._estimate = self._refined(self._summary(self._carried_on(odometry, scan)), scan)
+            self._resample()
+        else:
+            self._estimate = self._refined(self._carried_on(odometry, scan), scan)
+        self._seen = odometry
+        self._time = scan.time
+        return replace(self._estimate, problem=problem) if problem else self._estimate
+
+    def _propagate(self, odometry: Odometry) -> None:
+        """x_t ~ p(x_t | u_t, x_{t−1})."""
+        noise = self._noise[: self._count]
+        self._rng.standard_normal(dtype=np.float32, out=noise)
+        self._move(self._buffers[0][: self._count], self._motion_since_update(odometry), self.parameters, noise)
+        self._reference = odometry.pose
+
+    def _reweight(self, beams: Beams) -> None:
+        """w_t ∝ p(z_t | x_t, m) w_{t−1}, in logarithms."""
+        log_weights = self._log_weights[: self._count]
+        before = float(np.logaddexp.reduce(log_weights))
+        self._sensor.add_log_likelihood(self._buffers[0][: self._count], beams, log_weights)
+        evidence = normalize(log_weights, self._weights[: self._count]) - before
+        self._likelihood = math.exp(evidence / len(beams))
+        self._recovery.observe(self._likelihood)
+
+    def _resample(self) -> None:
+        """Draw particles by weight: as many as KLD sampling asks for, some of them anywhere when the fit gets worse."""
+        self._updates += 1
+        weights = self._weights[: self._count]
+        if self._updates % self.parameters.resample_interval:
+            return
+        if self.parameters.selective_resampling and 1.0 / float(weights @ weights) > 0.5 * self._count:
+            return
+        particles, resampled = self._buffers
+        count = adaptive_count(
+            particles[: self._count], weights, self._table, self._bin_size, self._limits, self._rng.random()
+        )
+        low_variance(particles[: self._count], weights, self._rng.random(), resampled[:count])
+        lost = self._rng.binomial(count, self._recovery.random_share) if len(self._free) else 0
+        if lost:
+            resampled[self._rng.choice(count, lost, replace=False)] = self._anywhere(lost)
+            self._recovery.reset()
+        self._buffers = (resampled, particles)
+        self._count = count
+        self._log_weights[:count] = -math.log(count)
+        self._weights[:count] = 1.0 / count
+
+    def _summary(self, expected: Estimate) -> Estimate:
+        """The heaviest cluster's mean and covariance.
+
+        A refined estimate is more precise than the particles' mean. It is carried on as long as the particles support
+        it, and given up as soon as they do not.
+        """
+        cluster = heaviest_cluster(self._buffers[0][: self._count], self._weights[: self._count], self._table)
+        supported = self.parameters.refine and agrees(expected.pose, cluster.mean, cluster.covariance)
+        return replace(
+            expected,
+            pose=expected.pose if supported else cluster.mean,
+            covariance=cluster.covariance,
+            weight=cluster.weight,
+            particles=self._count,
+            likelihood=self._likelihood,
+            updated=True,
+        )
+
+    def _carried_on(self, odometry: Odometry, scan: Scan) -> Estimate:
+        """The last estimate moved on by what the wheels have reported since."""
+        moved = odometry.pose.relative_to(self._seen.pose) if self._seen else Pose()
+        return replace(self._estimate, time=scan.time, pose=self._estimate.pose @ moved, updated=False, problem="")
+
+    def _refined(self, estimate: Estimate, scan: Scan) -> Estimate:
+        """The estimate matched to the map, over all beams, if the parameters ask for it."""
+        if not self.parameters.refine:
+            return estimate
+        ends = choose_beams(scan, self._lidar, self.parameters, MATCHED_BEAMS).ends
+        match = match_scan(self._field, ends, estimate.pose, estimate.covariance, self.parameters.refine_sigma)
+        return replace(estimate, pose=match.pose)
+
+    def _motion_since_update(self, odometry: Odometry) -> Pose:
+        return odometry.pose.relative_to(self._reference) if self._reference else Pose()
+
+    def _is_due(self, odometry: Odometry) -> bool:
+        """Whether the robot has moved enough for the filter, or somebody has asked for an update."""
+        motion = self._motion_since_update(odometry)
+        due = (
+            self._forced
+            or math.hypot(motion.x, motion.y) >= self.parameters.update_min_d
+            or abs(motion.theta) >= self.parameters.update_min_a
+        )
+        self._forced = False
+        return due
+
+    def _refusal(self, odometry: Odometry, scan: Scan) -> str:
+        """Why a measurement cannot be used at all; empty if it can."""
+        if not (np.isfinite(odometry.pose.as_array()).all() and math.isfinite(odometry.time)):
+            return "the odometry is not finite"
+        if not all(map(math.isfinite, (scan.time, scan.angle_min, scan.angle_increment))):
+            return "the scan's time or angles are not finite"
+        if scan.time < self._time or (self._seen and odometry.time < self._seen.time):
+            return "time runs backwards"
+        return ""
+
+    def _absorb_jump(self, odometry: Odometry) -> str:
+        """Take a jump of the odometry for what it is, a new odom frame, and not for a motion; say so."""
+        if self._seen is None or self._reference is None:
+            self._reference = self._reference or odometry.pose
+            return ""
+        jump = odometry.pose.distance_to(self._seen.pose)
+        if jump <= JUMP_SLACK + self.parameters.max_odometry_speed * (odometry.time - self._seen.time):
+            return ""
+        pending = self._seen.pose.relative_to(self._reference)
+        self._reference = odometry.pose @ pending.inverse
+        self._seen = odometry
+        return f"the odometry jumped by {jump:.2f} m"
+
+    def _believe(self, particles: Floats, pose: Pose) -> None:
+        """Replace the belief by equally likely particles."""
+        self._count = len(particles)
+        self._buffers[0][: self._count] = particles
+        self._buffers[0][: self._count, 2] = np.remainder(particles[:, 2] + math.pi, math.tau) - math.pi
+        self._log_weights[: self._count] = -math.log(self._count)
+        self._weights[: self._count] = 1.0 / self._count
+        self._likelihood = 0.0
+        self._updates = 0
+        self._recovery.reset()
+        self._forced = True
+        self._estimate = Estimate(self._time, pose, np.cov(particles.T), 1.0, self._count, 0.0, updated=False)
+
+    def _anywhere(self, count: int) -> Floats:
+        """[count, 3] poses drawn uniformly from the map's free space."""
+        chosen = self._free[self._rng.integers(len(self._free), size=count)]
+        row, column = np.divmod(chosen, self._grid.probability.shape[1])
+        inside = self._rng.random((count, 3))
+        places = np.column_stack([column, row]) + inside[:, :2]
+        places = self._grid.origin.transform(places * self._grid.resolution)
+        return np.column_stack([places, (inside[:, 2] * 2.0 - 1.0) * math.pi])

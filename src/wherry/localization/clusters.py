@@ -1,0 +1,134 @@
+"""The particles' heaviest cluster: a belief of several humps is not averaged into a place between them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.kernels import kernel
+from wherry.localization.resampling import BIN_SIZE, bin_slot
+from wherry.space.pose import Pose
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+TURN_BINS = 36  # of BIN_SIZE[2] in a whole turn
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """Particles in adjoining bins.
+
+    Attributes:
+        weight: The cluster's share of the belief.
+        mean: Weighted mean pose.
+        covariance: [3, 3] m, m, rad.
+    """
+
+    weight: float
+    mean: Pose
+    covariance: Floats
+
+
+def heaviest_cluster(particles: Floats, weights: Floats, table: Integers) -> Cluster:
+    """Find the cluster with the most weight, as amcl does: bins of 0.5 m and 10° that touch belong together.
+
+    Args:
+        particles: [N, 3] m, m, rad.
+        weights: [N] summing to 1.
+        table: Scratch from `resampling.hash_table` for at least N bins.
+    """
+    weight, mean, covariance = _heaviest_cluster(particles, weights, table, np.array(BIN_SIZE))
+    return Cluster(weight, Pose.from_array(mean), covariance)
+
+
+@kernel
+def _heaviest_cluster(
+    particles: Floats, weights: Floats, table: Integers, bin_size: Floats
+) -> tuple[float, Floats, Floats]:
+    members, bins = _bin_particles(particles, table, bin_size)
+    root = _join_neighbours(table, bins)
+    mass = np.zeros(len(bins))
+    for i in range(len(particles)):
+        members[i] = root[members[i]]
+        mass[members[i]] += weights[i]
+    best = int(np.argmax(mass))
+    mean, covariance = _moments(particles, weights, members == best)
+    return mass[best], mean, covariance
+
+
+@kernel
+def _bin_particles(particles: Floats, table: Integers, bin_size: Floats) -> tuple[Integers, Integers]:
+    """[N] every particle's bin, and [K, 3] the bins."""
+    table[:, 3] = 0
+    count = len(particles)
+    members = np.empty(count, np.int64)
+    bins = np.empty((count, 3), np.int64)
+    found = 0
+    for i in range(count):
+        x = math.floor(particles[i, 0] / bin_size[0])
+        y = math.floor(particles[i, 1] / bin_size[1])
+        theta = math.floor(particles[i, 2] / bin_size[2]) % TURN_BINS
+        slot = bin_slot(table, x, y, theta)
+        if table[slot, 3] == 0:
+            bins[found, 0], bins[found, 1], bins[found, 2] = x, y, theta
+            found += 1
+            table[slot, 0], table[slot, 1], table[slot, 2], table[slot, 3] = x, y, theta, found
+        members[i] = table[slot, 3] - 1
+    return members, bins[:found]
+
+
+@kernel
+def _join_neighbours(table: Integers, bins: Integers) -> Integers:
+    """[K] the first bin of every bin's cluster."""
+    root = np.full(len(bins), -1, np.int64)
+    queue = np.empty(len(bins), np.int64)
+    for first in range(len(bins)):
+        if root[first] >= 0:
+            continue
+        root[first] = first
+        queue[0] = first
+        head, tail = 0, 1
+        while head < tail:
+            x, y, theta = bins[queue[head]]
+            head += 1
+            for step in range(27):
+                near = bin_slot(table, x + step // 9 - 1, y + step // 3 % 3 - 1, (theta + step % 3 - 1) % TURN_BINS)
+                other = table[near, 3] - 1
+                if other >= 0 and root[other] < 0:
+                    root[other] = first
+                    queue[tail] = other
+                    tail += 1
+    return root
+
+
+@kernel
+def _moments(particles: Floats, weights: Floats, chosen: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Weighted mean and covariance of the chosen particles; headings are averaged as directions."""
+    mean = np.zeros(3)
+    total, cos, sin = 0.0, 0.0, 0.0
+    for i in range(len(particles)):
+        if chosen[i]:
+            total += weights[i]
+            mean[0] += weights[i] * particles[i, 0]
+            mean[1] += weights[i] * particles[i, 1]
+            cos += weights[i] * math.cos(particles[i, 2])
+            sin += weights[i] * math.sin(particles[i, 2])
+    mean[0] /= total
+    mean[1] /= total
+    mean[2] = math.atan2(sin, cos)
+    covariance = np.zeros((3, 3))
+    offset = np.empty(3)
+    for i in range(len(particles)):
+        if chosen[i]:
+            offset[0] = particles[i, 0] - mean[0]
+            offset[1] = particles[i, 1] - mean[1]
+            turn = particles[i, 2] - mean[2]
+            offset[2] = turn - math.tau * math.floor((turn + math.pi) / math.tau)
+            for row in range(3):
+                for column in range(3):
+                    covariance[row, column] += weights[i] / total * offset[row] * offset[column]
+    return mean, covariance

@@ -1,0 +1,135 @@
+"""Resampling: low variance, and as many particles as the belief's spread asks for (KLD sampling; Fox, 2001)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.kernels import kernel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+BIN_SIZE = (0.5, 0.5, math.radians(10.0))  # m, m, rad: amcl's histogram of the belief
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # multiples of it, modulo 1, cover [0, 1) evenly however many there are
+
+
+def normalize(log_weights: Floats, weights: Floats) -> float:
+    """Turn log weights into weights that sum to 1, whatever their scale.
+
+    Args:
+        log_weights: [N] shifted in place so that they are the logarithms of ``weights``.
+        weights: [N] written.
+
+    Returns:
+        The logarithm of the sum that was divided out.
+    """
+    peak = float(log_weights.max())
+    np.exp(np.subtract(log_weights, peak, out=weights), out=weights)
+    total = peak + math.log(float(weights.sum()))
+    np.subtract(log_weights, total, out=log_weights)
+    np.exp(log_weights, out=weights)
+    return total
+
+
+def kld_count(occupied_bins: int, error: float, quantile: float, fewest: int, most: int) -> int:
+    """How many samples keep the sampled distribution within ``error`` of the true one (Fox 2001, equation 7).
+
+    Args:
+        occupied_bins: k, histogram bins with support.
+        error: ε, the bound on the Kullback-Leibler distance.
+        quantile: z_{1−δ}, upper standard normal quantile of the probability that the bound holds.
+        fewest: Lower limit of the answer.
+        most: Upper limit.
+    """
+    return int(_kld_count(occupied_bins, error, quantile, fewest, most))
+
+
+@kernel
+def _kld_count(occupied_bins: int, error: float, quantile: float, fewest: int, most: int) -> int:
+    if occupied_bins <= 1:
+        return fewest
+    freedom = occupied_bins - 1
+    a = 2.0 / (9.0 * freedom)
+    needed = math.ceil(freedom / (2.0 * error) * (1.0 - a + math.sqrt(a) * quantile) ** 3)
+    return int(min(max(needed, fewest), most))
+
+
+@kernel
+def adaptive_count(
+    particles: Floats, weights: Floats, table: Integers, bin_size: Floats, limits: Floats, start: float
+) -> int:
+    """Draw particles by weight until the histogram of those drawn says that there are enough.
+
+    Args:
+        particles: [N, 3] m, m, rad.
+        weights: [N] summing to 1.
+        table: [2^b, 4] scratch: a hash table of bins, cleared here.
+        bin_size: [3] m, m, rad.
+        limits: [4] ε, z, fewest, most.
+        start: Uniform in [0, 1).
+
+    Returns:
+        How many particles to keep.
+    """
+    table[:, 3] = 0
+    most = int(limits[3])
+    cumulative = np.cumsum(weights)
+    bins = 0
+    needed = int(limits[2])
+    drawn = 0
+    position = start
+    while drawn < needed and drawn < most:
+        i = min(np.searchsorted(cumulative, position * cumulative[-1], side="right"), len(weights) - 1)
+        x = math.floor(particles[i, 0] / bin_size[0])
+        y = math.floor(particles[i, 1] / bin_size[1])
+        theta = math.floor(particles[i, 2] / bin_size[2])
+        slot = bin_slot(table, x, y, theta)
+        if table[slot, 3] == 0:
+            bins += 1
+            table[slot, 0], table[slot, 1], table[slot, 2], table[slot, 3] = x, y, theta, bins
+            needed = _kld_count(bins, limits[0], limits[1], int(limits[2]), most)
+        drawn += 1
+        position += GOLDEN
+        position -= math.floor(position)
+    return max(drawn, needed)
+
+
+@kernel
+def low_variance(particles: Floats, weights: Floats, start: float, resampled: Floats) -> None:
+    """Draw particles with one random number (Probabilistic Robotics, table 4.4).
+
+    Args:
+        particles: [N, 3].
+        weights: [N] summing to 1.
+        start: Uniform in [0, 1).
+        resampled: [M, 3] written; particle i is copied M·weights[i] times, rounded up or down.
+    """
+    count = len(resampled)
+    i = 0
+    reached = weights[0]
+    for m in range(count):
+        position = (m + start) / count
+        while position >= reached and i < len(weights) - 1:
+            i += 1
+            reached += weights[i]
+        resampled[m, 0] = particles[i, 0]
+        resampled[m, 1] = particles[i, 1]
+        resampled[m, 2] = particles[i, 2]
+
+
+@kernel
+def bin_slot(table: Integers, x: int, y: int, theta: int) -> int:
+    """The row of a hash table [2^b, 4] (x, y, θ, number or 0 if empty) that holds a bin, or where it is to be put."""
+    mask = len(table) - 1
+    slot = (x * 73856093 ^ y * 19349663 ^ theta * 83492791) & mask
+    while table[slot, 3] != 0 and not (table[slot, 0] == x and table[slot, 1] == y and table[slot, 2] == theta):
+        slot = (slot + 1) & mask
+    return slot
+
+
+def hash_table(most: int) -> Integers:
+    """An empty table for at most ``most`` bins, at most half full."""
+    return np.zeros((1 << math.ceil(math.log2(2 * most + 2)), 4), np.int64)
