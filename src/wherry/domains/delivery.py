@@ -1,0 +1,237 @@
+"""Delivery: a robot brings every box to the warehouse (paper, section 3, with boxes for passengers).
+
+The paper's seven terms, in its order, are touch_N, touch_S, touch_E, touch_W (robot, wall), on(robot, box),
+on(robot, warehouse) and box.in_bot. Three things differ from Taxi, because robots and boxes have bodies:
+
+- A box that is let go in the warehouse is taken in: it leaves the state.
+- Several boxes: the terms are deictic (see `wherry.oomdp.terms`).
+- A robot with a full fork cannot enter the cell of another box, so touch_D(robot, wall) holds there too.
+
+A box's x and y do not ride along: they are where it was last seen on the floor, and while it is in_bot the robot is not
+"on" it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wherry.errors import InputError
+from wherry.floorplan import Cell, Direction, FloorPlan, Wall, place_boxes
+from wherry.oomdp.domain import Action, Domain
+from wherry.oomdp.mdp import DeterministicMdp, Transition
+from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer
+from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation
+from wherry.oomdp.terms import Bound, Term, attribute_holds, candidates, related
+
+STEP_REWARD = -1.0
+ILLEGAL_REWARD = -10.0  # for PICKUP and DROPOFF where they do nothing, as in Taxi
+DELIVERY_REWARD = 20.0
+
+MOVES = {Action(name): name for name in DIRECTIONS}
+PICKUP, DROPOFF = Action("PICKUP"), Action("DROPOFF")
+
+WALL = ObjectClass("Wall", (integer("x"), integer("y"), boolean("north")), static=True)
+WAREHOUSE = ObjectClass("Warehouse", (integer("x"), integer("y")), static=True)
+ON_FLOOR = Relation("on", lambda robot, box: not box.in_bot and ON.holds(robot, box))
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A box as the robot knows it.
+
+    Attributes:
+        name: What tells it from the others.
+        cell: Where it stands, or stood before it was picked up.
+        in_bot: Whether the robot holds it.
+    """
+
+    name: str
+    cell: Cell
+    in_bot: bool = False
+
+
+def _touch(direction: str) -> Term:
+    """touch_D(robot, wall), which also holds where a full fork cannot go because of another box."""
+    wall = related(TOUCH_EDGE[direction], "Robot", "Wall")
+    dx, dy = DIRECTIONS[direction]
+
+    def holds(state: State, bound: Bound) -> bool:
+        if wall.holds(state, bound):
+            return True
+        boxes = state.of_class("Box")
+        for robot in candidates("Robot", state, bound):
+            full = any(box.in_bot or ON.holds(robot, box) for box in boxes)
+            ahead = (robot.x + dx, robot.y + dy)
+            if full and any((box.x, box.y) == ahead and not box.in_bot for box in boxes):
+                return True
+        return False
+
+    return Term(wall.name, wall.classes, holds)
+
+
+TOUCH = {direction: _touch(direction) for direction in DIRECTIONS}
+
+
+def delivery_domain(x_range: tuple[int, int], y_range: tuple[int, int]) -> Domain:
+    """The delivery domain for cells within bounds, both included."""
+    x, y = integer("x", *x_range), integer("y", *y_range)
+    return Domain(
+        name="delivery",
+        classes=(
+            ObjectClass("Robot", (x, y)),
+            ObjectClass("Box", (x, y, boolean("in_bot")), removable=True),
+            WAREHOUSE,
+            WALL,
+        ),
+        terms=(
+            *TOUCH.values(),
+            related(ON_FLOOR, "Robot", "Box"),
+            related(ON, "Robot", "Warehouse"),
+            attribute_holds("Box", "in_bot"),
+        ),
+        actions={"N": (), "S": (), "E": (), "W": (), "PICKUP": (), "DROPOFF": ()},
+    )
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where boxes are to be delivered: what the map says, from which states are built.
+
+    Attributes:
+        walls: The edges between cells that stop the robot, those of obstacles and around the site included.
+        warehouse: The cells where boxes are to go.
+        x_range: The smallest and the largest column.
+        y_range: The smallest and the largest row.
+        domain: The delivery domain within these bounds.
+        scene: The walls and the warehouse as objects.
+    """
+
+    walls: frozenset[Wall]
+    warehouse: frozenset[Cell]
+    x_range: tuple[int, int]
+    y_range: tuple[int, int]
+    domain: Domain = field(init=False, repr=False, compare=False)
+    scene: Scene = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        walls = [
+            WALL(f"wall{at}", x=wall.cell.x, y=wall.cell.y, north=wall.north)
+            for at, wall in enumerate(sorted(self.walls))
+        ]
+        cells = [WAREHOUSE(f"warehouse{at}", x=cell.x, y=cell.y) for at, cell in enumerate(sorted(self.warehouse))]
+        object.__setattr__(self, "domain", delivery_domain(self.x_range, self.y_range))
+        object.__setattr__(self, "scene", Scene((*walls, *cells)))
+
+    @classmethod
+    def of_cells(cls, cells: Iterable[Cell], walls: Iterable[Wall], warehouse: Iterable[Cell]) -> Site:
+        """The site of some open cells, in a grid with any origin; every edge to a cell that is not open is a wall.
+
+        Args:
+            cells: The cells that the robot can stand in; at least one.
+            walls: Walls between them.
+            warehouse: The cells where boxes are to go.
+        """
+        open_cells = frozenset(cells)
+        closed = {
+            Wall.between(cell, direction)
+            for cell in open_cells
+            for direction in Direction
+            if cell.towards(direction) not in open_cells
+        }
+        columns, rows = [cell.x for cell in open_cells], [cell.y for cell in open_cells]
+        return cls(
+            frozenset(walls) | closed,
+            frozenset(warehouse),
+            (min(columns), max(columns)),
+            (min(rows), max(rows)),
+        )
+
+    @classmethod
+    def of_plan(cls, plan: FloorPlan) -> Site:
+        """The site that a floor plan shows."""
+        return cls.of_cells(plan.cells(), plan.walls, plan.warehouse)
+
+    def state(self, robot: Cell, boxes: Iterable[Box]) -> State:
+        """The state of a robot in a cell and of the boxes that are not yet delivered.
+
+        Raises:
+            ValueError: A cell lies outside the site's bounds, or two boxes have one name.
+        """
+        classes = self.domain.classes_by_name
+        items = [classes["Box"](box.name, x=box.cell.x, y=box.cell.y, in_bot=box.in_bot) for box in boxes]
+        return State((classes["Robot"]("robot", x=robot.x, y=robot.y), *items), self.scene)
+
+
+def all_delivered(state: State) -> bool:
+    """Whether no box is left: the end of every delivery."""
+    return not state.of_class("Box")
+
+
+def transition(state: State, action: Action) -> Transition:
+    """What an action really does in a delivery.
+
+    Raises:
+        ValueError: There is no such action.
+    """
+    if action in MOVES:
+        next_state, reward = _move(state, MOVES[action]), STEP_REWARD
+    elif action == PICKUP:
+        next_state = _pick_up(state)
+        reward = ILLEGAL_REWARD if next_state is state else STEP_REWARD
+    elif action == DROPOFF:
+        next_state = _drop_off(state)
+        reward = ILLEGAL_REWARD if next_state is state else DELIVERY_REWARD
+    else:
+        raise ValueError(f"delivery has no action {action}")
+    return Transition(state, action, next_state, reward, all_delivered(next_state))
+
+
+def _move(state: State, direction: str) -> State:
+    if TOUCH[direction].holds(state, {}):
+        return state
+    (robot,), (dx, dy) = state.of_class("Robot"), DIRECTIONS[direction]
+    return state.replace(robot.name, x=robot.x + dx, y=robot.y + dy)
+
+
+def _pick_up(state: State) -> State:
+    (robot,) = state.of_class("Robot")
+    boxes = state.of_class("Box")
+    if any(box.in_bot for box in boxes):
+        return state
+    here = next((box for box in boxes if ON_FLOOR.holds(robot, box)), None)
+    return state if here is None else state.replace(here.name, in_bot=True)
+
+
+def _drop_off(state: State) -> State:
+    (robot,) = state.of_class("Robot")
+    held = next((box for box in state.of_class("Box") if box.in_bot), None)
+    over_warehouse = any(ON.holds(robot, cell) for cell in state.scene.of_class("Warehouse"))
+    return state.without(held.name) if held is not None and over_warehouse else state
+
+
+def delivery_grid(plan: FloorPlan, box_count: int | None = None) -> DeterministicMdp:
+    """The delivery on a floor plan's grid.
+
+    Args:
+        plan: A plan with a robot and a warehouse.
+        box_count: How many boxes to put at random places in every episode; None for the boxes that the plan shows, or
+            else for as many random ones as it asks for.
+
+    Raises:
+        InputError: The plan has no robot, no warehouse, or no room for so many boxes.
+    """
+    site, start = Site.of_plan(plan), plan.start
+    if start is None:
+        raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
+    if not plan.warehouse:
+        raise InputError(plan.name, "drawing", "has no warehouse (w)")
+    count = plan.box_count if box_count is None else box_count
+
+    def begin(rng: np.random.Generator) -> State:
+        cells = plan.boxes if plan.boxes and box_count is None else place_boxes(plan, count, rng).boxes
+        return site.state(start, (Box(f"box{at}", cell) for at, cell in enumerate(cells, start=1)))
+
+    return DeterministicMdp(site.domain, transition, begin)

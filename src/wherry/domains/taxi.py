@@ -1,0 +1,128 @@
+"""Taxi (Dietterich 2000): bring a passenger to a destination (paper, section 3; Diuk et al. 2008, section 5).
+
+The passenger's x and y do not ride along; while the passenger is in the taxi, the taxi is not "on" the passenger. So
+the 5×5 grid has 800 states: 25 cells, 4 places where the passenger was last, in the taxi or not, 4 destinations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wherry.floorplan import Cell, Direction, FloorPlan, Wall, find_world
+from wherry.oomdp.domain import Action, Domain
+from wherry.oomdp.mdp import DeterministicMdp, Transition
+from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer
+from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation
+from wherry.oomdp.terms import attribute_holds, related
+
+STEP_REWARD = -1.0
+ILLEGAL_REWARD = -10.0  # for PICKUP and DROPOFF where they do nothing
+DELIVERY_REWARD = 20.0
+
+SIZES = {5: "taxi", 10: "taxi10"}
+"""The published grids, by their side, and the worlds that show them."""
+
+PROBES = (
+    ((2, 2), "Y", "R"),
+    ((2, 2), "Y", "G"),
+    ((2, 2), "Y", "B"),
+    ((2, 2), "R", "B"),
+    ((0, 4), "Y", "R"),
+    ((0, 3), "B", "G"),
+)
+"""Taxi, passenger, destination: the episodes on which the published protocol tests a policy."""
+
+WALL = ObjectClass("Wall", (integer("x"), integer("y"), boolean("north")), static=True)
+ON_STREET = Relation("on", lambda taxi, passenger: not passenger.in_taxi and ON.holds(taxi, passenger))
+
+
+def taxi_domain(width: int, height: int) -> Domain:
+    """The Taxi domain on a grid."""
+    x, y = integer("x", 0, width - 1), integer("y", 0, height - 1)
+    return Domain(
+        name="taxi",
+        classes=(
+            ObjectClass("Taxi", (x, y)),
+            ObjectClass("Passenger", (x, y, boolean("in_taxi"))),
+            ObjectClass("Destination", (x, y)),
+            WALL,
+        ),
+        terms=(
+            *(related(TOUCH_EDGE[direction], "Taxi", "Wall") for direction in DIRECTIONS),
+            related(ON_STREET, "Taxi", "Passenger"),
+            related(ON, "Taxi", "Destination"),
+            attribute_holds("Passenger", "in_taxi"),
+        ),
+        actions={"N": (), "S": (), "E": (), "W": (), "PICKUP": (), "DROPOFF": ()},
+    )
+
+
+class TaxiGrid(DeterministicMdp):
+    """Taxi on a floor plan's grid; the passenger waits, and wants to go, where the plan has marks.
+
+    Args:
+        plan: A plan with at least two marks.
+    """
+
+    def __init__(self, plan: FloorPlan) -> None:
+        super().__init__(taxi_domain(plan.width, plan.height), self._transition, self._begin)
+        self.plan = plan
+        edges = sorted(
+            {
+                Wall.between(cell, direction)
+                for cell in plan.cells()
+                for direction in Direction
+                if plan.blocked(cell, direction)
+            }
+        )
+        self.scene = Scene(
+            tuple(WALL(f"wall{at}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for at, wall in enumerate(edges))
+        )
+
+    def state_of(self, taxi: tuple[int, int], passenger: str, destination: str) -> State:
+        """The state of a taxi in a cell and a passenger who waits at one mark and wants to go to another."""
+        classes = self.domain.classes_by_name
+        waits, wants = self.plan.marks[passenger], self.plan.marks[destination]
+        return State(
+            (
+                classes["Taxi"]("taxi", x=taxi[0], y=taxi[1]),
+                classes["Passenger"]("passenger", x=waits.x, y=waits.y, in_taxi=False),
+                classes["Destination"]("destination", x=wants.x, y=wants.y),
+            ),
+            self.scene,
+        )
+
+    def _begin(self, rng: np.random.Generator) -> State:
+        """The taxi anywhere, passenger and destination at any two marks."""
+        cells, marks = list(self.plan.cells()), sorted(self.plan.marks)
+        cell = cells[rng.integers(len(cells))]
+        passenger, destination = rng.choice(len(marks), 2, replace=False)
+        return self.state_of((cell.x, cell.y), marks[passenger], marks[destination])
+
+    def _transition(self, state: State, action: Action) -> Transition:
+        taxi, passenger, destination = state["taxi"], state["passenger"], state["destination"]
+        if action.name in DIRECTIONS:
+            direction = Direction(DIRECTIONS[action.name])
+            moved = Cell(taxi.x, taxi.y).towards(direction)
+            blocked = self.plan.blocked(Cell(taxi.x, taxi.y), direction)
+            next_state = state if blocked else state.replace("taxi", x=moved.x, y=moved.y)
+            return Transition(state, action, next_state, STEP_REWARD, terminated=False)
+        if action.name == "PICKUP":
+            if not ON_STREET.holds(taxi, passenger):
+                return Transition(state, action, state, ILLEGAL_REWARD, terminated=False)
+            return Transition(state, action, state.replace("passenger", in_taxi=True), STEP_REWARD, terminated=False)
+        if action.name == "DROPOFF":
+            if not (passenger.in_taxi and ON.holds(taxi, destination)):
+                return Transition(state, action, state, ILLEGAL_REWARD, terminated=False)
+            next_state = state.replace("passenger", in_taxi=False)
+            return Transition(state, action, next_state, DELIVERY_REWARD, terminated=True)
+        raise ValueError(f"Taxi has no action {action}")
+
+
+def taxi_grid(size: int) -> TaxiGrid:
+    """One of the published grids, 5×5 or 10×10.
+
+    Raises:
+        KeyError: There is no published grid of that size.
+    """
+    return TaxiGrid(find_world(SIZES[size]))

@@ -1,0 +1,1 @@
+"""Experiments: Settings → run() → Result; each makes a figure or a table."""

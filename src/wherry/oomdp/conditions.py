@@ -1,0 +1,74 @@
+"""Conditions: strings over {0, 1, *}, one sign per term, kept as two integers (paper, section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """A conjunction of terms and negated terms, c ∈ {0, 1, *}ⁿ.
+
+    Bit i of the integers belongs to term i, which is the i-th sign from the left in print.
+
+    Attributes:
+        size: n, the number of terms.
+        mask: The terms that matter; all others are ``*``.
+        value: Of those, the terms that have to hold. Bits outside the mask are 0.
+    """
+
+    size: int
+    mask: int
+    value: int
+
+    @classmethod
+    def of(cls, size: int, terms: int) -> Self:
+        """The condition cond(s) that only these terms, given as bits, hold."""
+        return cls(size, (1 << size) - 1, terms)
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read a condition as it is printed: ``1**0*0*``.
+
+        Raises:
+            ValueError: The text has other signs than 0, 1 and *.
+        """
+        if set(text) - set("01*"):
+            raise ValueError(f"a condition consists of 0, 1 and *, not {text!r}")
+        mask = sum(1 << index for index, sign in enumerate(text) if sign != "*")
+        value = sum(1 << index for index, sign in enumerate(text) if sign == "1")
+        return cls(len(text), mask, value)
+
+    def __str__(self) -> str:
+        return "".join(
+            "*" if not self.mask >> index & 1 else str(self.value >> index & 1) for index in range(self.size)
+        )
+
+    def merge(self, other: Condition) -> Condition:
+        """c1 ⊕ c2: keep what both agree on, and let go of the rest."""
+        mask = self.mask & other.mask & ~(self.value ^ other.value)
+        return Condition(self.size, mask, self.value & mask)
+
+    def covers(self, other: Condition) -> bool:
+        """c1 ⊨ c2: whether this condition is the more general one, or the same (the reverse of entailment)."""
+        return not self.mask & ~other.mask and not (self.value ^ other.value) & self.mask
+
+    def covers_terms(self, terms: int) -> bool:
+        """Whether c ⊨ cond(s), where cond(s) is given as bits."""
+        return not (self.value ^ terms) & self.mask
+
+    @property
+    def fixed(self) -> int:
+        """How many terms matter."""
+        return self.mask.bit_count()
+
+    def words(self, names: Sequence[str]) -> str:
+        """The condition in words: ``touch_N(robot, wall) and not box.in_bot``; "always" where nothing matters."""
+        parts = [
+            name if self.value >> index & 1 else f"not {name}"
+            for index, name in enumerate(names)
+            if self.mask >> index & 1
+        ]
+        return " and ".join(parts) or "always"

@@ -1,0 +1,130 @@
+"""A domain: the classes, terms and actions that a kind of world is described with (paper, sections 3 and 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import product
+
+from wherry.oomdp.conditions import Condition
+from wherry.oomdp.objects import Object, ObjectClass, State
+from wherry.oomdp.terms import Term
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Action:
+    """An action a, with the objects that it is done to where the domain's action has parameters.
+
+    Attributes:
+        name: What it is called.
+        arguments: Names of the objects that it is done to.
+    """
+
+    name: str
+    arguments: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.name}({', '.join(self.arguments)})" if self.arguments else self.name
+
+
+@dataclass(frozen=True)
+class Domain:
+    """What a kind of world consists of.
+
+    Attributes:
+        name: What it is called.
+        classes: Its classes of objects.
+        terms: T, in the order in which conditions are printed.
+        actions: The classes of each action's parameters, by the action's name; () for an action without any.
+    """
+
+    name: str
+    classes: tuple[ObjectClass, ...]
+    terms: tuple[Term, ...]
+    actions: Mapping[str, tuple[str, ...]]
+    _bare_actions: tuple[Action, ...] | None = field(init=False, repr=False, compare=False)
+    _terms_of: Mapping[str, tuple[tuple[int, Term], ...]] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        known = set(self.classes_by_name)
+        for term in self.terms:
+            if unknown := set(term.classes) - known:
+                raise ValueError(f"term {term.name} speaks of {', '.join(sorted(unknown))}, which is no class")
+        for action, parameters in self.actions.items():
+            if unknown := set(parameters) - known:
+                raise ValueError(f"action {action} takes {', '.join(sorted(unknown))}, which is no class")
+        bare = None if self.has_parameters else tuple(Action(name) for name in self.actions)
+        about = {
+            name: tuple((index, term) for index, term in enumerate(self.terms) if name in term.classes)
+            for name in known
+        }
+        object.__setattr__(self, "_bare_actions", bare)
+        object.__setattr__(self, "_terms_of", about)
+
+    @property
+    def classes_by_name(self) -> Mapping[str, ObjectClass]:
+        """The classes by name."""
+        return {item.name: item for item in self.classes}
+
+    @property
+    def has_parameters(self) -> bool:
+        """Whether some action has parameters."""
+        return any(self.actions.values())
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """The terms as they are printed, one for each sign of a condition.
+
+        Where actions have parameters, a last term tells whether "this" object is one that the action is done to.
+        """
+        names = tuple(term.name for term in self.terms)
+        return (*names, "this is an argument") if self.has_parameters else names
+
+    @property
+    def size(self) -> int:
+        """n, the number of terms."""
+        return len(self.terms) + self.has_parameters
+
+    def ground_actions(self, state: State) -> tuple[Action, ...]:
+        """All actions that can be tried in a state."""
+        if self._bare_actions is not None:
+            return self._bare_actions
+        return tuple(
+            Action(name, tuple(item.name for item in arguments))
+            for name, parameters in self.actions.items()
+            for arguments in product(*(state.of_class(parameter) for parameter in parameters))
+        )
+
+    def cond(self, state: State, this: Object | None = None, action: Action | None = None) -> Condition:
+        """Tell which terms hold in a state (section 4).
+
+        Args:
+            state: s.
+            this: The object whose attributes are spoken of: terms about its class mean this object. None for the
+                condition of the state as a whole, in which they mean some object of the class.
+            action: Where it has arguments, terms about their classes mean those.
+        """
+        conditions = self.conditions(state, action)
+        return Condition.of(self.size, conditions[0 if this is None else 1 + state.objects.index(this)])
+
+    def conditions(self, state: State, action: Action | None = None) -> tuple[int, ...]:
+        """All conditions that matter in a state, as bits: the whole state's, then each object's (see `cond`).
+
+        They are worked out once and kept with the state.
+        """
+        arguments = () if action is None else action.arguments
+        return state.remember(arguments, lambda: self._conditions(state, arguments))
+
+    def _conditions(self, state: State, arguments: tuple[str, ...]) -> tuple[int, ...]:
+        targets = tuple(state[name] for name in arguments)
+        bound = {target.object_class.name: target for target in targets}
+        common = sum(term.holds(state, bound) << index for index, term in enumerate(self.terms))
+        conditions = [common]
+        for item in state.objects:
+            name = item.object_class.name
+            own = common
+            if len(state.of_class(name)) > 1:
+                for index, term in self._terms_of[name]:
+                    own = own & ~(1 << index) | term.holds(state, {**bound, name: item}) << index
+            conditions.append(own | (item in targets) << len(self.terms))
+        return tuple(conditions)

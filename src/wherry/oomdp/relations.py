@@ -1,0 +1,61 @@
+"""Relations between two objects: touch_N, touch_S, touch_E, touch_W and on (paper, section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+
+from wherry.oomdp.objects import Key, Object
+
+DIRECTIONS = {"N": (0, 1), "S": (0, -1), "E": (1, 0), "W": (-1, 0)}
+"""Steps (dx, dy); the origin is bottom left and y points up."""
+
+
+@dataclass(frozen=True)
+class Relation:
+    """A relation between an object of one class and an object of another.
+
+    Attributes:
+        name: What it is called.
+        holds: Whether it holds between two objects.
+        keys: Two keys, of the first and of the second object, that are equal exactly where the relation holds; with
+            them a relation to a static object is looked up instead of searched for.
+    """
+
+    name: str
+    holds: Callable[[Object, Object], bool]
+    keys: tuple[Key, Key] | None = None
+
+    @classmethod
+    def where_equal(cls, name: str, first: Key, second: Key) -> Relation:
+        """The relation that holds where the first object's key equals the second's."""
+        return cls(name, lambda a, b: first(a) == second(b), (first, second))
+
+
+def place(item: Object) -> Hashable:
+    """The cell that an object is in."""
+    return item.x, item.y
+
+
+def wall_edge(wall: Object) -> Hashable:
+    """The edge that a wall of attributes x, y, north stands on: its cell's north edge, or else its east edge."""
+    return wall.x, wall.y, wall.north
+
+
+def _step(dx: int, dy: int) -> Key:
+    return lambda item: (item.x + dx, item.y + dy)
+
+
+def _edge(dx: int, dy: int) -> Key:
+    west, south, north = min(dx, 0), min(dy, 0), dy != 0
+    return lambda item: (item.x + west, item.y + south, north)
+
+
+ON = Relation.where_equal("on", place, place)
+"""Both objects are in the same cell."""
+
+TOUCH = {name: Relation.where_equal(f"touch_{name}", _step(*step), place) for name, step in DIRECTIONS.items()}
+"""The second object is exactly one cell north, south, east or west of the first."""
+
+TOUCH_EDGE = {name: Relation.where_equal(f"touch_{name}", _edge(*step), wall_edge) for name, step in DIRECTIONS.items()}
+"""The second object is a wall on the north, south, east or west edge of the first object's cell."""

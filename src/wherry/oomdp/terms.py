@@ -1,0 +1,67 @@
+"""Terms: the yes-or-no facts that conditions are made of, T (paper, section 4).
+
+Terms are deictic. A term that speaks of a class which has several objects, such as ``on(robot, box)``, is evaluated
+once for each of them: for an attribute of a box it means "on(robot, this box)", for an attribute of anything else it
+means "on(robot, some box)". With one object of the class the two coincide (Marom and Rosman, NeurIPS 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from wherry.oomdp.objects import Object, State
+from wherry.oomdp.relations import Relation
+
+Bound = Mapping[str, Object]
+"""The object that each class's name stands for at the moment; "some object" for a class that is not in it."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """A term t.
+
+    Attributes:
+        name: How it is printed: ``touch_N(robot, wall)``.
+        classes: The classes that it speaks of.
+        holds: Whether it holds in a state for the objects that are bound.
+    """
+
+    name: str
+    classes: tuple[str, ...]
+    holds: Callable[[State, Bound], bool]
+
+
+def related(relation: Relation, first: str, second: str) -> Term:
+    """The term that a relation holds between objects of two classes."""
+
+    def holds(state: State, bound: Bound) -> bool:
+        return any(_relates(relation, item, second, state, bound) for item in candidates(first, state, bound))
+
+    return Term(f"{relation.name}({first.lower()}, {second.lower()})", (first, second), holds)
+
+
+def attribute_holds(class_name: str, attribute: str) -> Term:
+    """The term that a Boolean attribute of a class is true."""
+
+    def holds(state: State, bound: Bound) -> bool:
+        return any(getattr(item, attribute) for item in candidates(class_name, state, bound))
+
+    return Term(f"{class_name.lower()}.{attribute}", (class_name,), holds)
+
+
+def candidates(class_name: str, state: State, bound: Bound) -> tuple[Object, ...]:
+    """The objects that a class's name may stand for: the one that is bound, or all that can change."""
+    return (bound[class_name],) if class_name in bound else state.of_class(class_name)
+
+
+def _relates(relation: Relation, item: Object, second: str, state: State, bound: Bound) -> bool:
+    """Whether the relation holds between an object and some candidate of a class, static ones included."""
+    if any(relation.holds(item, other) for other in candidates(second, state, bound)):
+        return True
+    if second in bound:
+        return False
+    if relation.keys is not None:
+        first_key, second_key = relation.keys
+        return first_key(item) in state.scene.index(second, second_key)
+    return any(relation.holds(item, other) for other in state.scene.of_class(second))

@@ -1,0 +1,96 @@
+"""Taxi is the published one: walls, places, optimal lengths, the paper's own example."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+import pytest
+
+from wherry.domains.taxi import PROBES, TaxiGrid, taxi_grid
+from wherry.floorplan import Cell, Wall
+from wherry.oomdp.domain import Action
+from wherry.oomdp.objects import State
+
+
+def reachable(environment: TaxiGrid, start: State) -> dict[State, int]:
+    """Steps to every state that can be reached; an episode's last states are not left again."""
+    steps, queue = {start: 0}, deque([start])
+    while queue:
+        state = queue.popleft()
+        for action in environment.domain.ground_actions(state):
+            done = environment.transition(state, action)
+            if done.next_state not in steps:
+                steps[done.next_state] = steps[state] + 1
+                if not done.terminated:
+                    queue.append(done.next_state)
+    return steps
+
+
+def optimal_length(environment: TaxiGrid, start: State) -> int:
+    """Steps until the passenger stands at the destination."""
+    for state, steps in reachable(environment, start).items():
+        here = [environment.transition(state, action) for action in environment.domain.ground_actions(state)]
+        if any(done.terminated for done in here):
+            return steps + 1
+    raise AssertionError
+
+
+def test_the_published_walls_and_places() -> None:
+    small, large = taxi_grid(5).plan, taxi_grid(10).plan
+    assert small.marks == {"R": Cell(0, 4), "G": Cell(4, 4), "Y": Cell(0, 0), "B": Cell(3, 0)}
+    assert small.walls == {Wall(Cell(x, y), False) for x, y in [(0, 0), (0, 1), (1, 3), (1, 4), (2, 0), (2, 1)]}
+    assert large.marks == {
+        "Y": Cell(0, 1), "R": Cell(0, 9), "G": Cell(5, 9), "B": Cell(4, 0),
+        "W": Cell(3, 6), "M": Cell(6, 5), "C": Cell(8, 9), "P": Cell(9, 0),
+    }  # fmt: skip
+    spans = [(0, 0, 3), (2, 6, 9), (3, 0, 3), (5, 4, 7), (7, 0, 3), (7, 6, 9)]
+    assert large.walls == {Wall(Cell(x, y), False) for x, low, high in spans for y in range(low, high + 1)}
+
+
+@pytest.mark.parametrize(("size", "lengths"), [(5, [10, 14, 13, 13, 10, 13]), (10, [17, 22, 20, 24, 13, 21])])
+def test_the_published_optimal_lengths(size: int, lengths: list[int]) -> None:
+    environment = taxi_grid(size)
+    assert [optimal_length(environment, environment.state_of(*probe)) for probe in PROBES] == lengths
+
+
+def test_800_states_where_coordinates_do_not_ride_along() -> None:
+    environment = taxi_grid(5)
+    marks = environment.plan.marks
+    states = {
+        state
+        for passenger in marks
+        for destination in marks
+        for state in reachable(environment, environment.state_of((0, 0), passenger, destination))
+    }
+    assert len(states) == 800
+
+
+def test_the_papers_example_is_1001001() -> None:
+    environment = taxi_grid(5)
+    state = environment.state_of((2, 4), "R", "B").replace("passenger", in_taxi=True)
+    assert str(environment.domain.cond(state)) == "1001001"
+
+
+def test_rewards() -> None:
+    environment = taxi_grid(5)
+    state = environment.state_of((0, 4), "R", "Y")
+    north, dropoff, pickup = (environment.transition(state, Action(name)) for name in ("N", "DROPOFF", "PICKUP"))
+    assert (north.next_state, north.reward) == (state, -1.0)
+    assert (dropoff.next_state, dropoff.reward) == (state, -10.0)
+    assert pickup.next_state["passenger"].in_taxi
+    assert pickup.reward == -1.0
+    arrived = pickup.next_state.replace("taxi", x=0, y=0)
+    done = environment.transition(arrived, Action("DROPOFF"))
+    assert (done.reward, done.terminated, done.next_state["passenger"].in_taxi) == (20.0, True, False)
+
+
+def test_episodes_begin_anywhere_and_repeat_with_the_seed() -> None:
+    environment = taxi_grid(5)
+    starts = [environment.reset(np.random.default_rng(seed)) for seed in range(200)]
+    assert starts[7] == environment.reset(np.random.default_rng(7))
+    assert len({(state["taxi"].x, state["taxi"].y) for state in starts}) == 25
+    assert all(
+        (state["passenger"].x, state["passenger"].y) != (state["destination"].x, state["destination"].y)
+        for state in starts
+    )

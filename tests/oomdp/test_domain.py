@@ -1,0 +1,71 @@
+"""Terms, deixis and parametrized actions on a domain as small as they get."""
+
+from __future__ import annotations
+
+import pytest
+
+from wherry.oomdp.domain import Action, Domain
+from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer
+from wherry.oomdp.relations import ON, TOUCH, Relation
+from wherry.oomdp.terms import attribute_holds, related
+
+ROBOT = ObjectClass("Robot", (integer("x"), integer("y")))
+LAMP = ObjectClass("Lamp", (integer("x"), integer("y"), boolean("lit")))
+WALL = ObjectClass("Wall", (integer("x"), integer("y")), static=True)
+NEAR = Relation("near", lambda a, b: abs(a.x - b.x) + abs(a.y - b.y) <= 1)
+TERMS = (
+    related(TOUCH["N"], "Robot", "Wall"),
+    related(NEAR, "Robot", "Wall"),
+    related(ON, "Robot", "Lamp"),
+    attribute_holds("Lamp", "lit"),
+)
+DOMAIN = Domain("lamps", (ROBOT, LAMP, WALL), TERMS, {"N": (), "SWITCH": ()})
+STATE = State(
+    (
+        ROBOT("robot", x=1, y=1),
+        LAMP("near", x=1, y=1, lit=False),
+        LAMP("far", x=4, y=4, lit=True),
+    ),
+    Scene((WALL("w0", x=1, y=2), WALL("w1", x=5, y=5))),
+)
+
+
+def test_terms_about_something_hold_for_some_object() -> None:
+    assert DOMAIN.term_names == ("touch_N(robot, wall)", "near(robot, wall)", "on(robot, lamp)", "lamp.lit")
+    assert str(DOMAIN.cond(STATE)) == "1111"
+    assert str(DOMAIN.cond(STATE.replace("robot", x=4, y=4))) == "0011"
+
+
+def test_terms_about_this_object_hold_for_it_alone() -> None:
+    assert str(DOMAIN.cond(STATE, STATE["near"])) == "1110"
+    assert str(DOMAIN.cond(STATE, STATE["far"])) == "1101"
+    assert DOMAIN.cond(STATE, STATE["robot"]) == DOMAIN.cond(STATE)
+
+
+def test_with_one_object_of_a_class_this_and_some_coincide() -> None:
+    state = STATE.without("far")
+    assert DOMAIN.cond(state, state["near"]) == DOMAIN.cond(state)
+
+
+def test_conditions_come_for_the_state_and_every_object() -> None:
+    assert DOMAIN.conditions(STATE) == (0b1111, 0b1011, 0b0111, 0b1111)  # the state, then far, near, robot
+
+
+def test_actions_with_parameters() -> None:
+    domain = Domain("lamps", DOMAIN.classes, TERMS, {"N": (), "SWITCH": ("Lamp",)})
+    assert domain.size == 5
+    assert domain.ground_actions(STATE) == (Action("N"), Action("SWITCH", ("far",)), Action("SWITCH", ("near",)))
+    switch = Action("SWITCH", ("far",))
+    assert str(switch) == "SWITCH(far)"
+    assert str(domain.cond(STATE, None, switch)) == "11010"  # "the lamp" is the far one
+    assert str(domain.cond(STATE, STATE["far"], switch)) == "11011"  # and this is it
+    assert str(domain.cond(STATE, STATE["near"], switch)) == "11100"
+    assert str(domain.cond(STATE, STATE["near"])) == "11100"
+
+
+@pytest.mark.parametrize(
+    ("terms", "actions"), [((related(ON, "Robot", "Cat"),), {"N": ()}), (TERMS, {"SWITCH": ("Cat",)})]
+)
+def test_unknown_classes_are_refused(terms: tuple, actions: dict) -> None:
+    with pytest.raises(ValueError, match="Cat, which is no class"):
+        Domain("lamps", DOMAIN.classes, terms, actions)

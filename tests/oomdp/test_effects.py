@@ -1,0 +1,76 @@
+"""What eff_att finds between two values, apply makes of the first (paper, section 4)."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wherry.oomdp.effects import EFFECT_TYPES, Effect, apply, eff_att, observed
+from wherry.oomdp.objects import EXISTS, ObjectClass, State, boolean, enumeration, integer
+
+PAIRS = st.one_of(
+    *(
+        st.tuples(st.just(attribute), values, values)
+        for attribute, values in [
+            (integer("n"), st.integers(-1000, 1000)),
+            (boolean("b"), st.booleans()),
+            (enumeration("e", "left", "right"), st.sampled_from(["left", "right"])),
+        ]
+    )
+)
+BALL = ObjectClass("Ball", (integer("x", 0, 5), boolean("lit")), removable=True)
+
+
+@given(PAIRS)
+def test_every_effect_turns_before_into_after(pair: tuple) -> None:
+    attribute, before, after = pair
+    effects = eff_att(attribute, before, after, EFFECT_TYPES)
+    assert len({effect.type for effect in effects}) == len(effects)
+    for effect in effects:
+        again = EFFECT_TYPES[effect.type].apply(before, effect.argument)
+        assert again == after
+        assert type(again) is type(after)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "found"),
+    [
+        (2, 6, {"increment": 4, "assignment": 6, "multiplication": 3}),
+        (6, 2, {"increment": -4, "assignment": 2, "multiplication": Fraction(1, 3)}),
+        (0, 3, {"increment": 3, "assignment": 3}),
+        (0, 0, {"increment": 0, "assignment": 0}),
+        (3, 0, {"increment": -3, "assignment": 0}),  # ×0 could not be undone
+    ],
+)
+def test_types_that_explain_a_change(before: int, after: int, found: dict[str, object]) -> None:
+    effects = eff_att(integer("n"), before, after, EFFECT_TYPES)
+    assert {effect.type: effect.argument for effect in effects} == found
+
+
+def test_a_boolean_has_no_increment() -> None:
+    assert eff_att(boolean("b"), False, True, EFFECT_TYPES) == (Effect("assignment", True),)
+
+
+def test_apply_changes_removes_and_respects_bounds() -> None:
+    state = State((BALL("a", x=1, lit=False), BALL("b", x=5, lit=False)))
+    step = Effect("increment", 1)
+    moved = apply(state, [(0, "x", step), (0, "lit", Effect("assignment", True))], EFFECT_TYPES)
+    assert moved == State((BALL("a", x=2, lit=True), BALL("b", x=5, lit=False)))
+    assert apply(state, [(1, EXISTS, Effect("assignment", False)), (1, "x", step)], EFFECT_TYPES) == state.without("b")
+    assert apply(state, [(1, "x", step)], EFFECT_TYPES) is None  # 6 is no value of x
+    assert apply(state, [(0, EXISTS, Effect("assignment", True))], EFFECT_TYPES) == state
+
+
+def test_of_an_object_that_left_only_that_is_seen() -> None:
+    ball = BALL("a", x=1, lit=False)
+    assert [(attribute.name, before, after) for attribute, before, after in observed(ball, None)] == [
+        (EXISTS, True, False)
+    ]
+    assert [(attribute.name, before, after) for attribute, before, after in observed(ball, ball.replace(x=2))] == [
+        ("x", 1, 2),
+        ("lit", False, False),
+        (EXISTS, True, True),
+    ]
