@@ -20,3 +20,11 @@ def kernel(function: Kernel) -> Kernel:
     ``error_model="numpy"``: dividing by zero gives an infinity, as in numpy, which spares a check at every division.
     """
     return cast("Kernel", numba.njit(cache=True, error_model="numpy")(function))
+
+
+def stepper(function: Kernel) -> Kernel:
+    """Compile a generator that kernels loop over; it is compiled into each of them.
+
+    It is not kept on disk by itself: numba 0.68 forgets a generator's body when it is loaded from there.
+    """
+    return cast("Kernel", numba.njit(error_model="numpy")(function))

@@ -38,7 +38,7 @@ class Scan:
     @property
     def angles(self) -> NDArray[np.float64]:
         """[R] rad, the beams' directions in the lidar's frame."""
-        return self.angle_min + self.angle_increment * np.arange(len(self.ranges))
+        return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
 
     @property
     def valid(self) -> NDArray[np.bool_]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.space.pose import Pose
+from wherry.space.pose import IDENTITY, Floats, Pose
 
 FREE_BELOW = 0.196  # map_server's free_thresh
 OCCUPIED_ABOVE = 0.65  # map_server's occupied_thresh
@@ -26,7 +27,7 @@ class OccupancyGrid:
 
     probability: NDArray[np.float32]
     resolution: float
-    origin: Pose = Pose()
+    origin: Pose = IDENTITY
 
     @property
     def occupied(self) -> NDArray[np.bool_]:
@@ -42,3 +43,60 @@ class OccupancyGrid:
     def unknown(self) -> NDArray[np.bool_]:
         """[H, W] where neither is known."""
         return ~(self.occupied | self.free)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns, [H, W]."""
+        height, width = self.probability.shape
+        return height, width
+
+    def cells_at(self, points: Floats) -> NDArray[np.int64]:
+        """The grid cells that contain points; they may lie outside the grid.
+
+        Args:
+            points: [N, 2] m, map frame.
+
+        Returns:
+            [N, 2] row and column.
+        """
+        return np.floor(self.origin.inverse.transform(points) / self.resolution).astype(np.int64)[:, ::-1]
+
+    def contains(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which cells lie on the grid.
+
+        Args:
+            cells: [N, 2] row and column.
+
+        Returns:
+            [N].
+        """
+        rows, columns = cells.T
+        height, width = self.shape
+        inside: NDArray[np.bool_] = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        return inside
+
+    def centres(self, cells: NDArray[np.int64]) -> Floats:
+        """The middles of grid cells.
+
+        Args:
+            cells: [N, 2] row and column, as from `cells_at` or ``np.argwhere(grid.occupied)``.
+
+        Returns:
+            [N, 2] m, map frame.
+        """
+        return self.origin.transform((cells[:, ::-1] + 0.5) * self.resolution)
+
+    def occupied_points(self) -> Floats:
+        """[N, 2] m, map frame: the middles of the occupied cells, row by row."""
+        return self.centres(np.argwhere(self.occupied))
+
+
+def probability_of(log_odds: NDArray[np.float32]) -> NDArray[np.float32]:
+    """P(occupied) of log-odds l = log(p / (1 − p))."""
+    probability: NDArray[np.float32] = np.float32(1.0) / (np.float32(1.0) + np.exp(-log_odds))
+    return probability
+
+
+def log_odds_of(probability: float) -> float:
+    """Log-odds l = log(p / (1 − p))."""
+    return math.log(probability / (1.0 - probability))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,7 @@ class Pose:
         """This pose as seen from ``origin``: ``origin.inverse @ self``."""
         return origin.inverse @ self
 
-    def transform(self, points: Floats) -> Floats:
+    def transform(self, points: NDArray[np.floating[Any]]) -> Floats:
         """Carry points of this pose's own frame into the frame that the pose is given in.
 
         Args:
@@ -80,3 +80,6 @@ class Pose:
     def from_array(cls, array: Floats) -> Self:
         """The pose of an array [3] x m, y m, θ rad; θ is wrapped."""
         return cls(float(array[0]), float(array[1]), wrap(float(array[2])))
+
+
+IDENTITY = Pose()

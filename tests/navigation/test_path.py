@@ -1,0 +1,104 @@
+"""Paths on small maps whose answers are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from wherry.navigation.path import Costmap, nearest_reachable, path_length, shortest_path, travel_costs
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+
+RADIUS = 0.2
+
+
+def room(*walls: tuple[float, float, float, float], origin: Pose = Pose(), unknown: bool = False) -> OccupancyGrid:
+    """A free 4 × 4 m room at 5 cm, walled, with walls (x0, y0, x1, y1) inside."""
+    probability = np.zeros((80, 80), np.float32)
+    probability[[0, -1]] = probability[:, [0, -1]] = 1.0
+    for x0, y0, x1, y1 in walls:
+        area = slice(round(y0 / 0.05), round(y1 / 0.05)), slice(round(x0 / 0.05), round(x1 / 0.05))
+        probability[area] = 0.5 if unknown else 1.0
+    return OccupancyGrid(probability, 0.05, origin)
+
+
+def test_clearance_is_the_distance_to_the_wall_s_face() -> None:
+    costmap = Costmap.of(room(), RADIUS)
+    row, column = costmap.cell_at(np.array([1.02, 2.0]))
+    assert costmap.clearance[row, column] == pytest.approx(1.025 - 0.05, abs=1e-6)
+
+
+def test_a_free_way_is_a_straight_line() -> None:
+    path = shortest_path(Costmap.of(room(), RADIUS), np.array([1.0, 1.0]), np.array([3.0, 2.6]))
+    assert path is not None
+    np.testing.assert_allclose(path, [[1.0, 1.0], [3.0, 2.6]])
+
+
+def test_the_way_leads_around_a_wall_and_keeps_clear() -> None:
+    costmap = Costmap.of(room((1.9, 0.0, 2.1, 3.0)), RADIUS)
+    path = shortest_path(costmap, np.array([1.0, 1.0]), np.array([3.0, 1.0]))
+    assert path is not None
+    around = 2 * math.hypot(0.9, 2.2) + 0.2
+    assert around < path_length(path) < 1.1 * around
+    for start, end in zip(path, path[1:], strict=False):
+        for share in np.linspace(0, 1, 50):
+            assert costmap.is_passable(start + share * (end - start))
+
+
+def test_no_way_through_a_closed_wall_or_a_narrow_gap() -> None:
+    start, goal = np.array([1.0, 1.0]), np.array([3.0, 1.0])
+    assert shortest_path(Costmap.of(room((1.9, 0.0, 2.1, 4.0)), RADIUS), start, goal) is None
+    narrow = Costmap.of(room((1.9, 0.0, 2.1, 1.8), (1.9, 2.1, 2.1, 4.0)), RADIUS)
+    assert shortest_path(narrow, start, goal) is None
+    wide = Costmap.of(room((1.9, 0.0, 2.1, 1.7), (1.9, 2.2, 2.1, 4.0)), RADIUS)
+    assert shortest_path(wide, start, goal) is not None
+
+
+def test_the_unknown_is_in_the_way_unless_it_may_be_crossed() -> None:
+    grid = room((1.9, 0.0, 2.1, 4.0), unknown=True)
+    start, goal = np.array([1.0, 1.0]), np.array([3.0, 1.0])
+    assert shortest_path(Costmap.of(grid, RADIUS), start, goal) is None
+    assert shortest_path(Costmap.of(grid, RADIUS, unknown_passable=True), start, goal) is not None
+    known = np.array([[2.0, 1.0, 0.5]])
+    assert shortest_path(Costmap.of(grid, RADIUS, known_free=known), start, goal) is not None
+
+
+def test_discs_are_driven_around() -> None:
+    disc = np.array([[2.0, 1.0, 0.3]])
+    costmap = Costmap.of(room(), RADIUS, obstacles=disc)
+    path = shortest_path(costmap, np.array([1.0, 1.0]), np.array([3.0, 1.0]))
+    assert path is not None
+    along = np.concatenate([np.linspace(a, b, 100) for a, b in zip(path, path[1:], strict=False)])
+    assert np.hypot(*(along - [2.0, 1.0]).T).min() > 0.3 + RADIUS - 0.03
+
+
+def test_the_map_s_origin_moves_and_turns_the_path() -> None:
+    origin = Pose(-3.0, 5.0, 2.0)
+    walls = (1.9, 0.0, 2.1, 3.0)
+    ends = np.array([[1.0, 1.0], [3.0, 1.0]])
+    moved = origin.transform(ends)
+    here = shortest_path(Costmap.of(room(walls), RADIUS), ends[0], ends[1])
+    there = shortest_path(Costmap.of(room(walls, origin=origin), RADIUS), moved[0], moved[1])
+    assert here is not None
+    assert there is not None
+    np.testing.assert_allclose(origin.transform(here), there, atol=1e-9)
+
+
+def test_a_goal_in_a_wall_is_answered_with_the_nearest_place() -> None:
+    costmap = Costmap.of(room(), RADIUS)
+    goal = np.array([2.0, 0.02])
+    path = shortest_path(costmap, np.array([2.0, 2.0]), goal)
+    assert path is not None
+    assert path[-1][1] == pytest.approx(0.275)
+    near = nearest_reachable(costmap, np.array([2.0, 2.0]), goal)
+    assert near is not None
+    np.testing.assert_allclose(near, path[-1], atol=0.051)
+
+
+def test_travel_costs_agree_with_paths_and_are_infinite_elsewhere() -> None:
+    costmap = Costmap.of(room((1.9, 0.0, 2.1, 4.0)), RADIUS)
+    costs = travel_costs(costmap, np.array([1.025, 1.025]))
+    assert costs[costmap.cell_at(np.array([1.025, 3.025]))] == pytest.approx(2.0)
+    assert math.isinf(costs[costmap.cell_at(np.array([3.0, 1.0]))])
