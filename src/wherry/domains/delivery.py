@@ -170,6 +170,15 @@ def all_delivered(state: State) -> bool:
     return not state.of_class("Box")
 
 
+def reward(state: State, action: Action, next_state: State) -> float:
+    """What a step is worth: R(s, a, s')."""
+    if action in MOVES:
+        return STEP_REWARD
+    if state.objects == next_state.objects:
+        return ILLEGAL_REWARD
+    return DELIVERY_REWARD if action == DROPOFF else STEP_REWARD
+
+
 def transition(state: State, action: Action) -> Transition:
     """What an action really does in a delivery.
 
@@ -177,16 +186,14 @@ def transition(state: State, action: Action) -> Transition:
         ValueError: There is no such action.
     """
     if action in MOVES:
-        next_state, reward = _move(state, MOVES[action]), STEP_REWARD
+        next_state = _move(state, MOVES[action])
     elif action == PICKUP:
         next_state = _pick_up(state)
-        reward = ILLEGAL_REWARD if next_state is state else STEP_REWARD
     elif action == DROPOFF:
         next_state = _drop_off(state)
-        reward = ILLEGAL_REWARD if next_state is state else DELIVERY_REWARD
     else:
         raise ValueError(f"delivery has no action {action}")
-    return Transition(state, action, next_state, reward, all_delivered(next_state))
+    return Transition(state, action, next_state, reward(state, action, next_state), all_delivered(next_state))
 
 
 def _move(state: State, direction: str) -> State:

@@ -30,6 +30,11 @@ class Transition:
     reward: float
     terminated: bool
 
+    @property
+    def failed(self) -> bool:
+        """Whether nothing changed: s' = s. What was newly perceived of the scene does not count as a change."""
+        return self.state.objects == self.next_state.objects
+
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
