@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -53,7 +54,7 @@ def test_a_path_is_followed_closely_to_its_end(reverse: bool) -> None:
     poses = drive(Pose(), lambda pose: follow_path(pose, path, BODY, reverse=reverse))
     assert poses[-1].distance_to(Pose(0.5, 3.0)) <= 2 * POSITION_TOLERANCE
     for pose in poses:
-        off = min(_distance(pose, a, b) for a, b in zip(path, path[1:], strict=False))
+        off = min(_distance(pose, a, b) for a, b in itertools.pairwise(path))
         assert off < 0.15
     late = poses[len(poses) // 2]
     leads = wrap(late.theta + (math.pi if reverse else 0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -9,12 +10,12 @@ import pytest
 
 from wherry.navigation.path import Costmap, nearest_reachable, path_length, shortest_path, travel_costs
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Pose
+from wherry.space.pose import IDENTITY, Pose
 
 RADIUS = 0.2
 
 
-def room(*walls: tuple[float, float, float, float], origin: Pose = Pose(), unknown: bool = False) -> OccupancyGrid:
+def room(*walls: tuple[float, float, float, float], origin: Pose = IDENTITY, unknown: bool = False) -> OccupancyGrid:
     """A free 4 × 4 m room at 5 cm, walled, with walls (x0, y0, x1, y1) inside."""
     probability = np.zeros((80, 80), np.float32)
     probability[[0, -1]] = probability[:, [0, -1]] = 1.0
@@ -42,7 +43,7 @@ def test_the_way_leads_around_a_wall_and_keeps_clear() -> None:
     assert path is not None
     around = 2 * math.hypot(0.9, 2.2) + 0.2
     assert around < path_length(path) < 1.1 * around
-    for start, end in zip(path, path[1:], strict=False):
+    for start, end in itertools.pairwise(path):
         for share in np.linspace(0, 1, 50):
             assert costmap.is_passable(start + share * (end - start))
 
@@ -70,7 +71,7 @@ def test_discs_are_driven_around() -> None:
     costmap = Costmap.of(room(), RADIUS, obstacles=disc)
     path = shortest_path(costmap, np.array([1.0, 1.0]), np.array([3.0, 1.0]))
     assert path is not None
-    along = np.concatenate([np.linspace(a, b, 100) for a, b in zip(path, path[1:], strict=False)])
+    along = np.concatenate([np.linspace(a, b, 100) for a, b in itertools.pairwise(path)])
     assert np.hypot(*(along - [2.0, 1.0]).T).min() > 0.3 + RADIUS - 0.03
 
 
