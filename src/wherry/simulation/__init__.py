@@ -1,0 +1,5 @@
+"""A world without hardware: floor plans become MuJoCo models with a `Robot` in them (paper, sections 1 and 3)."""
+
+from wherry.simulation.simulator import Simulation, build
+
+__all__ = ["Simulation", "build"]

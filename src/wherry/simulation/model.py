@@ -1,0 +1,139 @@
+"""From a floor plan and the robot's URDF to a MuJoCo model (paper, sections 1 and 3, Fig. 1b)."""
+
+from __future__ import annotations
+
+from importlib import resources
+
+import mujoco
+import numpy as np
+
+from wherry.robot import Body
+from wherry.simulation.drive import WHEEL_RADIUS
+from wherry.simulation.solids import OBSTACLE, WALL, Floats, Solids
+from wherry.space.pose import Pose
+
+TIMESTEP = 0.005  # s
+WALL_HEIGHT = 0.5  # m
+LIDAR_HEIGHT = 0.20  # m, over the floor
+BOX_RADIUS, BOX_HEIGHT, BOX_MASS = 0.10, 0.30, 1.5  # m, m, kg
+WHEEL_GRIP, FLOOR_GRIP = 1.0, 0.3  # coefficients of friction: rubber on the floor, a box on the floor
+MOTOR_GAIN, MOTOR_TORQUE = 1.0, 2.0  # N·m for each rad/s that a wheel is too slow; N·m at most
+COLOURS = {"floor": (0.86, 0.85, 0.82, 1), "wall": (0.93, 0.93, 0.95, 1), "obstacle": (0.45, 0.40, 0.36, 1)}
+BOX_COLOUR = (0.75, 0.18, 0.15, 1)
+
+BODY = Body(
+    radius=0.20,
+    lidar=Pose(-0.16, 0.0, 0.0),
+    box_radius=BOX_RADIUS,
+    max_linear=0.6,
+    max_angular=2.5,
+    max_linear_acceleration=1.0,
+    max_angular_acceleration=5.0,
+)
+
+
+def robot_urdf() -> str:
+    """The robot's description, as RViz and Gazebo take it too."""
+    return (resources.files("wherry.simulation") / "robot.urdf").read_text(encoding="utf-8")
+
+
+def build_model(solids: Solids, robot: Pose, boxes: Floats) -> mujoco.MjModel:
+    """Build the world.
+
+    The floor is a plane, walls and obstacles are boxes fixed to it, the boxes to be delivered stand freely. Names:
+    ``floor``, ``wall <k>``, ``obstacle <k>``, ``box <k>`` (body and geom), ``latch <k>`` (an inactive weld), and the
+    names of the URDF's links and joints with ``robot/`` before them.
+
+    Args:
+        solids: Walls and obstacles.
+        robot: base_footprint at first, in the world frame.
+        boxes: [B, 2] m, world frame, the middles of the boxes.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = "wherry"
+    _choose_physics(spec)
+    _add_floor_and_solids(spec, solids)
+    _add_robot(spec, robot)
+    for index, (x, y) in enumerate(boxes):
+        _add_box(spec, index, float(x), float(y))
+    return spec.compile()
+
+
+def _choose_physics(spec: mujoco.MjSpec) -> None:
+    """Set the solver.
+
+    Measured with this robot: the discrete integrator drives straight and rolls without creeping at 5 ms, where the
+    implicit one creeps 2 % ahead of its wheels; boxes asleep cost nothing until they are touched.
+    """
+    spec.option.timestep = TIMESTEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10
+    spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+
+
+def _add_floor_and_solids(spec: mujoco.MjSpec, solids: Solids) -> None:
+    """Add what stands fast, with a light over it."""
+    friction = [FLOOR_GRIP, 0.005, 0.0001]
+    spec.worldbody.add_geom(
+        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], friction=friction, rgba=COLOURS["floor"]
+    )
+    for name, kind in (("wall", WALL), ("obstacle", OBSTACLE)):
+        for index, (left, bottom, right, top) in enumerate(solids.rectangles(kind)):
+            spec.worldbody.add_geom(
+                name=f"{name} {index}",
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=[(right - left) / 2, (top - bottom) / 2, WALL_HEIGHT / 2],
+                pos=[(left + right) / 2, (bottom + top) / 2, WALL_HEIGHT / 2],
+                rgba=COLOURS[name],
+            )
+    middle = [solids.xs[-1] / 2, solids.ys[-1] / 2, 8.0]
+    spec.worldbody.add_light(pos=middle, dir=[0, 0, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+
+
+def _add_robot(spec: mujoco.MjSpec, pose: Pose) -> None:
+    """Add the URDF's robot, with motors and with feet that suit the physics.
+
+    A wheel's edge touches the floor along a line; such a line scrubs when the robot turns on the spot (turning 9 % less
+    than its wheels say). A rounded tread touches in one point: here the wheels are ellipsoids of the URDF's size.
+    """
+    robot = mujoco.MjSpec.from_string(robot_urdf())
+    heading = [np.cos(pose.theta / 2), 0, 0, np.sin(pose.theta / 2)]
+    frame = spec.worldbody.add_frame(pos=[pose.x, pose.y, 0], quat=heading)
+    body = frame.attach_body(robot.body("base_footprint"), "robot/", "")
+    body.add_freejoint()
+    body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
+    for side in ("left", "right"):
+        wheel = spec.geom(f"robot/{side}_wheel")
+        wheel.type = mujoco.mjtGeom.mjGEOM_ELLIPSOID
+        wheel.size = [WHEEL_RADIUS, WHEEL_RADIUS, wheel.size[1]]
+        wheel.condim, wheel.priority, wheel.friction = 4, 1, [WHEEL_GRIP, 0.005, 0.0001]
+        joint = f"robot/{side}_wheel_joint"
+        motor = spec.add_actuator(name=f"{side}_motor", target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.set_to_velocity(kv=MOTOR_GAIN)
+        motor.forcerange = [-MOTOR_TORQUE, MOTOR_TORQUE]
+    caster = spec.geom("robot/caster")
+    caster.condim, caster.priority = 1, 1
+
+
+def _add_box(spec: mujoco.MjSpec, index: int, x: float, y: float) -> None:
+    """Add a box, asleep, and the latch that can hold it."""
+    body = spec.worldbody.add_body(name=f"box {index}", pos=[x, y, BOX_HEIGHT / 2])
+    body.add_freejoint()
+    body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
+    body.add_geom(
+        name=f"box {index}",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[BOX_RADIUS, BOX_HEIGHT / 2, 0],
+        mass=BOX_MASS,
+        friction=[FLOOR_GRIP, 0.005, 0.0001],
+        rgba=BOX_COLOUR,
+    )
+    spec.add_equality(
+        name=f"latch {index}",
+        type=mujoco.mjtEq.mjEQ_WELD,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1="robot/base_footprint",
+        name2=f"box {index}",
+        active=False,
+    )
