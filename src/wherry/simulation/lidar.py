@@ -21,7 +21,7 @@ class LidarSpecification:
     Attributes:
         beams: In a turn; beam 0 looks backwards, as is usual in ROS.
         rate: Hz.
-        range_min: m; a box in the fork is 0.06 m away.
+        range_min: m; a box in the fork is 0.07 m away.
         range_max: m.
         noise: σ, m, of every range.
     """
@@ -44,6 +44,7 @@ class Lidar:
 
     def __init__(self, specification: LidarSpecification, solids: Solids, rng: np.random.Generator) -> None:
         self.specification = specification
+        self._angles: Floats = np.linspace(-math.pi, math.pi, specification.beams, endpoint=False)
         self._solids = solids
         self._rng = rng
 
@@ -57,12 +58,10 @@ class Lidar:
             box_radius: m.
         """
         lidar = self.specification
-        increment = math.tau / lidar.beams
-        angles: Floats = -math.pi + increment * np.arange(lidar.beams)
-        ranges = cast_rays(self._solids, pose, angles, boxes, box_radius)
+        ranges = cast_rays(self._solids, pose, self._angles, boxes, box_radius)
         ranges += lidar.noise * self._rng.standard_normal(lidar.beams)
         ranges[ranges > lidar.range_max] = math.inf
-        return Scan(time, ranges, -math.pi, increment, lidar.range_min, lidar.range_max)
+        return Scan(time, ranges, -math.pi, math.tau / lidar.beams, lidar.range_min, lidar.range_max)
 
 
 def cast_rays(solids: Solids, pose: Pose, angles: Floats, boxes: Floats, box_radius: float) -> Floats:

@@ -23,7 +23,7 @@ BOX_COLOUR = (0.75, 0.18, 0.15, 1)
 
 BODY = Body(
     radius=0.20,
-    lidar=Pose(-0.16, 0.0, 0.0),
+    lidar=Pose(-0.17, 0.0, 0.0),
     box_radius=BOX_RADIUS,
     max_linear=0.6,
     max_angular=2.5,

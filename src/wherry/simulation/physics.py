@@ -113,7 +113,13 @@ class Physics:
         mujoco.mju_rotVecQuat(offset, load.xpos - robot.xpos, inverse)
         mujoco.mju_mulQuat(rotation, inverse, load.xquat)
         latch = self.model.equality(f"latch {box}").id
-        self.model.eq_data[latch] = [0, 0, 0, *offset, *rotation, 1]  # anchor, relative pose, torque scale
+        self.model.eq_data[latch, :10] = [
+            0,
+            0,
+            0,
+            *offset,
+            *rotation,
+        ]  # where on the box, and where that is on the robot
         self.data.eq_active[latch] = 1
 
     def release(self, box: int) -> None:

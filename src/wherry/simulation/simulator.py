@@ -1,4 +1,4 @@
-"""The simulator: a floor plan becomes a world with a robot that senses and drives, and a referee that sees the truth."""
+"""The simulator: a floor plan becomes a world with a robot that senses and drives, and a referee that sees all."""
 
 from __future__ import annotations
 
