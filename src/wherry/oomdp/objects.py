@@ -276,6 +276,11 @@ class State:
                 return item
         raise KeyError(name)
 
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """The names of the objects' classes, in the objects' order."""
+        return tuple(item.object_class.name for item in self.objects)
+
     def get(self, name: str) -> Object | None:
         """The object of that name, or None where it is not in the world (any more)."""
         return next((item for item in self.objects if item.name == name), None)

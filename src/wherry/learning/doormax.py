@@ -1,0 +1,197 @@
+"""DOORMAX: deterministic OO-MDPs learnt from experience (paper, section 6; Diuk, Cohen and Littman, ICML 2008).
+
+The paper prints the two algorithms with slips; they are corrected here as `docs/paper.md` tells. Two things are added,
+since without them some runs never find the optimal policy: a type of effect that predicts what is then not observed is
+refuted, and where all types of an action and attribute are gone that is reported instead of being explored for ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+from wherry.learning.predictions import Predictions, Rule, Subject
+from wherry.learning.rewards import Rewards
+from wherry.oomdp.conditions import Condition
+from wherry.oomdp.domain import Action, Domain
+from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
+from wherry.oomdp.mdp import Prediction, Transition
+from wherry.oomdp.objects import Attribute, State, Value
+from wherry.oomdp.outcomes import ObjectEffects, Outcome, Task, Worth, changes
+
+FailureScope = Literal["action", "attribute"]
+
+
+class Doormax:
+    """The learner of the paper's section 6.
+
+    Args:
+        domain: What states are described with.
+        max_effects: k, the most different effects of one type that an action has on an attribute.
+        effect_types: The effect types to consider.
+        refutation: Whether a type whose prediction turned out wrong is removed. False: to the letter of the paper.
+        failure_scope: Whether a failure condition says that the action changes nothing at all ("action", the paper),
+            or one is kept for every attribute ("attribute").
+        task: Rewards and ends of episodes where they are given; else they are learnt.
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        *,
+        max_effects: int = 1,
+        effect_types: Mapping[str, EffectType] = PAPER_TYPES,
+        refutation: bool = True,
+        failure_scope: FailureScope = "action",
+        task: Task | None = None,
+    ) -> None:
+        self.domain = domain
+        self.max_effects = max_effects
+        self.effect_types = effect_types
+        self.refutation = refutation
+        self.failure_scope = failure_scope
+        self.task = Task() if task is None else task
+        self.revision = 0
+        self.predictions = Predictions(domain, effect_types)
+        self.failures: dict[str | Subject, set[Condition]] = {}
+        self.rewards = Rewards(domain.size)
+        self._violations: dict[str, None] = {}
+        self._outcomes: dict[str, dict[tuple[object, ...], Outcome]] = {}
+
+    @property
+    def violations(self) -> tuple[str, ...]:
+        """The assumptions that experience has contradicted, in words."""
+        return tuple(self._violations)
+
+    def predict(self, state: State, action: Action) -> Prediction:
+        """Tell what an action does in a state (the paper's predictTransition, with the reward)."""
+        return self.outcome(state.classes, self.domain.conditions(state, action), action).predict(state, action)
+
+    def outcome(self, classes: tuple[str, ...], conditions: tuple[int, ...], action: Action) -> Outcome:
+        """What an action does wherever these conditions hold; worked out once for every revision of the action."""
+        kept = self._outcomes.setdefault(action.name, {})
+        outcome = kept.get((classes, conditions))
+        if outcome is None:
+            outcome = kept[classes, conditions] = self._predict_transition(classes, conditions, action.name)
+        return outcome
+
+    def _predict_transition(self, classes: tuple[str, ...], conditions: tuple[int, ...], action: str) -> Outcome:
+        """Algorithm 1, predictTransition(s, a), for all states of the same conditions.
+
+        Incompatible effects (line 9) depend on the attribute's value and are told apart by `Outcome`.
+        """
+        whole, *own = conditions
+        if self._fails(action, whole):  # line 1
+            return self._answer(((),) * len(classes), action, whole)  # line 2: s' = s
+        effects: list[ObjectEffects] = []
+        for class_name, terms in zip(classes, own, strict=True):
+            attributes = []
+            for attribute in self.domain.classes_by_name[class_name].changeable:  # line 3
+                subject = Subject(action, class_name, attribute.name)
+                if self._fails(subject, terms):
+                    continue
+                found = tuple(rule.effect for rule in self.predictions.covering(subject, terms))  # lines 5, 6
+                if not found:  # line 9
+                    alive = self.predictions.alive(subject)
+                    return Outcome(None, (), self.effect_types, self.task, probability=float(alive))  # line 10
+                attributes.append((attribute.name, found))
+            effects.append(tuple(attributes))
+        return self._answer(tuple(effects), action, whole)  # lines 13, 14
+
+    def _answer(self, effects: tuple[ObjectEffects, ...], action: str, whole: int) -> Outcome:
+        return Outcome(effects, self.rewards.worths(action, whole), self.effect_types, self.task)
+
+    def _fails(self, scope: str | Subject, terms: int) -> bool:
+        """Whether some c ∈ F covers cond(s)."""
+        return any(failure.covers_terms(terms) for failure in self.failures.get(scope, ()))
+
+    def add_experience(self, transition: Transition) -> None:
+        """Algorithm 2, addExperience(s, a, s', k)."""
+        state, action = transition.state, transition.action.name
+        whole, *own = self.domain.conditions(state, transition.action)
+        changed = self._learn_worth(transition, whole)
+        if self.failure_scope == "action" and transition.failed:  # line 1
+            changed |= self._add_failure(action, whole)  # lines 3, 4
+        else:
+            if self.failure_scope == "action":
+                changed |= self._retract_failure(action, whole)
+            for item, terms in zip(state.objects, own, strict=True):
+                later = transition.next_state.get(item.name)
+                for attribute, before, after in observed(item, later):  # line 6
+                    subject = Subject(action, item.object_class.name, attribute.name)
+                    changed |= self._learn(subject, attribute, terms, before, after)
+        if changed:
+            self.revision += 1
+            self._outcomes.pop(action, None)
+
+    def _learn(self, subject: Subject, attribute: Attribute, terms: int, before: Value, after: Value) -> bool:
+        """Learn from what happened to one attribute of one object; return whether that changed anything."""
+        if self.failure_scope == "attribute":
+            if before == after:
+                return self._add_failure(subject, terms)
+            self._retract_failure(subject, terms)
+        effects = eff_att(attribute, before, after, self.effect_types)
+        changed = self.refutation and self._refute(subject, terms, effects)
+        for effect in effects:  # line 7
+            if effect.type in self.predictions.rules[subject]:
+                changed |= self._add_effect(subject, Condition.of(self.domain.size, terms), effect)
+        if not self.predictions.alive(subject):
+            self._report_no_type_left(subject)
+        return changed
+
+    def _add_effect(self, subject: Subject, condition: Condition, effect: Effect) -> bool:
+        """Lines 8 to 27: learn that an effect happened under a condition; return whether that changed anything."""
+        others = self.predictions.others(subject, effect)
+        rule = self.predictions.find(subject, effect)  # line 8
+        if rule is not None:  # line 9
+            model = rule.model.merge(condition)  # line 11
+            if model == rule.model:
+                return False
+            self.predictions.put(subject, Rule(model, effect))
+            if any(model.covers(other.model) for other in others):  # line 12
+                self.predictions.remove(subject, effect.type, "the conditions of two effects overlap")  # line 14
+        elif any(condition.covers(other.model) or other.model.covers(condition) for other in others):  # line 18
+            self.predictions.remove(subject, effect.type, "the conditions of two effects overlap")  # line 19
+        else:
+            self.predictions.put(subject, Rule(condition, effect))  # line 21
+            if len(others) + 1 > self.max_effects:  # line 23
+                reason = f"more than {self.max_effects} different effects"
+                self.predictions.remove(subject, effect.type, reason)  # line 24
+        return True
+
+    def _refute(self, subject: Subject, terms: int, effects: tuple[Effect, ...]) -> bool:
+        """Remove the types that predicted another effect than was observed (not in the paper)."""
+        wrong = {rule.effect.type for rule in self.predictions.covering(subject, terms) if rule.effect not in effects}
+        for effect_type in wrong:
+            self.predictions.remove(subject, effect_type, "predicted what was not observed")
+        return bool(wrong)
+
+    def _add_failure(self, scope: str | Subject, terms: int) -> bool:
+        """Lines 3 and 4: remember that nothing changes under a condition; return whether that is new."""
+        if self._fails(scope, terms):
+            return False
+        condition = Condition.of(self.domain.size, terms)
+        kept = {failure for failure in self.failures.get(scope, ()) if not condition.covers(failure)}
+        self.failures[scope] = kept | {condition}
+        return True
+
+    def _retract_failure(self, scope: str | Subject, terms: int) -> bool:
+        """Forget failure conditions that a success contradicts, and say so; return whether there were any."""
+        wrong = {failure for failure in self.failures.get(scope, ()) if failure.covers_terms(terms)}
+        for failure in wrong:
+            self.failures[scope] -= {failure}
+            words = failure.words(self.domain.term_names)
+            self._violations[f"{scope}: changed something where it had changed nothing before ({words})"] = None
+        return bool(wrong)
+
+    def _report_no_type_left(self, subject: Subject) -> None:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in self.predictions.removed[subject].items())
+        self._violations[f"{subject}: no type of effect explains what was seen ({reasons})"] = None
+
+    def _learn_worth(self, transition: Transition, whole: int) -> bool:
+        """Learn the reward and whether the episode ended, unless both are given."""
+        if self.task.reward is not None and self.task.terminated is not None:
+            return False
+        changed = changes(transition.state, transition.next_state)
+        worth = Worth(changed, transition.reward, transition.terminated)
+        return self.rewards.add(transition.action.name, whole, worth)
