@@ -61,13 +61,13 @@ class Explored:
         time: s.
         grid: The map so far.
         fraction: Known area ÷ (known area + the area that the frontiers are expected to open), 0 to 1.
-        frontiers: How many frontiers can still be reached.
+        frontier: m, how long the edges between known free space and the unknown are.
     """
 
     time: float
     grid: OccupancyGrid
     fraction: float
-    frontiers: int
+    frontier: float
 
 
 @dataclass(frozen=True, slots=True)

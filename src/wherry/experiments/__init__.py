@@ -1,1 +1,1 @@
-"""Experiments: Settings → run() → Result; each makes a figure or a table."""
+"""Experiments: Settings → run → Result; each makes figures that documents can quote."""

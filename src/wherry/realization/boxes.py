@@ -1,0 +1,198 @@
+"""Cylindrical boxes as a lidar sees them: round things that the map does not explain (paper, Fig. 3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wherry.robot import Body, Scan
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Floats, Pose
+
+# What counts as round. Ranges have about 1 cm of noise; a door jamb or a wall's end is flat or goes on.
+FARTHEST = 2.5  # m; beyond it fewer than five beams meet a box of 10 cm
+FEWEST_BEAMS = 5
+STANDS_OUT = 0.12  # m that the beams at both sides must reach beyond the box's rim
+LARGEST_RESIDUAL = 0.02  # m, rms distance of its points from the circle
+NARROWEST = 1.2  # chord ÷ radius
+
+# When a round thing is believed to be a box.
+SAME_BOX = 0.25  # m; two sightings nearer than this are of one box
+FEWEST_SIGHTINGS = 4
+SMALLEST_SHARE = 0.5  # sightings ÷ looks at the place with nothing in between
+
+
+def round_things(scan: Scan, radius: float) -> Floats:
+    """Find the cylinders of a known radius in a scan.
+
+    Beams are cut into runs where the range jumps; a run is a cylinder if it stands out before what is beside it, is as
+    wide as a cylinder and lies on a circle of that radius.
+
+    Args:
+        scan: A full turn, or a part of one.
+        radius: m.
+
+    Returns:
+        [K, 2] m, the middles, in the lidar's frame.
+    """
+    ranges = np.where(scan.valid, scan.ranges, np.inf)
+    starts, ends = _runs(ranges)
+    middles = [_fit(scan, ranges, start, end, radius) for start, end in zip(starts, ends, strict=True)]
+    found = [middle for middle in middles if middle is not None]
+    return np.array(found) if found else np.empty((0, 2))
+
+
+def _runs(ranges: Floats) -> tuple[list[int], list[int]]:
+    """First and one-past-last beams of the runs without a jump; a run may wrap past the last beam."""
+    following = np.roll(ranges, -1)
+    with np.errstate(invalid="ignore"):
+        jumps = ~(np.abs(following - ranges) < STANDS_OUT / 2)  # also between two beams that met nothing
+    last_beams = np.flatnonzero(jumps)
+    if len(last_beams) < 2:
+        return [], []
+    starts = np.roll(last_beams, 1) + 1
+    starts[0] -= len(ranges)  # the run that wraps begins at a negative beam
+    return starts.tolist(), (last_beams + 1).tolist()
+
+
+def _fit(scan: Scan, ranges: Floats, start: int, end: int, radius: float) -> Floats | None:
+    """[2] m, lidar frame: the middle of the cylinder that the beams ``start`` to ``end`` meet, if they do."""
+    beams = np.arange(start, end)
+    distances = ranges[beams]
+    if len(beams) < FEWEST_BEAMS or not math.isfinite(distances[0]) or distances.mean() > FARTHEST + radius:
+        return None
+    beside = np.array([ranges[start - 1], ranges[end % len(ranges)]])
+    if np.any(beside < distances[[0, -1]] + STANDS_OUT / 2) or np.any(beside < distances.min() + STANDS_OUT):
+        return None
+    angles = scan.angle_min + scan.angle_increment * beams
+    points = np.column_stack([distances * np.cos(angles), distances * np.sin(angles)])
+    chord = float(np.hypot(*(points[-1] - points[0])))
+    if not NARROWEST * radius <= chord <= 2 * radius + 2 * LARGEST_RESIDUAL:
+        return None
+    return _fit_circle(points, radius)
+
+
+def _fit_circle(points: Floats, radius: float) -> Floats | None:
+    """[2] m: the middle of the circle of a known radius through points [N, 2], by Gauss–Newton; None if far from it."""
+    nearest = points[np.argmin(np.hypot(points[:, 0], points[:, 1]))]
+    middle = nearest * (1 + radius / np.hypot(*nearest))  # behind the point that is nearest to the lidar
+    residuals = np.empty(len(points))
+    for _ in range(6):
+        offsets = middle - points
+        lengths = np.maximum(np.hypot(offsets[:, 0], offsets[:, 1]), 1e-9)
+        residuals = lengths - radius
+        directions = offsets / lengths[:, None]
+        # Levenberg's damping keeps a nearly straight run of points from throwing the middle far off.
+        normal = directions.T @ directions + 1e-3 * np.eye(2)
+        middle = middle - np.linalg.solve(normal, directions.T @ residuals)
+    return middle if math.sqrt(float(np.mean(residuals**2))) <= LARGEST_RESIDUAL else None
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A round thing at a place.
+
+    Attributes:
+        number: Its name: 0 for the first one that was seen.
+        x: m, map frame.
+        y: m, map frame.
+        sightings: How often it was seen.
+        looks: How often its place was looked at.
+    """
+
+    number: int
+    x: float
+    y: float
+    sightings: int = 1
+    looks: int = 1
+
+    @property
+    def certain(self) -> bool:
+        """Whether it was seen often enough, and more often than not."""
+        return self.sightings >= FEWEST_SIGHTINGS and self.sightings >= SMALLEST_SHARE * self.looks
+
+
+def look_for_boxes(boxes: Sequence[Box], scan: Scan, pose: Pose, body: Body) -> tuple[Box, ...]:
+    """Update what is believed of the boxes with what a scan shows.
+
+    Args:
+        boxes: The belief so far.
+        scan: A scan.
+        pose: base_link in the map frame when it was taken.
+        body: The robot's shape.
+
+    Returns:
+        The new belief: places of boxes seen again are averaged, places seen empty count against a box.
+    """
+    lidar = pose @ body.lidar
+    found = lidar.transform(round_things(scan, body.box_radius))
+    unmatched = list(range(len(found)))
+    updated = []
+    for box in boxes:
+        distances = [math.hypot(found[i, 0] - box.x, found[i, 1] - box.y) for i in unmatched]
+        if distances and min(distances) < SAME_BOX:
+            index = unmatched.pop(int(np.argmin(distances)))
+            updated.append(_seen_again(box, found[index], lidar))
+        elif _sees_past(scan, lidar, box, body.box_radius):
+            updated.append(replace(box, looks=box.looks + 1))
+        else:
+            updated.append(box)
+    number = max((box.number for box in boxes), default=-1) + 1
+    fresh = [Box(number + k, float(found[i, 0]), float(found[i, 1])) for k, i in enumerate(unmatched)]
+    return (*updated, *fresh)
+
+
+def _seen_again(box: Box, found: Floats, lidar: Pose) -> Box:
+    """Move a box towards where it was seen, the more the nearer it was (pose errors grow with the distance)."""
+    distance = math.hypot(found[0] - lidar.x, found[1] - lidar.y)
+    weight = max(1 / (box.sightings + 1), 0.3 if distance < 1.0 else 0.0)
+    return replace(
+        box,
+        x=box.x + weight * (float(found[0]) - box.x),
+        y=box.y + weight * (float(found[1]) - box.y),
+        sightings=box.sightings + 1,
+        looks=box.looks + 1,
+    )
+
+
+def _sees_past(scan: Scan, lidar: Pose, box: Box, radius: float) -> bool:
+    """Whether the beams towards a box's place, near enough to tell, all reach well beyond it."""
+    dx, dy = box.x - lidar.x, box.y - lidar.y
+    distance = math.hypot(dx, dy)
+    if not 3 * radius < distance < FARTHEST:
+        return False
+    bearing = math.atan2(dy, dx) - lidar.theta
+    middle = round((bearing - scan.angle_min) / scan.angle_increment)
+    half = max(int(math.asin(radius / distance) / abs(scan.angle_increment)), 1)
+    beams = np.arange(middle - half, middle + half + 1) % len(scan.ranges)
+    ranges = np.where(np.isnan(scan.ranges[beams]), 0.0, scan.ranges[beams])
+    return bool(np.all(ranges > distance + 2 * radius))
+
+
+def standing_free(boxes: Sequence[Box], grid: OccupancyGrid, radius: float) -> tuple[Box, ...]:
+    """The certain boxes around which the map is free: what goes on beyond a box's rim is a wall's end or a jamb."""
+    rows, columns = np.nonzero(grid.occupied)
+    cells = (np.column_stack([columns, rows]) + 0.5) * grid.resolution
+    points = grid.origin.transform(cells)
+    free = []
+    for box in boxes:
+        distances = np.hypot(points[:, 0] - box.x, points[:, 1] - box.y)
+        beyond = (distances > radius + 1.5 * grid.resolution) & (distances < 2 * radius)
+        if box.certain and not np.any(beyond):
+            free.append(box)
+    return tuple(free)
+
+
+def without_boxes(grid: OccupancyGrid, boxes: Sequence[Box], radius: float) -> OccupancyGrid:
+    """The map with the boxes' places free, since boxes go and walls stay."""
+    probability = grid.probability.copy()
+    rows, columns = np.indices(probability.shape)
+    cells = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) * grid.resolution
+    points = grid.origin.transform(cells).reshape((*probability.shape, 2))
+    for box in boxes:
+        near = np.hypot(points[..., 0] - box.x, points[..., 1] - box.y) < radius + 1.5 * grid.resolution
+        probability[near] = 0.0
+    return replace(grid, probability=probability)

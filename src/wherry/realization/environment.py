@@ -1,0 +1,179 @@
+"""The robot's world as an Environment: States come up from the scans, Actions go down to the wheels (paper, section 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wherry.domains.delivery import DROPOFF, MOVES, PICKUP, Box, Site, reward
+from wherry.floorplan import Cell, Direction, Wall
+from wherry.oomdp.domain import Action, Domain
+from wherry.oomdp.mdp import Transition
+from wherry.oomdp.objects import State
+from wherry.oomdp.relations import DIRECTIONS
+from wherry.realization import boxes as seeing
+from wherry.realization.cells import ways_seen
+from wherry.realization.execution import move
+from wherry.realization.pilot import Load, Pilot
+from wherry.robot import Scan
+from wherry.space.frame import CellFrame
+from wherry.space.pose import Floats, Pose
+
+COMPASS = {name: Direction(step) for name, step in DIRECTIONS.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class KnownBox:
+    """A box as the robot knows it.
+
+    Attributes:
+        name: Its name in the State.
+        place: Where it was last seen on the floor.
+        held: Whether the latch holds it.
+    """
+
+    name: str
+    place: seeing.Box
+    held: bool = False
+
+    @property
+    def position(self) -> Floats:
+        """[2] m, map frame."""
+        return np.array([self.place.x, self.place.y])
+
+
+class RobotEnvironment:
+    """A robot that stands in a cell, perceives a State, and does Actions.
+
+    Args:
+        pilot: Drives the robot and knows its pose.
+        frame: Where the cells lie in the map.
+        site: The walls that the map shows, and the warehouse.
+        boxes: The boxes that were found.
+    """
+
+    def __init__(self, pilot: Pilot, frame: CellFrame, site: Site, boxes: Sequence[seeing.Box]) -> None:
+        self.pilot = pilot
+        self.frame = frame
+        self.site = site
+        self.delivered = 0
+        self._boxes = tuple(KnownBox(f"box{number}", box) for number, box in enumerate(boxes, start=1))
+        pilot.watchers.append(self._watch_boxes)
+        self._tell_pilot()
+
+    @property
+    def domain(self) -> Domain:
+        """Delivery, within the map's bounds."""
+        return self.site.domain
+
+    @property
+    def cell(self) -> Cell:
+        """The cell that the robot stands in."""
+        return Cell(*self.frame.cell_at(self.pilot.pose.x, self.pilot.pose.y))
+
+    @property
+    def remaining(self) -> int:
+        """How many of the boxes that were found are not delivered yet."""
+        return len(self._boxes)
+
+    def reset(self, rng: np.random.Generator) -> State:
+        """Perceive where things stand; a robot lives once, so nothing is put back."""
+        return self._perceive()
+
+    def step(self, action: Action) -> Transition:
+        """Do an action with wheels and latch, and perceive what came of it.
+
+        Raises:
+            ValueError: There is no such action.
+        """
+        before = self._perceive()
+        if action in MOVES:
+            self._move(COMPASS[MOVES[action]])
+        elif action == PICKUP:
+            self._pick_up()
+        elif action == DROPOFF:
+            self._drop_off()
+        else:
+            raise ValueError(f"the robot has no action {action}")
+        after = self._perceive()
+        return Transition(before, action, after, reward(before, action, after), not after.of_class("Box"))
+
+    def _move(self, direction: Direction) -> None:
+        here, there = self.cell, self.cell.towards(direction)
+        ahead, waiting = self._standing_in(there), self._standing_in(here)
+        held = any(box.held for box in self._boxes)
+        fork_full = held or waiting is not None
+        docking = ahead is not None and not fork_full
+        home = self.frame.centre(here.x, here.y) if waiting is None else waiting.position
+        goal = ahead.position if ahead is not None and docking else self.frame.centre(there.x, there.y)
+        move(self.pilot, home, goal, docking=docking, fork_full=fork_full, held=held)
+
+    def _pick_up(self) -> None:
+        if self.pilot.robot.close_latch():
+            here = self._standing_in(self.cell)
+            self._boxes = tuple(replace(box, held=box is here) if box is here else box for box in self._boxes)
+        self.pilot.look()
+        self._tell_pilot()
+
+    def _drop_off(self) -> None:
+        held = next((box for box in self._boxes if box.held), None)
+        if self.pilot.robot.open_latch() and held is not None:
+            self._boxes = tuple(box for box in self._boxes if box is not held)
+            self.delivered += 1
+        self.pilot.look()
+        self._tell_pilot()
+
+    def _perceive(self) -> State:
+        """Look, correct what is known of the four ways out of this cell, and say it in objects."""
+        scan = self.pilot.look()
+        self._correct_walls(scan)
+        boxes = (Box(box.name, self._cell_of(box), box.held) for box in self._boxes)
+        return self.site.state(self.cell, boxes)
+
+    def _correct_walls(self, scan: Scan) -> None:
+        """A live scan outranks the map, wherever it shows whether a way is blocked."""
+        walls = set(self.site.walls)
+        cell = self.cell
+        lidar = self.pilot.pose @ self.pilot.body.lidar
+        positions = np.array([box.position for box in self._boxes if not box.held]).reshape(-1, 2)
+        if any(box.held for box in self._boxes):
+            positions = np.vstack([positions, [self.pilot.pose.x, self.pilot.pose.y]])
+        body = self.pilot.body
+        for direction, blocked in ways_seen(
+            scan, lidar, cell, self.frame, body.radius, positions, body.box_radius
+        ).items():
+            wall = Wall.between(cell, direction)
+            if blocked:
+                walls.add(wall)
+            elif self._is_inside(cell.towards(direction)):
+                walls.discard(wall)
+        if walls != self.site.walls:
+            self.site = replace(self.site, walls=frozenset(walls))
+
+    def _is_inside(self, cell: Cell) -> bool:
+        """Whether a cell lies within the map's bounds, beyond which there are no states."""
+        (west, east), (south, north) = self.site.x_range, self.site.y_range
+        return west <= cell.x <= east and south <= cell.y <= north
+
+    def _watch_boxes(self, scan: Scan, pose: Pose) -> None:
+        """Keep the places of the boxes on the floor up to date: the nearer the robot comes, the better it sees them."""
+        on_floor = [box.place for box in self._boxes if not box.held]
+        seen = {box.number: box for box in seeing.look_for_boxes(on_floor, scan, pose, self.pilot.body)}
+        self._boxes = tuple(
+            box if box.held else replace(box, place=seen[box.place.number]) for box in self._boxes
+        )
+
+    def _standing_in(self, cell: Cell) -> KnownBox | None:
+        """The box on the floor of a cell."""
+        return next((box for box in self._boxes if not box.held and self._cell_of(box) == cell), None)
+
+    def _cell_of(self, box: KnownBox) -> Cell:
+        return Cell(*self.frame.cell_at(box.place.x, box.place.y))
+
+    def _tell_pilot(self) -> None:
+        on_floor = [box.position for box in self._boxes if not box.held]
+        self.pilot.load = Load(
+            np.array(on_floor).reshape(-1, 2), held=any(box.held for box in self._boxes)
+        )

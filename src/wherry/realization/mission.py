@@ -1,0 +1,266 @@
+"""A delivery from the robot's side: explore and map, or find itself on a map; find the boxes; stand ready to act.
+
+Everything here is known from scans, odometry and the order. What the robot does after that is the agent's business: the
+mission ends with a `RobotEnvironment`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.domains.delivery import Site
+from wherry.errors import InputError
+from wherry.floorplan import Cell, FloorPlan
+from wherry.localization.amcl import Amcl
+from wherry.localization.parameters import PRECISE
+from wherry.mapping.slam import Slam
+from wherry.navigation.exploration import frontier_cells, next_viewpoint
+from wherry.navigation.path import Costmap, shortest_path
+from wherry.realization.boxes import FARTHEST, Box, look_for_boxes, standing_free, without_boxes
+from wherry.realization.cells import plan_of_map
+from wherry.realization.environment import RobotEnvironment
+from wherry.realization.pilot import Load, Pilot
+from wherry.realization.tracking import PoseTracker
+from wherry.robot import Odometry, Robot, Scan
+from wherry.space.frame import CellFrame, lay_cells
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Floats, Pose
+from wherry.trace import Explored, Said, Sink
+
+CLEARANCE = 0.03  # m beyond its radius that the robot keeps from what the map shows while it explores
+REPLAN = 1.5  # s of driving after which the growing map is looked at again
+OWN_PLACE = 0.35  # m around itself that a robot knows to be free although its lidar cannot see it
+START_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad² of a pose that SLAM just gave
+LOOK_EVERY = 5  # scans between two that are searched for boxes
+BEHIND_FRONTIER = 1.0  # m of unknown that are expected behind a frontier, to tell how far a map has come
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a robot is asked to do.
+
+    Attributes:
+        warehouse: [K, 2] m, the middles of the warehouse's cells as seen from where the robot starts, x ahead.
+        cell_size: m, the side of the cells that the world is to be divided into: the robot's footprint and some room.
+    """
+
+    warehouse: Floats
+    cell_size: float
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A robot that stands in the middle of a cell and knows where everything is.
+
+    Attributes:
+        environment: Its world, to act in.
+        grid: The map, without boxes.
+        frame: Where the cells lie on it.
+        plan: The map in cells.
+    """
+
+    environment: RobotEnvironment
+    grid: OccupancyGrid
+    frame: CellFrame
+    plan: FloorPlan
+
+
+class SlamCorrector:
+    """Corrects the pose by making the map."""
+
+    def __init__(self, slam: Slam) -> None:
+        self._slam = slam
+
+    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
+        """As `Corrector.correct`."""
+        return self._slam.add(scan, odometry)
+
+    @property
+    def particles(self) -> NDArray[np.float64]:
+        """None: SLAM here believes in one pose."""
+        return np.empty((0, 3))
+
+
+class AmclCorrector:
+    """Corrects the pose on a finished map."""
+
+    def __init__(self, amcl: Amcl) -> None:
+        self._amcl = amcl
+
+    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
+        """As `Corrector.correct`."""
+        return self._amcl.update(odometry, scan).pose
+
+    @property
+    def particles(self) -> NDArray[np.float64]:
+        """[N, 3] x m, y m, θ rad, map frame."""
+        return self._amcl.particles
+
+
+class BoxWatch:
+    """Searches every few scans for boxes, and keeps what was looked at, so that nothing is overlooked."""
+
+    def __init__(self, pilot: Pilot) -> None:
+        self.boxes: tuple[Box, ...] = ()
+        self.looks: list[tuple[Pose, Scan]] = []
+        self._pilot = pilot
+        self._scans = 0
+        pilot.watchers.append(self)
+
+    def __call__(self, scan: Scan, pose: Pose) -> None:
+        """Take in a scan."""
+        self._scans += 1
+        if self._scans % LOOK_EVERY:
+            return
+        body = self._pilot.body
+        self.boxes = look_for_boxes(self.boxes, scan, pose, body)
+        self.looks.append((pose @ body.lidar, scan))
+        certain = [(box.x, box.y) for box in self.boxes if box.certain]
+        self._pilot.load = Load(np.array(certain).reshape(-1, 2), held=False)
+
+    def seen_cells(self, frame: CellFrame, cells: Iterable[Cell]) -> set[Cell]:
+        """The cells in which a box would have been seen: near enough, and with nothing in between."""
+        places = list(cells)
+        centres = np.array([frame.centre(cell.x, cell.y) for cell in places])
+        seen = np.zeros(len(places), dtype=bool)
+        for lidar, scan in self.looks:
+            away = lidar.inverse.transform(centres)
+            distances = np.hypot(away[:, 0], away[:, 1])
+            bearings = np.arctan2(away[:, 1], away[:, 0])
+            beams = np.round((bearings - scan.angle_min) / scan.angle_increment).astype(np.int64) % len(scan.ranges)
+            reached = np.where(np.isnan(scan.ranges), 0.0, scan.ranges)[beams]
+            seen |= (distances < FARTHEST) & (reached > distances - 2 * self._pilot.body.box_radius)
+        return {cell for cell, was_seen in zip(places, seen, strict=True) if was_seen}
+
+    def stop(self) -> None:
+        """Watch no longer."""
+        self._pilot.watchers.remove(self)
+
+
+class Mission:
+    """One robot's way from being switched on to standing ready to deliver.
+
+    Args:
+        robot: The robot; nobody else drives it meanwhile.
+        order: What it is asked to do.
+        sink: Told what happens.
+        rng: Where all randomness comes from.
+    """
+
+    def __init__(self, robot: Robot, order: Order, sink: Sink, rng: np.random.Generator) -> None:
+        self._robot = robot
+        self._order = order
+        self._sink = sink
+        self._rng = rng
+
+    def explore(self) -> Ready:
+        """Make a map by driving to where most is unknown, until nothing reachable is; then get ready on it."""
+        slam = Slam(self._robot.body.lidar)
+        pilot = Pilot(self._robot, PoseTracker(SlamCorrector(slam), Pose()), self._sink)
+        watch = BoxWatch(pilot)
+        self._say(pilot, "explore", "I know nothing of this place, so I drive to where my laser will see most.")
+        pilot.look()
+        looked: list[Floats] = []
+        while (goal := self._next_goal(pilot, slam, watch, looked)) is not None:
+            looked.append(_position(pilot.pose))
+            costmap = self._costmap(slam.grid(), pilot, watch.boxes)
+            path = shortest_path(costmap, _position(pilot.pose), goal)
+            deadline = pilot.time + REPLAN
+            if path is None or pilot.follow(path, until=lambda: pilot.time >= deadline):
+                looked.append(goal)
+        pilot.stand()
+        grid = slam.grid()
+        boxes = standing_free(watch.boxes, grid, pilot.body.box_radius)
+        grid = without_boxes(grid, boxes, pilot.body.box_radius)
+        self._sink(Explored(pilot.time, grid, 1.0, 0))
+        self._say(pilot, "explore", "Nothing that I can reach is unknown any more.")
+        amcl = Amcl(grid, pilot.body.lidar, PRECISE, self._rng)
+        amcl.initialize(pilot.pose, START_COVARIANCE)
+        pilot.tracker = PoseTracker(AmclCorrector(amcl), pilot.pose)
+        pilot.tracker.hear(pilot.odometry)
+        return self._get_ready(pilot, watch, grid, Pose())
+
+    def _next_goal(self, pilot: Pilot, slam: Slam, watch: BoxWatch, looked: list[Floats]) -> Floats | None:
+        """[2] m, map frame: where to look next; tells the sink how far the map has come."""
+        grid = slam.grid()
+        costmap = self._costmap(grid, pilot, watch.boxes)
+        viewpoint = next_viewpoint(grid, costmap, pilot.pose, np.array(looked).reshape(-1, 2))
+        frontier = float(np.count_nonzero(frontier_cells(grid))) * grid.resolution  # m
+        known = float(np.count_nonzero(grid.free)) * grid.resolution**2  # m²
+        beyond = frontier * BEHIND_FRONTIER if viewpoint is not None else 0.0
+        self._sink(Explored(pilot.time, grid, known / (known + beyond), frontier))
+        return None if viewpoint is None else viewpoint.position
+
+    def _get_ready(self, pilot: Pilot, watch: BoxWatch, grid: OccupancyGrid, map_from_start: Pose) -> Ready:
+        """Lay cells on the map, look into every corner for boxes, and stand in the middle of a cell."""
+        walls = grid.occupied_points()
+        if not len(walls):
+            raise InputError("map", "", "has no walls to lay cells along")
+        frame = lay_cells(walls, self._order.cell_size)
+        plan = plan_of_map(grid, frame, pilot.body.radius)
+        self._search(pilot, watch, grid, frame, plan)
+        watch.stop()
+        boxes = standing_free(watch.boxes, grid, pilot.body.box_radius)
+        boxes = tuple(box for box in boxes if plan.is_open(Cell(*frame.cell_at(box.x, box.y))))
+        self._say(pilot, "survey", f"I found {len(boxes)} {'box' if len(boxes) == 1 else 'boxes'}.")
+        tiles = frame.cells_at(map_from_start.transform(self._order.warehouse))
+        warehouse = {Cell(int(x), int(y)) for x, y in tiles}
+        site = Site.of_plan(replace(plan, warehouse=frozenset(warehouse & set(plan.cells()))))
+        self._centre(pilot, grid, boxes, frame, plan)
+        return Ready(RobotEnvironment(pilot, frame, site, boxes), grid, frame, plan)
+
+    def _search(
+        self, pilot: Pilot, watch: BoxWatch, grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan
+    ) -> None:
+        """Drive to where boxes may stand that were never looked at from nearby."""
+        given_up: set[Cell] = set()
+        announced = False
+        while True:
+            here = Cell(*frame.cell_at(pilot.pose.x, pilot.pose.y))
+            steps = plan.distances(here)
+            unseen = set(steps) - given_up - watch.seen_cells(frame, steps)
+            if not unseen:
+                return
+            if not announced:
+                self._say(pilot, "survey", "There are corners that I have not looked into from nearby: I go there.")
+                announced = True
+            target = min(unseen, key=lambda cell: (steps[cell], cell))
+            costmap = self._costmap(grid, pilot, watch.boxes)
+            path = shortest_path(costmap, _position(pilot.pose), frame.centre(target.x, target.y), within=1.0)
+            deadline = pilot.time + REPLAN
+            if path is None or pilot.follow(path, until=lambda: pilot.time >= deadline):
+                given_up.add(target)
+
+    def _centre(
+        self, pilot: Pilot, grid: OccupancyGrid, boxes: tuple[Box, ...], frame: CellFrame, plan: FloorPlan
+    ) -> None:
+        """Drive to the middle of the nearest cell without a box."""
+        taken = {Cell(*frame.cell_at(box.x, box.y)) for box in boxes}
+        free = [cell for cell in plan.distances(Cell(*frame.cell_at(pilot.pose.x, pilot.pose.y))) if cell not in taken]
+        costmap = self._costmap(grid, pilot, boxes)
+        for cell in free:  # the nearest first
+            middle = frame.centre(cell.x, cell.y)
+            path = shortest_path(costmap, _position(pilot.pose), middle)
+            if path is not None and pilot.follow(path):
+                pilot.go_to(Pose(float(middle[0]), float(middle[1]), frame.heading(1, 0)))
+                return
+        raise RuntimeError("the robot stands where it can drive nowhere")
+
+    def _costmap(self, grid: OccupancyGrid, pilot: Pilot, boxes: tuple[Box, ...]) -> Costmap:
+        """Where the robot may drive: not into boxes, and surely where it stands."""
+        radius = pilot.body.radius + CLEARANCE
+        discs = np.array([(box.x, box.y, pilot.body.box_radius) for box in boxes if box.certain]).reshape(-1, 3)
+        here = np.array([[pilot.pose.x, pilot.pose.y, OWN_PLACE]])
+        return Costmap.of(grid, radius, obstacles=discs, known_free=here)
+
+    def _say(self, pilot: Pilot, phase: str, text: str) -> None:
+        self._sink(Said(pilot.time, phase, text))
+
+
+def _position(pose: Pose) -> Floats:
+    """[2] m."""
+    return np.array([pose.x, pose.y])

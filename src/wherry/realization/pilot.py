@@ -1,0 +1,202 @@
+"""The one who holds the wheel: receives measurements, keeps the pose, and drives turns, lines and paths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wherry.navigation.controller import drive_line, follow_path, go_to, safe_velocity, turn_to
+from wherry.navigation.path import NO_DISCS
+from wherry.realization.tracking import PoseTracker
+from wherry.robot import Body, Odometry, Robot, Scan, Velocity
+from wherry.space.pose import Floats, Pose
+from wherry.trace import Seen, Sink
+
+STANDSTILL = Velocity()
+NO_POINTS = np.empty((0, 2))
+SHOWN_EVERY = 0.5  # s between two records of what is seen
+STILL = 0.005  # m/s and rad/s; slower than this, the robot stands
+FORK_REACH = 1.5  # box radii around base_link within which a reading is of a box in the fork
+PATIENCE = 40  # odometry messages in a row that the laser may hold the robot up before a drive is given up
+
+Steering = Callable[[Pose], Velocity | None]
+"""From base_link in the map frame to what to command now, or None on arrival."""
+
+Watcher = Callable[[Scan, Pose], None]
+"""Told each scan, with base_link in the map frame when it was taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What the robot carries and where the boxes are, as far as driving and showing are concerned.
+
+    Attributes:
+        boxes: [B, 2] m, map frame, on the floor.
+        held: Whether the latch holds a box.
+    """
+
+    boxes: Floats
+    held: bool
+
+
+def without_load(scan: Scan, body: Body) -> Scan:
+    """The scan without the readings of a box in the fork, which say nothing of where the robot is."""
+    x, y = body.lidar.x + scan.ranges * np.cos(scan.angles), body.lidar.y + scan.ranges * np.sin(scan.angles)
+    with np.errstate(invalid="ignore"):
+        in_fork = np.hypot(x, y) < FORK_REACH * body.box_radius
+    return replace(scan, ranges=np.where(in_fork, math.nan, scan.ranges)) if in_fork.any() else scan
+
+
+class Pilot:
+    """Drives a robot; nobody else receives from it or commands it.
+
+    Args:
+        robot: The robot.
+        tracker: Keeps its pose.
+        sink: Told what is seen.
+    """
+
+    def __init__(self, robot: Robot, tracker: PoseTracker, sink: Sink) -> None:
+        self.robot = robot
+        self.body = robot.body
+        self.tracker = tracker
+        self.sink = sink
+        self.time = 0.0
+        self.load = Load(NO_POINTS, held=False)
+        self.watchers: list[Watcher] = []
+        self._scan: Scan | None = None
+        self._odometry: Odometry | None = None
+        self._path = NO_POINTS
+        self._next_record = 0.0
+
+    @property
+    def pose(self) -> Pose:
+        """base_link in the map frame now."""
+        return self.tracker.pose
+
+    @property
+    def odometry(self) -> Odometry:
+        """The last odometry; waits for the first one."""
+        while self._odometry is None:
+            self.receive()
+        return self._odometry
+
+    @property
+    def scan(self) -> Scan:
+        """The last scan; waits for the first one."""
+        while self._scan is None:
+            self.receive()
+        return self._scan
+
+    def receive(self) -> None:
+        """Wait for the next measurement and take it in."""
+        measurement = self.robot.receive()
+        self.time = measurement.time
+        if isinstance(measurement, Odometry):
+            self._odometry = measurement
+            self.tracker.hear(measurement)
+            return
+        self._scan = measurement
+        self.tracker.see(without_load(measurement, self.body))
+        for watch in self.watchers:
+            watch(measurement, self.pose)
+        if self.time >= self._next_record:
+            self._next_record = self.time + SHOWN_EVERY
+            self._show(measurement)
+
+    def look(self, scans: int = 1) -> Scan:
+        """Wait for so many new scans and return the last one."""
+        for _ in range(scans):
+            previous = self._scan
+            while self._scan is previous:
+                self.receive()
+        return self.scan
+
+    def stand(self) -> None:
+        """Stop, and wait until the wheels stand still."""
+        self.robot.command(STANDSTILL)
+        self.receive()
+        velocity = self.odometry.velocity
+        while abs(velocity.linear) > STILL or abs(velocity.angular) > STILL:
+            self.robot.command(STANDSTILL)
+            self.receive()
+            velocity = self.odometry.velocity
+
+    def turn(self, heading: float) -> None:
+        """Turn on the spot to a heading, rad, map frame; the robot is round, so nothing can be in its way."""
+        self._drive(lambda pose: turn_to(pose, heading, self.body))
+
+    def follow(self, path: Floats, *, until: Callable[[], bool] = lambda: False) -> bool:
+        """Follow a path [N, 2] m, map frame, until its end, until the laser sees something in the way, or ``until``.
+
+        Returns:
+            Whether the robot came to the path's end.
+        """
+        self._path = path
+        arrived = self._drive(lambda pose: follow_path(pose, path, self.body), until=until)
+        self._path = NO_POINTS
+        return arrived
+
+    def approach(self, goal: Pose, *, reverse: bool, ignore: Floats = NO_DISCS, speed: float = math.inf) -> bool:
+        """Drive along the straight line through a goal until level with it, or until the laser stops the robot.
+
+        Args:
+            goal: Where to stop and which way to look there, map frame.
+            reverse: Whether the back leads.
+            ignore: [K, 3] m, map frame: x, y, radius of discs that are not in the way: the box to dock on.
+            speed: m/s at most.
+
+        Returns:
+            Whether the robot got there.
+        """
+        self._path = np.array([[self.pose.x, self.pose.y], [goal.x, goal.y]])
+        arrived = self._drive(
+            lambda pose: drive_line(pose, goal, self.body, reverse=reverse, speed=speed), ignore=ignore
+        )
+        self._path = NO_POINTS
+        return arrived
+
+    def go_to(self, goal: Pose, *, reverse: bool = False) -> bool:
+        """Go straight to a pose that is near, and turn to its heading there."""
+        return self._drive(lambda pose: go_to(pose, goal, self.body, reverse=reverse))
+
+    def _drive(
+        self, steer: Steering, *, ignore: Floats = NO_DISCS, until: Callable[[], bool] = lambda: False
+    ) -> bool:
+        """Command what the steering says until it has arrived (True), or the laser or ``until`` stops it (False)."""
+        held_up = 0
+        while held_up < PATIENCE and not until():
+            wanted = steer(self.pose)
+            if wanted is None:
+                self.stand()
+                return True
+            velocity = safe_velocity(wanted, self.scan, self.body, ignore=self._in_base_frame(ignore))
+            stopped = wanted.linear != 0.0 and velocity.linear == 0.0
+            held_up = held_up + 1 if stopped else 0
+            self.robot.command(velocity)
+            self.receive()
+        self.stand()
+        return False
+
+    def _in_base_frame(self, discs: Floats) -> Floats:
+        """[K, 3] m: discs of the map frame, x, y, radius, as seen from the robot."""
+        if not len(discs):
+            return discs
+        return np.column_stack([self.pose.inverse.transform(discs[:, :2]), discs[:, 2]])
+
+    def _show(self, scan: Scan) -> None:
+        lidar = self.pose @ self.body.lidar
+        self.sink(
+            Seen(
+                time=self.time,
+                pose=self.pose,
+                points=lidar.transform(scan.points()).astype(np.float32),
+                particles=self.tracker.corrector.particles.astype(np.float32),
+                path=self._path.astype(np.float32),
+                boxes=self.load.boxes.astype(np.float32),
+                loaded=self.load.held,
+            )
+        )

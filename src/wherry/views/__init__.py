@@ -1,0 +1,1 @@
+"""Pictures, pages and progress for people; they consume traces and nothing else."""

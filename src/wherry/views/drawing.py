@@ -1,0 +1,182 @@
+"""A map and what the robot knows, drawn as one SVG picture (paper, Fig. 3 and 4)."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Floats, Pose
+from wherry.trace import Seen
+
+MARGIN = 0.3  # m of paper around the mapped area
+MOST_PARTICLES = 600  # drawn; more only make the picture heavy
+PIXELS_PER_METRE = 64
+
+# Shades of grey of the map's picture: occupied, free, unknown. Unknown is transparent, so that both themes show it.
+OCCUPIED_GREY, FREE_GREY = 45, 250
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What stands still while the robot drives, all in the map frame.
+
+    Attributes:
+        grid: The map.
+        warehouse: [K, 4, 2] m, the corners of the warehouse's cells.
+        true_walls: [S, 2, 2] m, ends of the true walls' faces, to be shown faintly under the map; may be empty.
+        robot_radius: m.
+        box_radius: m.
+    """
+
+    grid: OccupancyGrid
+    warehouse: Floats
+    true_walls: Floats
+    robot_radius: float
+    box_radius: float
+
+
+def draw(scene: Scene, seen: Seen, driven: Floats, goals: Floats, *, label: str) -> str:
+    """Draw one instant of a run.
+
+    Args:
+        scene: What stands still.
+        seen: What the robot senses and believes.
+        driven: [D, 2] m, map frame: the way it came.
+        goals: [G, 2] m, map frame: the cells that it means to drive through; may be empty.
+        label: What the picture shows, in words, for those who cannot see it.
+
+    Returns:
+        An SVG element; its colours are CSS variables with defaults, so that it also stands alone.
+    """
+    west, south, east, north = _extent(scene)
+    width, height = east - west, north - south
+    layers = [
+        _map_image(scene.grid),
+        _polygons(scene.warehouse, "warehouse"),
+        _segments(scene.true_walls, "truth"),
+        _line(driven, "driven"),
+        _laser(seen),
+        _line(goals, "plan"),
+        _line(seen.path, "path"),
+        _particles(seen.particles),
+        *(_circle(x, y, scene.box_radius, "box") for x, y in seen.boxes),
+        _robot(seen.pose, scene.robot_radius, scene.box_radius, loaded=seen.loaded),
+    ]
+    # SVG's y axis points down: everything is drawn in map coordinates and mirrored once.
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{label}" '
+        f'viewBox="0 0 {width:.3f} {height:.3f}" width="{width * PIXELS_PER_METRE:.0f}" '
+        f'height="{height * PIXELS_PER_METRE:.0f}">{STYLE}'
+        f'<rect class="paper" width="{width:.3f}" height="{height:.3f}"/>'
+        f'<g transform="translate({-west:.3f} {north:.3f}) scale(1 -1)">' + "".join(layers) + "</g></svg>"
+    )
+
+
+STYLE = """<style>
+.paper{fill:var(--paper,#e6e8ec)}
+.truth{stroke:var(--truth,#e08a00);stroke-width:.025;opacity:.55}
+.warehouse{fill:#f4c430;fill-opacity:.45;stroke:#b58900;stroke-width:.02}
+.driven{fill:none;stroke:#7a6fa8;stroke-width:.025;opacity:.6}
+.laser{fill:#1f6feb}.beam{stroke:#1f6feb;stroke-width:.006;opacity:.22}
+.plan{fill:none;stroke:#1a9c4b;stroke-width:.05;stroke-dasharray:.12 .08;opacity:.85}
+.path{fill:none;stroke:#1a9c4b;stroke-width:.06}
+.particle{stroke:#d1242f;stroke-width:.018;opacity:.55}
+.box{fill:#a0622d;stroke:#5d3716;stroke-width:.02}
+.robot{fill:#fff;fill-opacity:.85;stroke:#111;stroke-width:.025}
+.fork{stroke:#111;stroke-width:.05;stroke-linecap:round}
+.lidar{fill:#1f6feb}
+</style>"""
+
+
+def _extent(scene: Scene) -> tuple[float, float, float, float]:
+    """West, south, east, north edge of the known area, m, map frame."""
+    rows, columns = np.nonzero(~scene.grid.unknown)
+    if not len(rows):
+        return -1.0, -1.0, 1.0, 1.0
+    corners = (np.column_stack([columns, rows]) + 0.5) * scene.grid.resolution
+    points = scene.grid.origin.transform(corners)
+    west, south = points.min(axis=0) - MARGIN
+    east, north = points.max(axis=0) + MARGIN
+    return float(west), float(south), float(east), float(north)
+
+
+def _map_image(grid: OccupancyGrid) -> str:
+    """The map as an embedded PNG, one pixel a grid cell."""
+    grey = np.where(grid.occupied, OCCUPIED_GREY, FREE_GREY).astype(np.uint8)
+    alpha = np.where(grid.unknown, 0, 255).astype(np.uint8)
+    buffer = io.BytesIO()
+    Image.fromarray(np.dstack([grey, alpha])).save(buffer, "PNG", optimize=True)
+    data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    height, width = grid.probability.shape
+    origin = grid.origin
+    # Row 0 of the picture is the map's smallest y, so with y pointing up it needs no further mirroring.
+    return (
+        f'<image href="data:image/png;base64,{data}" width="{width * grid.resolution:.4f}" '
+        f'height="{height * grid.resolution:.4f}" preserveAspectRatio="none" style="image-rendering:pixelated" '
+        f'transform="translate({origin.x:.4f} {origin.y:.4f}) rotate({math.degrees(origin.theta):.4f})"/>'
+    )
+
+
+def _points(points: Iterable[Sequence[float]]) -> str:
+    return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)
+
+
+def _line(points: Floats, style: str) -> str:
+    return f'<polyline class="{style}" points="{_points(points)}"/>' if len(points) > 1 else ""
+
+
+def _segments(segments: Floats, style: str) -> str:
+    return "".join(
+        f'<line class="{style}" x1="{a[0]:.3f}" y1="{a[1]:.3f}" x2="{b[0]:.3f}" y2="{b[1]:.3f}"/>' for a, b in segments
+    )
+
+
+def _polygons(polygons: Floats, style: str) -> str:
+    return "".join(f'<polygon class="{style}" points="{_points(polygon)}"/>' for polygon in polygons)
+
+
+def _circle(x: float, y: float, radius: float, style: str) -> str:
+    return f'<circle class="{style}" cx="{x:.3f}" cy="{y:.3f}" r="{radius:.3f}"/>'
+
+
+def _laser(seen: Seen) -> str:
+    """Beams as hairlines, with a dot where each one ended."""
+    beams = "".join(
+        f'<line class="beam" x1="{seen.pose.x:.3f}" y1="{seen.pose.y:.3f}" x2="{x:.3f}" y2="{y:.3f}"/>'
+        for x, y in seen.points
+    )
+    return beams + "".join(_circle(x, y, 0.022, "laser") for x, y in seen.points)
+
+
+def _particles(particles: Floats) -> str:
+    """Each particle as a short stroke in the direction that it looks."""
+    drawn = particles[:: max(1, math.ceil(len(particles) / MOST_PARTICLES))]
+    return "".join(
+        f'<line class="particle" x1="{x:.3f}" y1="{y:.3f}" '
+        f'x2="{x + 0.12 * math.cos(theta):.3f}" y2="{y + 0.12 * math.sin(theta):.3f}"/>'
+        for x, y, theta in drawn
+    )
+
+
+def _robot(pose: Pose, radius: float, box_radius: float, *, loaded: bool) -> str:
+    """The robot from above: its footprint, the two prongs, the lidar at the back, and its load."""
+    prong, tip = 0.8 * radius, 0.55 * radius
+    load = _circle(0.0, 0.0, box_radius, "box") if loaded else ""
+    return (
+        f'<g transform="translate({pose.x:.3f} {pose.y:.3f}) rotate({math.degrees(pose.theta):.2f})">'
+        + _circle(0.0, 0.0, radius, "robot")
+        + "".join(
+            f'<line class="fork" x1="{-tip:.3f}" y1="{side:.3f}" x2="{tip:.3f}" y2="{side:.3f}"/>'
+            for side in (-prong, prong)
+        )
+        + load
+        + _circle(-0.75 * radius, 0.0, 0.035, "lidar")
+        + "</g>"
+    )

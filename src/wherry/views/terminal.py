@@ -1,0 +1,74 @@
+"""Progress of a delivery on a terminal: what is explored, what is unknown, what is delivered."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from wherry.trace import Explored, Record, Said, Seen, Stepped
+
+
+class DeliveryProgress:
+    """A sink that shows three bars and what the robot says; use it as a context manager.
+
+    Args:
+        console: Where to print; bars are left out where it is not a terminal.
+        boxes: How many boxes there are to deliver.
+    """
+
+    def __init__(self, console: Console, boxes: int) -> None:
+        self._console = console
+        self._progress = Progress(
+            TextColumn("{task.description:<10}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.fields[words]}"),
+            TimeElapsedColumn(),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._explored = self._progress.add_task("explored", total=1.0, words="")
+        self._unknown = self._progress.add_task("learnt", total=None, words="", start=False)
+        self._delivered = self._progress.add_task("delivered", total=boxes, words=f"0 of {boxes} boxes", start=False)
+        self._most_unknown = 0
+        self._started: set[TaskID] = set()
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def __call__(self, record: Record) -> None:
+        """Show a record."""
+        match record:
+            case Said(time=time, phase=phase, text=text):
+                self._progress.console.print(f"[dim]{time:7.1f} s[/dim]  [bold]{phase:<8}[/bold] {text}", highlight=False)
+            case Explored(fraction=fraction, frontier=frontier):
+                words = f"{fraction:.0%}, {frontier:.1f} m of frontier left"
+                self._progress.update(self._explored, completed=fraction, words=words)
+            case Stepped():
+                self._step(record)
+            case Seen():
+                pass  # comes too often for a terminal
+
+    def _step(self, step: Stepped) -> None:
+        for task in (self._unknown, self._delivered):
+            if task not in self._started:
+                self._progress.start_task(task)
+                self._started.add(task)
+        self._progress.stop_task(self._explored)
+        self._most_unknown = max(self._most_unknown, step.unknown, 1)
+        words = f"{step.unknown} unknown pairs left   {step.condition} {step.action}"
+        self._progress.update(
+            self._unknown, total=self._most_unknown, completed=self._most_unknown - step.unknown, words=words
+        )
+        total = step.delivered + step.remaining
+        self._progress.update(
+            self._delivered, total=total, completed=step.delivered, words=f"{step.delivered} of {total} boxes"
+        )
