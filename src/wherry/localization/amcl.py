@@ -197,15 +197,21 @@ class Amcl:
         count = adaptive_count(
             particles[: self._count], weights, self._table, self._bin_size, self._limits, self._rng.random()
         )
+        share = self._recovery.random_share if len(self._free) else 0.0
+        count = self._room_for(count, share)
         low_variance(particles[: self._count], weights, self._rng.random(), resampled[:count])
-        lost = self._rng.binomial(count, self._recovery.random_share) if len(self._free) else 0
-        if lost:
-            resampled[self._rng.choice(count, lost, replace=False)] = self._anywhere(lost)
-            self._recovery.reset()
+        replaced = self._rng.choice(count, self._rng.binomial(count, share), replace=False)
+        resampled[replaced] = self._anywhere(len(replaced))
         self._buffers = (resampled, particles)
         self._count = count
         self._log_weights[:count] = -math.log(count)
         self._weights[:count] = 1.0 / count
+
+    def _room_for(self, count: int, share: float) -> int:
+        """How many particles KLD sampling asks for when a share of them is random, each in a bin of its own."""
+        p = self.parameters
+        growing = share / (2.0 * p.pf_err)
+        return p.max_particles if growing >= 1.0 else min(math.ceil(count / (1.0 - growing)), p.max_particles)
 
     def _summary(self, expected: Estimate) -> Estimate:
         """The heaviest cluster's mean and covariance.

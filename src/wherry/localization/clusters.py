@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.kernels import kernel
-from wherry.localization.resampling import BIN_SIZE, bin_slot
+from wherry.localization.resampling import BIN_SIZE, TURN_BINS, bin_slot, pack
 from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-TURN_BINS = 36  # of BIN_SIZE[2] in a whole turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +61,7 @@ def _heaviest_cluster(
 @kernel
 def _bin_particles(particles: Floats, table: Integers, bin_size: Floats) -> tuple[Integers, Integers]:
     """[N] every particle's bin, and [K, 3] the bins."""
-    table[:, 3] = 0
+    table[:, 1] = 0
     count = len(particles)
     members = np.empty(count, np.int64)
     bins = np.empty((count, 3), np.int64)
@@ -72,12 +70,13 @@ def _bin_particles(particles: Floats, table: Integers, bin_size: Floats) -> tupl
         x = math.floor(particles[i, 0] / bin_size[0])
         y = math.floor(particles[i, 1] / bin_size[1])
         theta = math.floor(particles[i, 2] / bin_size[2]) % TURN_BINS
-        slot = bin_slot(table, x, y, theta)
-        if table[slot, 3] == 0:
+        packed = pack(x, y, theta)
+        slot = bin_slot(table, packed)
+        if table[slot, 1] == 0:
             bins[found, 0], bins[found, 1], bins[found, 2] = x, y, theta
             found += 1
-            table[slot, 0], table[slot, 1], table[slot, 2], table[slot, 3] = x, y, theta, found
-        members[i] = table[slot, 3] - 1
+            table[slot, 0], table[slot, 1] = packed, found
+        members[i] = table[slot, 1] - 1
     return members, bins[:found]
 
 
@@ -96,8 +95,8 @@ def _join_neighbours(table: Integers, bins: Integers) -> Integers:
             x, y, theta = bins[queue[head]]
             head += 1
             for step in range(27):
-                near = bin_slot(table, x + step // 9 - 1, y + step // 3 % 3 - 1, (theta + step % 3 - 1) % TURN_BINS)
-                other = table[near, 3] - 1
+                near = pack(x + step // 9 - 1, y + step // 3 % 3 - 1, (theta + step % 3 - 1) % TURN_BINS)
+                other = table[bin_slot(table, near), 1] - 1
                 if other >= 0 and root[other] < 0:
                     root[other] = first
                     queue[tail] = other

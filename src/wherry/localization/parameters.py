@@ -56,6 +56,7 @@ class AmclParameters:
     wherry's own:
         refine: Whether the particles' mean is matched to the map before it is reported.
         refine_sigma: σ, m, of the matched readings around the map's obstacles.
+        robot_radius: m, readings that end so near to base_link are the robot's own load, and are not used.
         max_odometry_speed: m/s, a faster change of the odometry's pose is a jump, which is not believed.
     """
 
@@ -94,6 +95,7 @@ class AmclParameters:
     initial_covariance: tuple[float, float, float] = (0.25, 0.25, (math.pi / 12) ** 2)
     refine: bool = True
     refine_sigma: float = 0.05
+    robot_radius: float = 0.0
     max_odometry_speed: float = 10.0
 
     def __post_init__(self) -> None:
@@ -110,7 +112,8 @@ class AmclParameters:
         """Every field with whether it can work, and what it must be."""
         shares = ["z_hit", "z_short", "z_max", "z_rand", "beam_skip_threshold", "beam_skip_error_threshold"]
         shares += ["recovery_alpha_slow", "recovery_alpha_fast"]
-        noises = ("alpha1", "alpha2", "alpha3", "alpha4", "alpha5", "update_min_d", "update_min_a", "lambda_short")
+        noises = ["alpha1", "alpha2", "alpha3", "alpha4", "alpha5", "update_min_d", "update_min_a", "lambda_short"]
+        noises += ["robot_radius"]
         sizes = ["sigma_hit", "laser_likelihood_max_dist", "laser_max_range", "pf_err", "pf_z", "refine_sigma"]
         sizes += ["beam_skip_distance", "max_odometry_speed"]
         return [
@@ -140,6 +143,7 @@ PRECISE = AmclParameters(
     update_min_d=0.1,
     update_min_a=0.1,
     refine_sigma=0.03,
+    robot_radius=0.2,
 )
-"""For a robot with good odometry and lidar on its own map: 1 cm where the defaults give 2 to 3, since things that are not
-on the map and stand near its walls no longer pull the belief."""
+"""For a robot with good odometry and lidar on its own map: 1 cm where the defaults give 2 to 3, since what is not on
+the map and stands near its walls no longer pulls the belief."""

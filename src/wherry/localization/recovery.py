@@ -17,7 +17,7 @@ class RecoveryAverages:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all that was seen, so that one bad moment does not draw random particles for ever."""
+        """Forget all that was seen."""
         self._slow = 0.0
         self._fast = 0.0
 

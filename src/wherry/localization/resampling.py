@@ -13,6 +13,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 BIN_SIZE = (0.5, 0.5, math.radians(10.0))  # m, m, rad: amcl's histogram of the belief
+TURN_BINS = 36  # of BIN_SIZE[2] in a whole turn
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # multiples of it, modulo 1, cover [0, 1) evenly however many there are
 
 
@@ -66,7 +67,7 @@ def adaptive_count(
     Args:
         particles: [N, 3] m, m, rad.
         weights: [N] summing to 1.
-        table: [2^b, 4] scratch: a hash table of bins, cleared here.
+        table: Scratch from `hash_table`.
         bin_size: [3] m, m, rad.
         limits: [4] ε, z, fewest, most.
         start: Uniform in [0, 1).
@@ -74,27 +75,41 @@ def adaptive_count(
     Returns:
         How many particles to keep.
     """
-    table[:, 3] = 0
-    most = int(limits[3])
+    fewest, most = int(limits[2]), int(limits[3])
+    if fewest == most:
+        return most
+    table[:, 1] = 0
     cumulative = np.cumsum(weights)
-    bins = 0
-    needed = int(limits[2])
-    drawn = 0
+    guide = _guide(cumulative)
+    bins, drawn, needed = 0, 0, fewest
     position = start
-    while drawn < needed and drawn < most:
-        i = min(np.searchsorted(cumulative, position * cumulative[-1], side="right"), len(weights) - 1)
-        x = math.floor(particles[i, 0] / bin_size[0])
-        y = math.floor(particles[i, 1] / bin_size[1])
-        theta = math.floor(particles[i, 2] / bin_size[2])
-        slot = bin_slot(table, x, y, theta)
-        if table[slot, 3] == 0:
+    while drawn < needed:
+        mark = position * cumulative[-1]
+        i = guide[int(position * len(guide))]
+        while i < len(weights) - 1 and cumulative[i] <= mark:
+            i += 1
+        slot = bin_slot(table, pack_bin(particles[i], bin_size))
+        if table[slot, 1] == 0:
             bins += 1
-            table[slot, 0], table[slot, 1], table[slot, 2], table[slot, 3] = x, y, theta, bins
-            needed = _kld_count(bins, limits[0], limits[1], int(limits[2]), most)
+            table[slot, 0], table[slot, 1] = pack_bin(particles[i], bin_size), bins
+            needed = _kld_count(bins, limits[0], limits[1], fewest, most)
         drawn += 1
         position += GOLDEN
         position -= math.floor(position)
-    return max(drawn, needed)
+    return needed
+
+
+@kernel
+def _guide(cumulative: Floats) -> Integers:
+    """[N] where to begin the search for every Nth part of the weight, which saves searching from the beginning."""
+    count = len(cumulative)
+    guide = np.empty(count, np.int64)
+    i = 0
+    for part in range(count):
+        while i < count - 1 and cumulative[i] <= part * cumulative[-1] / count:
+            i += 1
+        guide[part] = i
+    return guide
 
 
 @kernel
@@ -121,15 +136,34 @@ def low_variance(particles: Floats, weights: Floats, start: float, resampled: Fl
 
 
 @kernel
-def bin_slot(table: Integers, x: int, y: int, theta: int) -> int:
-    """The row of a hash table [2^b, 4] (x, y, θ, number or 0 if empty) that holds a bin, or where it is to be put."""
+def pack_bin(pose: Floats, bin_size: Floats) -> int:
+    """The number of the histogram bin that holds a pose [3] m, m, rad with θ in [−π, π)."""
+    x = math.floor(pose[0] / bin_size[0])
+    y = math.floor(pose[1] / bin_size[1])
+    return pack(x, y, math.floor(pose[2] / bin_size[2]) % TURN_BINS)
+
+
+@kernel
+def pack(x: int, y: int, theta: int) -> int:
+    """One number for a bin's three; x and y within ±2²⁶, θ in 0 … 63."""
+    return ((x + 67108864) * 134217728 + y + 67108864) * 64 + theta
+
+
+@kernel
+def bin_slot(table: Integers, packed: int) -> int:
+    """The row of a hash table that holds a bin, or the empty one where it is to be put.
+
+    Args:
+        table: [2^b, 2] packed bin, and its number from 1; number 0 is an empty row.
+        packed: The bin.
+    """
     mask = len(table) - 1
-    slot = (x * 73856093 ^ y * 19349663 ^ theta * 83492791) & mask
-    while table[slot, 3] != 0 and not (table[slot, 0] == x and table[slot, 1] == y and table[slot, 2] == theta):
+    slot = ((packed * -7046029254386353131) >> 20) & mask  # Fibonacci hashing
+    while table[slot, 1] != 0 and table[slot, 0] != packed:
         slot = (slot + 1) & mask
     return slot
 
 
 def hash_table(most: int) -> Integers:
-    """An empty table for at most ``most`` bins, at most half full."""
-    return np.zeros((1 << math.ceil(math.log2(2 * most + 2)), 4), np.int64)
+    """An empty hash table for at most ``most`` bins, at most half full."""
+    return np.zeros((1 << math.ceil(math.log2(2 * most + 2)), 2), np.int64)

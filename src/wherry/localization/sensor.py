@@ -42,25 +42,34 @@ class Beams:
     def __len__(self) -> int:
         return len(self.ranges)
 
+    def only(self, kept: NDArray[np.bool_]) -> Beams:
+        """The beams for which [B] ``kept`` holds."""
+        return Beams(self.ends[kept], self.origin, self.ranges[kept], self.range_max)
+
 
 def choose_beams(scan: Scan, lidar: Pose, parameters: AmclParameters, count: int | None = None) -> Beams:
-    """Pick evenly among a scan's readings; NaN, infinite and out-of-limit values are none.
+    """Pick evenly among a scan's readings; NaN, infinite and out-of-limit values are none, nor is the robot's own load.
 
     Args:
         scan: The scan.
         lidar: The lidar's pose, base_link frame.
-        parameters: The range limits count, and max_beams where no count is given.
+        parameters: The range limits and the robot's radius count, and max_beams where no count is given.
         count: How many at most.
     """
     furthest = min(scan.range_max, parameters.laser_max_range)
     nearest = max(scan.range_min, parameters.laser_min_range)
     with np.errstate(invalid="ignore"):
         readings = np.flatnonzero((scan.ranges >= nearest) & (scan.ranges < furthest))
-    most = min(len(readings), parameters.max_beams if count is None else count)
-    chosen = readings[np.linspace(0, len(readings) - 1, most).astype(np.int64)] if most else readings
-    ranges, angles = scan.ranges[chosen], scan.angles[chosen]
-    ends = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
-    return Beams(lidar.transform(ends), lidar, ranges, furthest)
+    ranges, angles = scan.ranges[readings], scan.angles[readings]
+    ends = lidar.transform(np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)]))
+    if parameters.robot_radius > 0.0:
+        outside = np.square(ends).sum(axis=1) > parameters.robot_radius**2
+        ranges, ends = ranges[outside], ends[outside]
+    most = parameters.max_beams if count is None else count
+    if len(ranges) > most:
+        chosen = np.linspace(0, len(ranges) - 1, most).astype(np.int64)
+        ranges, ends = ranges[chosen], ends[chosen]
+    return Beams(ends, lidar, ranges, furthest)
 
 
 class SensorModel(Protocol):
@@ -86,21 +95,16 @@ class LikelihoodField:
     def __init__(self, field: DistanceField, parameters: AmclParameters) -> None:
         self._field = field
         self._parameters = parameters
-        self._table: NDArray[np.float32] | None = None
+        self._table = np.empty((0, 0), np.float32)
         self._range_max = math.nan
 
     def add_log_likelihood(self, particles: Floats, beams: Beams, log_weights: Floats) -> None:
         """See `SensorModel`."""
-        table, outside = self._table_for(beams.range_max)
-        _add_from_table(table, outside, _place(self._field), particles, beams.ends, log_weights)
-
-    def _table_for(self, range_max: float) -> tuple[NDArray[np.float32], float]:
-        """[H, W] log likelihood of a reading that ends in a cell, and of one that ends off the map."""
-        if self._table is None or range_max != self._range_max:
-            self._table = log_likelihood(self._field.distance, range_max, self._parameters)
-            self._range_max = range_max
-        limit = np.array([self._field.limit], np.float32)
-        return self._table, float(log_likelihood(limit, range_max, self._parameters)[0])
+        if beams.range_max != self._range_max:
+            distance = _bordered(self._field.distance, self._field.limit)
+            self._table = log_likelihood(distance, beams.range_max, self._parameters)
+            self._range_max = beams.range_max
+        _add_from_table(self._table, _place(self._field), particles, _kernel_ends(beams), log_weights)
 
 
 class BeamSkippingLikelihoodField(LikelihoodField):
@@ -109,17 +113,19 @@ class BeamSkippingLikelihoodField(LikelihoodField):
     People and boxes that are not on the map then do not pull a belief that has already converged.
     """
 
+    def __init__(self, field: DistanceField, parameters: AmclParameters) -> None:
+        super().__init__(field, parameters)
+        self._distance = _bordered(field.distance, field.limit)
+
     def add_log_likelihood(self, particles: Floats, beams: Beams, log_weights: Floats) -> None:
         """See `SensorModel`."""
         p = self._parameters
-        agreeing = np.zeros(len(beams))
-        reach = np.array([p.beam_skip_distance])
-        _count_agreeing(self._field.distance, reach, _place(self._field), particles, beams.ends, agreeing)
+        reach = p.beam_skip_distance
+        agreeing = _count_agreeing(self._distance, _place(self._field), particles, _kernel_ends(beams), reach)
         kept = agreeing >= p.beam_skip_threshold * len(particles)
         if np.count_nonzero(~kept) > p.beam_skip_error_threshold * len(beams):
             kept[:] = True  # the belief itself is wrong: every beam is needed to find out
-        beams = Beams(beams.ends[kept], beams.origin, beams.ranges[kept], beams.range_max)
-        super().add_log_likelihood(particles, beams, log_weights)
+        super().add_log_likelihood(particles, beams.only(kept), log_weights)
 
 
 def log_likelihood(distance: NDArray[np.float32], range_max: float, parameters: AmclParameters) -> NDArray[np.float32]:
@@ -165,63 +171,79 @@ SENSOR_MODELS: MappingProxyType[str, Callable[[DistanceField, AmclParameters], S
 )
 
 
+def _kernel_ends(beams: Beams) -> NDArray[np.float32]:
+    """[2, B] m, as kernels take the beams' ends."""
+    return np.ascontiguousarray(beams.ends.T, np.float32)
+
+
 def _place(field: DistanceField) -> Floats:
     """[4] the grid's origin x m, y m, θ rad and its resolution m, as kernels take them."""
     return np.array([field.origin.x, field.origin.y, field.origin.theta, field.resolution])
 
 
+def _bordered(table: NDArray[np.float32], outside: float) -> NDArray[np.float32]:
+    """[H + 2, W + 2] the table with a border that stands for everything off the map."""
+    return np.pad(table, 1, constant_values=np.float32(outside))
+
+
 @kernel
 def _add_from_table(
-    table: NDArray[np.float32],
-    outside: float,
-    place: Floats,
-    particles: Floats,
-    ends: Floats,
-    log_weights: Floats,
+    table: NDArray[np.float32], place: Floats, particles: Floats, ends: NDArray[np.float32], log_weights: Floats
 ) -> None:
-    """Sum up the table's values at the beams' ends for every particle."""
-    height, width = table.shape
-    turned_cos, turned_sin = math.cos(place[2]), math.sin(place[2])
+    """Sum up the table's values at the beams' ends for every particle.
+
+    Args:
+        table: [H + 2, W + 2] bordered.
+        place: [4] the grid's origin and resolution.
+        particles: [N, 3] m, m, rad.
+        ends: [2, B] m, base_link frame.
+        log_weights: [N] added to.
+    """
+    flat = table.ravel()
+    cells = np.empty(ends.shape[1], np.int32)
     for i in range(len(particles)):
-        dx, dy = particles[i, 0] - place[0], particles[i, 1] - place[1]
-        x = (turned_cos * dx + turned_sin * dy) / place[3]
-        y = (turned_cos * dy - turned_sin * dx) / place[3]
-        cos = math.cos(particles[i, 2] - place[2]) / place[3]
-        sin = math.sin(particles[i, 2] - place[2]) / place[3]
-        total = 0.0
-        for b in range(len(ends)):
-            column = x + cos * ends[b, 0] - sin * ends[b, 1]
-            row = y + sin * ends[b, 0] + cos * ends[b, 1]
-            if 0.0 <= column < width and 0.0 <= row < height:
-                total += table[int(row), int(column)]
-            else:
-                total += outside
-        log_weights[i] += total
+        _find_cells(table.shape, place, particles[i], ends, cells)
+        even, odd = 0.0, 0.0  # two sums do not wait for each other
+        for b in range(0, len(cells) - 1, 2):
+            even += flat[cells[b]]
+            odd += flat[cells[b + 1]]
+        if len(cells) % 2:
+            even += flat[cells[-1]]
+        log_weights[i] += even + odd
 
 
 @kernel
 def _count_agreeing(
-    distance: NDArray[np.float32],
-    reach: Floats,
-    place: Floats,
-    particles: Floats,
-    ends: Floats,
-    agreeing: Floats,
-) -> None:
-    """Count for every beam the particles from which it ends within ``reach`` of an obstacle."""
-    height, width = distance.shape
-    turned_cos, turned_sin = math.cos(place[2]), math.sin(place[2])
+    table: NDArray[np.float32], place: Floats, particles: Floats, ends: NDArray[np.float32], reach: float
+) -> NDArray[np.int64]:
+    """[B] how many particles see each beam end within ``reach`` m of an obstacle; arguments as `_add_from_table`."""
+    flat = table.ravel()
+    cells = np.empty(ends.shape[1], np.int32)
+    agreeing = np.zeros(ends.shape[1], np.int64)
     for i in range(len(particles)):
-        dx, dy = particles[i, 0] - place[0], particles[i, 1] - place[1]
-        x = (turned_cos * dx + turned_sin * dy) / place[3]
-        y = (turned_cos * dy - turned_sin * dx) / place[3]
-        cos = math.cos(particles[i, 2] - place[2]) / place[3]
-        sin = math.sin(particles[i, 2] - place[2]) / place[3]
-        for b in range(len(ends)):
-            column = x + cos * ends[b, 0] - sin * ends[b, 1]
-            row = y + sin * ends[b, 0] + cos * ends[b, 1]
-            if 0.0 <= column < width and 0.0 <= row < height and distance[int(row), int(column)] <= reach[0]:
-                agreeing[b] += 1.0
+        _find_cells(table.shape, place, particles[i], ends, cells)
+        for b in range(len(cells)):
+            agreeing[b] += flat[cells[b]] <= reach
+    return agreeing
+
+
+@kernel
+def _find_cells(
+    shape: tuple[int, int], place: Floats, pose: Floats, ends: NDArray[np.float32], cells: NDArray[np.int32]
+) -> None:
+    """Write [B] where in a bordered table the beams end; no branches, so that it runs on vector units."""
+    width, last_column, last_row = np.int32(shape[1]), np.float32(shape[1] - 1), np.float32(shape[0] - 1)
+    zero = np.float32(0.0)
+    turned_cos, turned_sin = math.cos(place[2]), math.sin(place[2])
+    dx, dy = pose[0] - place[0], pose[1] - place[1]
+    x = np.float32((turned_cos * dx + turned_sin * dy) / place[3] + 1.0)
+    y = np.float32((turned_cos * dy - turned_sin * dx) / place[3] + 1.0)
+    cos = np.float32(math.cos(pose[2] - place[2]) / place[3])
+    sin = np.float32(math.sin(pose[2] - place[2]) / place[3])
+    for b in range(ends.shape[1]):
+        column = np.int32(min(max(x + cos * ends[0, b] - sin * ends[1, b], zero), last_column))
+        row = np.int32(min(max(y + sin * ends[0, b] + cos * ends[1, b], zero), last_row))
+        cells[b] = row * width + column
 
 
 @kernel

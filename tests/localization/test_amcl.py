@@ -1,0 +1,210 @@
+"""The filter finds and keeps the robot's place, and nothing that a sensor can say makes it lose its numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from rooms import LIDAR, Building, drive, wheel_odometry
+
+from wherry.errors import InputError
+from wherry.localization.amcl import Amcl, Estimate
+from wherry.localization.parameters import PRECISE, AmclParameters
+from wherry.robot import Odometry, Scan, Velocity
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+
+CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])
+BOXES = ((2.1, 3.0, 0.1), (4.5, 2.7, 0.1), (5.1, 1.5, 0.1), (8.1, 3.9, 0.1), (5.1, 6.3, 0.1), (2.1, 6.3, 0.1))
+GRID = Building().grid()
+
+
+def track(
+    parameters: AmclParameters, seed: int, steps: int = 1000, grid: OccupancyGrid = GRID
+) -> tuple[list[Estimate], np.ndarray]:
+    """Drive through the building with boxes around, half of the time with one filling the forward 80°."""
+    rng = np.random.default_rng(seed)
+    truth = list(drive())[:steps]
+    building = Building(circles=BOXES)
+    amcl = Amcl(grid, LIDAR, parameters, np.random.default_rng(seed))
+    amcl.initialize(truth[0], CLOSE)
+    estimates = []
+    for i, (pose, odometry) in enumerate(zip(truth, wheel_odometry(truth, rng), strict=True)):
+        scan = building.scan(odometry.time, pose, rng)
+        if i > steps // 2:
+            scan.ranges[140:220] = 0.28
+        estimates.append(amcl.update(odometry, scan))
+    errors = np.array([found.pose.distance_to(pose) for found, pose in zip(estimates, truth, strict=True)])
+    return estimates, errors
+
+
+def test_tracks_to_the_centimetre_without_jumps() -> None:
+    for seed in range(3):
+        estimates, errors = track(PRECISE, seed)
+        assert math.sqrt((errors**2).mean()) < 0.02
+        assert errors.max() < 0.08
+        assert max(after.pose.distance_to(before.pose) for before, after in pairwise(estimates)) < 0.1
+
+
+def test_matching_the_mean_makes_it_more_precise() -> None:
+    fine = Building().grid(0.02)  # on coarser maps the cells' size is what limits the precision
+    _, plain = track(AmclParameters(refine=False, robot_radius=0.2), 0, grid=fine)
+    _, refined = track(AmclParameters(robot_radius=0.2), 0, grid=fine)
+    assert math.sqrt((refined**2).mean()) < 0.7 * math.sqrt((plain**2).mean())
+
+
+def test_few_particles_when_sure_many_when_not() -> None:
+    estimates, _ = track(AmclParameters(min_particles=100), 0, 100)
+    assert estimates[0].particles == 2000
+    assert estimates[-1].particles < 300
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    first, _ = track(PRECISE, 5, 200)
+    second, _ = track(PRECISE, 5, 200)
+    third, _ = track(PRECISE, 6, 200)
+    poses = [np.array([found.pose.as_array() for found in run]).tobytes() for run in (first, second, third)]
+    assert poses[0] == poses[1] != poses[2]
+
+
+def test_finds_itself_from_anywhere() -> None:
+    truth = list(drive())[:700]
+    rng = np.random.default_rng(2)
+    amcl = Amcl(GRID, LIDAR, replace(PRECISE, max_particles=20_000, sigma_hit=0.2), np.random.default_rng(2))
+    amcl.initialize_globally()
+    for pose, odometry in zip(truth, wheel_odometry(truth, rng), strict=True):
+        found = amcl.update(odometry, Building().scan(odometry.time, pose, rng))
+    assert found.pose.distance_to(truth[-1]) < 0.05
+    assert found.weight > 0.9
+
+
+def test_random_particles_bring_a_kidnapped_robot_back() -> None:
+    parameters = AmclParameters(recovery_alpha_slow=0.01, recovery_alpha_fast=0.3, max_particles=10_000)
+    truth = list(drive())[:1200]
+    rng = np.random.default_rng(4)
+    amcl = Amcl(GRID, LIDAR, parameters, np.random.default_rng(4))
+    amcl.initialize(truth[0], CLOSE)
+    odometry = wheel_odometry(truth[:200], rng)
+    for pose, wheels in zip(truth[:200], odometry, strict=True):
+        amcl.update(wheels, Building().scan(wheels.time, pose, rng))
+    carried = odometry[-1].time
+    for pose, wheels in zip(truth[600:], wheel_odometry(truth[600:], rng), strict=True):  # picked up, put down
+        moved = Odometry(
+            carried + wheels.time, odometry[-1].pose @ wheels.pose.relative_to(Pose(3.0, -2.0, 1.0)), Velocity()
+        )
+        found = amcl.update(moved, Building().scan(moved.time, pose, rng))
+    assert found.pose.distance_to(truth[-1]) < 0.2
+
+
+STILL = Odometry(0.0, Pose(), Velocity())
+HERE = Pose(1.0, 1.0, 0.3)
+
+
+def started() -> Amcl:
+    """A filter that has seen one scan at HERE."""
+    amcl = Amcl(GRID, LIDAR, PRECISE, np.random.default_rng(0))
+    amcl.initialize(HERE, CLOSE)
+    first = amcl.update(STILL, Building().scan(0.0, HERE))
+    assert not first.problem
+    assert first.updated
+    return amcl
+
+
+def later(amcl: Amcl, ranges: np.ndarray | None = None, time: float = 1.0, pose: Pose = STILL.pose) -> Estimate:
+    scan = Building().scan(time, HERE)
+    return amcl.update(Odometry(time, pose, Velocity()), scan if ranges is None else replace(scan, ranges=ranges))
+
+
+@pytest.mark.parametrize("reading", [math.nan, math.inf, -math.inf, -1.0, 0.0, 1e300])
+def test_scans_without_a_reading_change_nothing(reading: float) -> None:
+    found = later(started(), np.full(360, reading))
+    assert found.problem == "the scan has no readings"
+    assert found.pose.distance_to(HERE) < 0.03
+
+
+def test_an_empty_scan_changes_nothing() -> None:
+    assert later(started(), np.empty(0)).problem == "the scan has no readings"
+
+
+def test_a_few_broken_readings_do_not_matter() -> None:
+    ranges = Building().scan(1.0, HERE).ranges.copy()
+    ranges[::3], ranges[1::7] = math.nan, -5.0
+    found = later(started(), ranges)
+    assert not found.problem
+    assert found.pose.distance_to(HERE) < 0.03
+
+
+def test_odometry_that_is_no_number_is_refused() -> None:
+    amcl = started()
+    assert later(amcl, pose=Pose(math.nan, 0.0, 0.0)).problem == "the odometry is not finite"
+    assert later(amcl).problem == ""
+
+
+def test_time_must_not_run_backwards() -> None:
+    amcl = started()
+    later(amcl, time=5.0)
+    assert later(amcl, time=4.0).problem == "time runs backwards"
+    assert later(amcl, time=5.0).problem == ""
+
+
+def test_a_jump_of_the_odometry_is_no_motion() -> None:
+    amcl = started()
+    found = later(amcl, pose=Pose(100.0, 3.0, 2.0))
+    assert "jumped by 100" in found.problem
+    assert found.pose.distance_to(HERE) < 0.03
+    after = later(amcl, time=2.0, pose=Pose(100.0, 3.0, 2.0))
+    assert not after.problem
+    assert after.pose.distance_to(HERE) < 0.03
+
+
+def test_the_filter_waits_until_the_robot_has_moved() -> None:
+    amcl = started()
+    assert not later(amcl).updated
+    amcl.request_update()
+    assert later(amcl, time=2.0).updated
+    assert not later(amcl, time=3.0).updated
+
+
+@pytest.mark.parametrize("probability", [0.5, 0.0, 1.0])
+def test_maps_that_say_nothing_never_give_nan(probability: float) -> None:
+    grid = OccupancyGrid(np.full((40, 40), probability, np.float32), 0.05)
+    amcl = Amcl(grid, LIDAR, replace(PRECISE, update_min_d=0.0), np.random.default_rng(0))
+    for i, pose in enumerate(list(drive())[:30]):
+        found = amcl.update(Odometry(i / 10, pose, Velocity()), Building().scan(i / 10, pose))
+        assert np.isfinite(found.pose.as_array()).all()
+        assert np.isfinite(found.covariance).all()
+    assert amcl.weights.sum() == pytest.approx(1.0)
+
+
+def test_a_robot_outside_the_map_is_still_somewhere() -> None:
+    amcl = started()
+    amcl.initialize(Pose(500.0, -500.0, 0.0), CLOSE)
+    found = later(amcl)
+    assert found.pose.distance_to(Pose(500.0, -500.0)) < 1.0
+
+
+def test_what_cannot_be_a_belief_is_refused() -> None:
+    amcl = started()
+    with pytest.raises(InputError, match="not finite"):
+        amcl.initialize(Pose(math.nan), CLOSE)
+    with pytest.raises(InputError, match="not a covariance"):
+        amcl.initialize(Pose(), -CLOSE)
+    nowhere = OccupancyGrid(np.full((10, 10), 0.5, np.float32), 0.05)
+    with pytest.raises(InputError, match="no free space"):
+        Amcl(nowhere, LIDAR, PRECISE, np.random.default_rng(0)).initialize_globally()
+
+
+def test_a_lidar_turned_backwards_is_no_different() -> None:
+    mounted = Pose(0.1, 0.05, math.pi / 2)
+    truth = list(drive())[:300]
+    rng = np.random.default_rng(0)
+    amcl = Amcl(GRID, mounted, PRECISE, np.random.default_rng(0))
+    amcl.initialize(truth[0], CLOSE)
+    for pose, odometry in zip(truth, wheel_odometry(truth, rng), strict=True):
+        seen = Building().ranges(pose @ mounted, np.linspace(-2.0, 2.0, 181), 12.0)
+        scan = Scan(odometry.time, seen, -2.0, 4.0 / 180, 0.05, 12.0)
+        found = amcl.update(odometry, scan)
+    assert found.pose.distance_to(truth[-1]) < 0.05
