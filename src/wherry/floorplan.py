@@ -207,7 +207,7 @@ class FloorPlan:
     def is_connected(self) -> bool:
         """Whether a way leads from every open cell to every other."""
         cells = set(self.cells())
-        return cells == self._reach(list(cells)[:1], lambda cell, neighbour: True)
+        return cells == self.reach(list(cells)[:1], lambda cell, neighbour: True)
 
     def distances(self, origin: Cell, avoid: Iterable[Cell] = ()) -> dict[Cell, int]:
         """Steps from ``origin`` to every cell that can be reached without entering the cells to avoid."""
@@ -222,6 +222,13 @@ class FloorPlan:
                     steps[neighbour] = steps[cell] + 1
                     queue.append(neighbour)
         return steps
+
+    def is_passable(self, boxes: set[Cell]) -> bool:
+        """Whether the robot gets from its start to all boxes and the warehouse without passing through a box."""
+        if self.start is None:
+            return False
+        reached = self.reach({self.start}, lambda cell, neighbour: cell not in boxes)
+        return boxes <= reached and not self.warehouse.isdisjoint(reached)
 
     def reachable_boxes(self) -> tuple[Cell, ...]:
         """The boxes that the robot can deliver, in some order, to the warehouse; none without robot or warehouse.
@@ -244,12 +251,17 @@ class FloorPlan:
         """The boxes that the robot can deliver while all the others stand where they are."""
         if self.start is None:
             return set()
-        empty = self._reach({self.start}, lambda cell, neighbour: not (cell in boxes and neighbour in boxes))
-        loaded = self._reach(self.warehouse & empty, lambda cell, neighbour: cell not in boxes)
+        empty = self.reach({self.start}, lambda cell, neighbour: not (cell in boxes and neighbour in boxes))
+        loaded = self.reach(self.warehouse & empty, lambda cell, neighbour: cell not in boxes)
         return boxes & empty & loaded
 
-    def _reach(self, origins: Iterable[Cell], may_step: Callable[[Cell, Cell], bool]) -> set[Cell]:
-        """The cells that can be reached from any of the origins by steps that nothing stops and that are allowed."""
+    def reach(self, origins: Iterable[Cell], may_step: Callable[[Cell, Cell], bool]) -> set[Cell]:
+        """The cells that can be reached from the origins by steps that nothing stops and that are allowed.
+
+        Args:
+            origins: Cells to begin from.
+            may_step: Whether a step is allowed, given its first cell and its last.
+        """
         reached = set(origins)
         frontier = list(reached)
         while frontier:
@@ -267,7 +279,7 @@ class FloorPlan:
 
 
 def place_boxes(plan: FloorPlan, count: int, rng: np.random.Generator) -> FloorPlan:
-    """Put boxes on random reachable cells: none in the warehouse, at the start, or next to each other.
+    """Put boxes on random cells: none in the warehouse, at the start, next to each other, or in the only way.
 
     Args:
         plan: A plan with a robot; boxes drawn on it are dropped.
@@ -275,33 +287,29 @@ def place_boxes(plan: FloorPlan, count: int, rng: np.random.Generator) -> FloorP
         rng: Where the randomness comes from.
 
     Raises:
-        InputError: There is no room for so many.
+        InputError: The count is negative, or there is no room for so many.
     """
+    if count < 0:
+        raise InputError(plan.name, "boxes", f"must be 0 or more, not {count}")
     if plan.start is None:
         raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
     taken = set(plan.warehouse) | {plan.start}
     candidates = sorted(set(plan.distances(plan.start)) - taken)
-    chosen: list[Cell] = []
+    chosen: set[Cell] = set()
     for index in rng.permutation(len(candidates)):
         if len(chosen) == count:
             break
         cell = candidates[index]
-        if all(max(abs(cell.x - other.x), abs(cell.y - other.y)) > 1 for other in chosen) and _stay_deliverable(
-            plan, (*chosen, cell)
-        ):
-            chosen.append(cell)
+        if not chosen & set(_around(cell)) and plan.is_passable(chosen | {cell}):
+            chosen.add(cell)
     if len(chosen) < count:
         raise InputError(plan.name, "boxes", f"there is room for {len(chosen)} boxes, not for {count}")
-    return plan.with_boxes(chosen)
+    return plan.with_boxes(sorted(chosen, key=lambda cell: (cell.y, cell.x)))
 
 
-def _stay_deliverable(plan: FloorPlan, boxes: tuple[Cell, ...]) -> bool:
-    """Whether a loaded robot, which cannot pass a box, still gets from every box to the warehouse and to its start."""
-    for box in boxes:
-        reached = plan.distances(box, avoid=set(boxes) - {box})
-        if plan.start not in reached or not any(cell in reached for cell in plan.warehouse):
-            return False
-    return True
+def _around(cell: Cell) -> list[Cell]:
+    """The eight cells around one."""
+    return [Cell(cell.x + dx, cell.y + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy]
 
 
 def generate_world(
@@ -340,15 +348,21 @@ def generate_world(
     floor = FloorPlan(
         name, width, height, walls=walls - _inner_walls(warehouse), warehouse=warehouse, box_count=box_count
     )
-    candidates = [cell for cell in floor.cells() if cell not in warehouse]
-    order = [candidates[index] for index in rng.permutation(len(candidates))]
-    heading = list(Direction)[rng.integers(len(Direction))]
-    plan = replace(floor, start=order.pop(), heading=heading)
-    for cell in order[: round(obstacle_share * len(order))]:
-        filled = replace(plan, obstacles=plan.obstacles | {cell})
-        if filled.is_connected():
-            plan = filled
-    return plan
+    cells = [cell for cell in floor.cells() if cell not in warehouse]
+    shuffled = [cells[index] for index in rng.permutation(len(cells))]
+    start, heading = shuffled.pop(), list(Direction)[rng.integers(len(Direction))]
+    obstacles: set[Cell] = set()
+    for cell in shuffled:
+        if len(obstacles) < round(obstacle_share * len(cells)) and not obstacles & set(_around(cell)):
+            obstacles |= {cell} if _can_be_filled(floor, cell) else set()
+    return replace(floor, start=start, heading=heading, obstacles=frozenset(obstacles))
+
+
+def _can_be_filled(plan: FloorPlan, cell: Cell) -> bool:
+    """Whether the ways through a cell can go round it through the eight cells around it."""
+    ways = [cell.towards(direction) for direction in Direction if not plan.blocked(cell, direction)]
+    around = set(_around(cell))
+    return set(ways) <= plan.reach(ways[:1], lambda _, neighbour: neighbour in around)
 
 
 @dataclass(frozen=True, slots=True)
@@ -460,7 +474,7 @@ def parse_world(text: str, source: str) -> FloorPlan:
 
 
 def format_world(plan: FloorPlan) -> str:
-    """Write a world as text that `parse_world` reads back as the same plan.
+    """Write a world as text that `parse_world` reads back as the same plan, its boxes row by row from the bottom.
 
     Raises:
         InputError: The plan has no robot or no warehouse.
@@ -511,10 +525,10 @@ def _read_fields(lines: list[str], source: str) -> dict[str, str]:
             FIELDS[key](value)
         except ValueError:
             kind = "a whole number" if FIELDS[key] is int else "a number"
-            raise InputError(source, key, f"must be {kind}, not {value.strip()}") from None
+            raise InputError(source, key, f"must be {kind}, not {value.strip()[:40]!r}") from None
         fields[key] = value.strip()
     if fields.get("wherry-world") != str(FORMAT_VERSION):
-        found = f"is {fields['wherry-world']}" if "wherry-world" in fields else "is missing"
+        found = f"is {fields['wherry-world'][:40]!r}" if "wherry-world" in fields else "is missing"
         raise InputError(source, "wherry-world", f"{found}; this version reads wherry-world: {FORMAT_VERSION}")
     if "name" not in fields:
         raise InputError(source, "name", "is missing")
@@ -561,7 +575,9 @@ class _Drawing:
             raise self._error(len(self.lines) - 1, 0, "the drawing must end with a line of walls under the last cells")
         for row, line in enumerate(self.lines):
             if len(line) != length:
-                raise self._error(row, len(line) - 1, f"the line has {len(line)} characters, not {length} as the first")
+                raise self._error(
+                    row, min(len(line), length), f"the line has {len(line)} characters, not {length} as the first"
+                )
             posts = line[::CELL_COLUMNS] if row % CELL_ROWS == 0 else ""
             for post, character in enumerate(posts):
                 if character != "+":
@@ -630,7 +646,7 @@ class _Drawing:
         if found.strip():
             offset, symbol = next((i, symbol) for i, symbol in enumerate(found) if symbol != wall[i])
             thing = _named(symbol)
-            reason = f"{thing} inside a wall" if thing else f"must be {wall} or nothing, not {found}"
+            reason = f"{thing} inside a wall" if thing else f"must be {wall} or nothing, not {found!r}"
             raise self._error(row, column + offset, reason)
         if not self._inside(cell.towards(direction)):
             raise self._error(row, column, f"must be {wall}, as the outer edge is walled")
