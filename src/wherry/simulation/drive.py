@@ -67,7 +67,7 @@ class EncoderErrors:
         noise: σ of the share by which each reading's distance is wrong.
     """
 
-    scale: float = 0.003
+    scale: float = 0.002
     noise: float = 0.03
 
 

@@ -40,10 +40,14 @@ class Lidar:
         specification: Its data sheet.
         solids: The walls and obstacles; boxes are given with each scan, as they move.
         rng: Where the noise comes from.
+
+    Attributes:
+        blind: Whether every reading fails.
     """
 
     def __init__(self, specification: LidarSpecification, solids: Solids, rng: np.random.Generator) -> None:
         self.specification = specification
+        self.blind = False
         self._angles: Floats = np.linspace(-math.pi, math.pi, specification.beams, endpoint=False)
         self._solids = solids
         self._rng = rng
@@ -61,6 +65,8 @@ class Lidar:
         ranges = cast_rays(self._solids, pose, self._angles, boxes, box_radius)
         ranges += lidar.noise * self._rng.standard_normal(lidar.beams)
         ranges[ranges > lidar.range_max] = math.inf
+        if self.blind:
+            ranges[:] = math.nan
         return Scan(time, ranges, -math.pi, math.tau / lidar.beams, lidar.range_min, lidar.range_max)
 
 

@@ -7,6 +7,7 @@ from importlib import resources
 import mujoco
 import numpy as np
 
+from wherry.floorplan import FloorPlan
 from wherry.robot import Body
 from wherry.simulation.drive import WHEEL_RADIUS
 from wherry.simulation.solids import OBSTACLE, WALL, Floats, Solids
@@ -18,7 +19,13 @@ LIDAR_HEIGHT = 0.20  # m, over the floor
 BOX_RADIUS, BOX_HEIGHT, BOX_MASS = 0.10, 0.30, 1.5  # m, m, kg
 WHEEL_GRIP, FLOOR_GRIP = 1.0, 0.3  # coefficients of friction: rubber on the floor, a box on the floor
 MOTOR_GAIN, MOTOR_TORQUE = 1.0, 2.0  # N·m for each rad/s that a wheel is too slow; N·m at most
-COLOURS = {"floor": (0.86, 0.85, 0.82, 1), "wall": (0.93, 0.93, 0.95, 1), "obstacle": (0.45, 0.40, 0.36, 1)}
+COLOURS = {
+    "floor": (0.72, 0.71, 0.68, 1),
+    "wall": (0.33, 0.38, 0.46, 1),
+    "obstacle": (0.50, 0.42, 0.34, 1),
+    "warehouse": (0.30, 0.62, 0.38, 1),
+}
+HIDDEN_GROUP = 3  # not drawn; the robot's shapes for contacts, which its pictures cover
 BOX_COLOUR = (0.75, 0.18, 0.15, 1)
 
 BODY = Body(
@@ -37,7 +44,7 @@ def robot_urdf() -> str:
     return (resources.files("wherry.simulation") / "robot.urdf").read_text(encoding="utf-8")
 
 
-def build_model(solids: Solids, robot: Pose, boxes: Floats) -> mujoco.MjModel:
+def build_model(plan: FloorPlan, solids: Solids, robot: Pose, boxes: Floats) -> mujoco.MjModel:
     """Build the world.
 
     The floor is a plane, walls and obstacles are boxes fixed to it, the boxes to be delivered stand freely. Names:
@@ -45,14 +52,16 @@ def build_model(solids: Solids, robot: Pose, boxes: Floats) -> mujoco.MjModel:
     names of the URDF's links and joints with ``robot/`` before them.
 
     Args:
-        solids: Walls and obstacles.
+        plan: The building.
+        solids: Its walls and obstacles.
         robot: base_footprint at first, in the world frame.
         boxes: [B, 2] m, world frame, the middles of the boxes.
     """
     spec = mujoco.MjSpec()
     spec.modelname = "wherry"
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080  # the largest picture
     _choose_physics(spec)
-    _add_floor_and_solids(spec, solids)
+    _add_building(spec, plan, solids)
     _add_robot(spec, robot)
     for index, (x, y) in enumerate(boxes):
         _add_box(spec, index, float(x), float(y))
@@ -72,8 +81,8 @@ def _choose_physics(spec: mujoco.MjSpec) -> None:
     spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 
 
-def _add_floor_and_solids(spec: mujoco.MjSpec, solids: Solids) -> None:
-    """Add what stands fast, with a light over it."""
+def _add_building(spec: mujoco.MjSpec, plan: FloorPlan, solids: Solids) -> None:
+    """Add what stands fast, the warehouse's paint on the floor, and light."""
     friction = [FLOOR_GRIP, 0.005, 0.0001]
     spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], friction=friction, rgba=COLOURS["floor"]
@@ -87,8 +96,20 @@ def _add_floor_and_solids(spec: mujoco.MjSpec, solids: Solids) -> None:
                 pos=[(left + right) / 2, (bottom + top) / 2, WALL_HEIGHT / 2],
                 rgba=COLOURS[name],
             )
-    middle = [solids.xs[-1] / 2, solids.ys[-1] / 2, 8.0]
-    spec.worldbody.add_light(pos=middle, dir=[0, 0, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+    for cell in sorted(plan.warehouse):
+        spec.worldbody.add_geom(
+            name=f"warehouse {cell.x} {cell.y}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[plan.cell_size / 2, plan.cell_size / 2, 0.001],
+            pos=[(cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size, 0],
+            contype=0,
+            conaffinity=0,
+            rgba=COLOURS["warehouse"],
+        )
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.45] * 3, [0.35] * 3
+    spec.worldbody.add_light(
+        dir=[0.3, 0.5, -1], diffuse=[0.35] * 3, specular=[0] * 3, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    )
 
 
 def _add_robot(spec: mujoco.MjSpec, pose: Pose) -> None:
@@ -103,6 +124,8 @@ def _add_robot(spec: mujoco.MjSpec, pose: Pose) -> None:
     body = frame.attach_body(robot.body("base_footprint"), "robot/", "")
     body.add_freejoint()
     body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
+    for geom in (geom for geom in spec.geoms if geom.name.startswith("robot/") and geom.contype):
+        geom.group = HIDDEN_GROUP
     for side in ("left", "right"):
         wheel = spec.geom(f"robot/{side}_wheel")
         wheel.type = mujoco.mjtGeom.mjGEOM_ELLIPSOID

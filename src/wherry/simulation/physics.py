@@ -26,6 +26,7 @@ class Kind(Enum):
     OBSTACLE = "obstacle"
     ROBOT = "robot"
     BOX = "box"
+    WAREHOUSE = "warehouse"
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,5 +178,5 @@ def _thing(model: mujoco.MjModel, geom: int) -> Thing:
     name = model.geom(geom).name
     if name.startswith("robot/"):
         return Thing(Kind.ROBOT)
-    kind, _, index = name.partition(" ")
-    return Thing(Kind(kind), int(index or 0))
+    kind, *numbers = name.split()
+    return Thing(Kind(kind), int(numbers[0]) if numbers else 0)

@@ -29,6 +29,7 @@ def build(
     *,
     lidar: LidarSpecification | None = None,
     encoders: EncoderErrors | None = None,
+    box_offsets: Floats | None = None,
 ) -> Simulation:
     """Build a world with a robot and boxes; the same plan, seed and commands give the same run, bit by bit.
 
@@ -37,6 +38,7 @@ def build(
         rng: Where the boxes' places in their cells and the sensors' noise come from.
         lidar: The lidar's data sheet; by default 360 beams at 10 Hz.
         encoders: The wheel encoders' errors.
+        box_offsets: [B, 2] m, how far each box stands from the middle of its cell; by default random, up to 0.04 m.
 
     Raises:
         InputError: The plan has no robot.
@@ -45,15 +47,17 @@ def build(
         raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
     of_boxes, of_encoders, of_lidar = rng.spawn(3)
     solids = Solids.of(plan)
-    boxes = _box_positions(plan, of_boxes)
+    offsets = _random_offsets(len(plan.boxes), of_boxes) if box_offsets is None else box_offsets
+    boxes = np.array([_centre(plan, cell) for cell in plan.boxes]).reshape(-1, 2) + offsets
     heading = math.atan2(plan.heading.dy, plan.heading.dx)
-    physics = Physics(build_model(solids, Pose(*_centre(plan, plan.start), heading), boxes), len(boxes))
+    physics = Physics(build_model(plan, solids, Pose(*_centre(plan, plan.start), heading), boxes), len(boxes))
     return Simulation(
         plan,
         physics,
         Lidar(lidar or LidarSpecification(), solids, of_lidar),
         Encoders(encoders or EncoderErrors(), of_encoders),
         Referee(plan, solids),
+        solids,
     )
 
 
@@ -65,12 +69,15 @@ class Simulation:
         referee: What is true.
     """
 
-    def __init__(self, plan: FloorPlan, physics: Physics, lidar: Lidar, encoders: Encoders, referee: Referee) -> None:
+    def __init__(
+        self, plan: FloorPlan, physics: Physics, lidar: Lidar, encoders: Encoders, referee: Referee, solids: Solids
+    ) -> None:
         self.plan = plan
         self.physics = physics
         self.lidar = lidar
         self.drive = Drive(BODY)
         self.referee = referee
+        self.solids = solids
         self._encoders = encoders
         self._scan_period = round(ODOMETRY_RATE / lidar.specification.rate)  # in ticks of the odometry
         self._steps = round(1 / (ODOMETRY_RATE * TIMESTEP))
@@ -190,10 +197,8 @@ def _centre(plan: FloorPlan, cell: Cell) -> tuple[float, float]:
     return (cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size
 
 
-def _box_positions(plan: FloorPlan, rng: np.random.Generator) -> Floats:
-    """[B, 2] m, world frame: random places around the middles of the boxes' cells, uniform on a disc."""
-    centres = np.array([_centre(plan, cell) for cell in plan.boxes]).reshape(-1, 2)
-    angles = rng.uniform(0.0, math.tau, len(centres))
-    offsets = LARGEST_BOX_OFFSET * np.sqrt(rng.uniform(0.0, 1.0, len(centres)))
-    positions: Floats = centres + offsets[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    return positions
+def _random_offsets(count: int, rng: np.random.Generator) -> Floats:
+    """[B, 2] m, uniform on a disc."""
+    angles = rng.uniform(0.0, math.tau, count)
+    lengths = LARGEST_BOX_OFFSET * np.sqrt(rng.uniform(0.0, 1.0, count))
+    return np.column_stack([lengths * np.cos(angles), lengths * np.sin(angles)])

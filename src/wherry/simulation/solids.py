@@ -78,6 +78,22 @@ class Solids:
         return np.array(upright + level, dtype=np.float64).reshape(-1, 4)
 
 
+def clearance(solids: Solids, points: Floats) -> Floats:
+    """How far points are from anything solid, 0 inside it and outside the building.
+
+    Args:
+        solids: The walls and obstacles.
+        points: [N, 2] m, world frame.
+
+    Returns:
+        [N] m.
+    """
+    distances = distances_to(np.vstack([solids.rectangles(WALL), solids.rectangles(OBSTACLE)]), points)
+    outside = ((points < (solids.xs[0], solids.ys[0])) | (points > (solids.xs[-1], solids.ys[-1]))).any(axis=1)
+    distances[outside] = 0.0
+    return distances
+
+
 def distances_to(rectangles: Floats, points: Floats) -> Floats:
     """How far points are from the nearest rectangle, 0 inside.
 
