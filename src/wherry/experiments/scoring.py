@@ -5,13 +5,85 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from wherry.floorplan import Cell, Direction, FloorPlan
 from wherry.space.pose import Floats, Pose
 
+DELIVERED, NOT_DELIVERED, STOPPED = 0, 1, 130  # exit statuses
 LEVER = 1.0  # m: a heading that is off by an angle counts like a position that is off by that angle at this distance
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What the referee says of a run; fields without a value could not be measured.
+
+    Attributes:
+        delivered: Boxes that the warehouse has taken in.
+        boxes: Boxes that there were.
+        unreachable: Those that no robot could have delivered.
+        collisions: Contacts of the robot or its load with a wall, an obstacle or another box.
+        learning_steps: Actions whose outcome the robot could not predict.
+        actions: All actions.
+        path_ratio: Cells driven once everything needed was learnt ÷ the fewest possible on the true plan.
+        localization_rmse_m: m, of all poses after the map was finished, against the true ones.
+        map_error_m: m, median distance of mapped wall points to the true walls.
+        sim_seconds: s in the simulated world.
+        wall_seconds: s on the wall clock.
+        real_time_factor: Simulated ÷ wall-clock time.
+        seed: Of the run.
+        world: Its name.
+        status: "delivered", "not delivered" or "stopped".
+    """
+
+    delivered: int
+    boxes: int
+    unreachable: int
+    collisions: int
+    learning_steps: int
+    actions: int
+    path_ratio: float | None
+    localization_rmse_m: float | None
+    map_error_m: float | None
+    sim_seconds: float
+    wall_seconds: float
+    real_time_factor: float
+    seed: int
+    world: str
+    status: str
+
+    def as_json(self) -> dict[str, object]:
+        """The fields, with figures rounded to what they can be trusted for."""
+        return {name: round(value, 4) if isinstance(value, float) else value for name, value in asdict(self).items()}
+
+    @property
+    def figures(self) -> dict[str, str]:
+        """The fields for people: in words, and with units."""
+
+        def metres(value: float | None) -> str:
+            return "not measured" if value is None else f"{100 * value:.1f} cm"
+
+        return {
+            "boxes delivered": f"{self.delivered} of {self.boxes}",
+            "boxes that nobody can reach": str(self.unreachable),
+            "collisions": str(self.collisions),
+            "actions": str(self.actions),
+            "of which it could not tell what they do": str(self.learning_steps),
+            "cells driven ÷ fewest possible, once learnt": (
+                "not measured" if self.path_ratio is None else f"{self.path_ratio:.2f}"
+            ),
+            "localization error (rms)": metres(self.localization_rmse_m),
+            "map error (median)": metres(self.map_error_m),
+            "simulated time": f"{self.sim_seconds:.0f} s",
+            "wall-clock time": f"{self.wall_seconds:.1f} s",
+        }
+
+    @property
+    def exit_status(self) -> int:
+        """What the command exits with."""
+        return {"delivered": DELIVERED, "not delivered": NOT_DELIVERED, "stopped": STOPPED}[self.status]
 
 
 def align(estimated: Sequence[Pose], true: Sequence[Pose]) -> Pose:

@@ -21,7 +21,9 @@ NARROWEST = 1.2  # chord ÷ radius
 
 # When a round thing is believed to be a box.
 SAME_BOX = 0.25  # m; two sightings nearer than this are of one box
-FEWEST_SIGHTINGS = 4
+FEWEST_SIGHTINGS = 5
+RIM = 0.05  # m around a box in which the map may still show it
+RING = 0.06  # m around that which must be free on the map; walls are farther from boxes in the middle of cells
 SMALLEST_SHARE = 0.5  # sightings ÷ looks at the place with nothing in between
 
 
@@ -180,7 +182,7 @@ def standing_free(boxes: Sequence[Box], grid: OccupancyGrid, radius: float) -> t
     free = []
     for box in boxes:
         distances = np.hypot(points[:, 0] - box.x, points[:, 1] - box.y)
-        beyond = (distances > radius + 1.5 * grid.resolution) & (distances < 2 * radius)
+        beyond = (distances > radius + RIM) & (distances < radius + RIM + RING)
         if box.certain and not np.any(beyond):
             free.append(box)
     return tuple(free)

@@ -161,9 +161,7 @@ class RobotEnvironment:
         """Keep the places of the boxes on the floor up to date: the nearer the robot comes, the better it sees them."""
         on_floor = [box.place for box in self._boxes if not box.held]
         seen = {box.number: box for box in seeing.look_for_boxes(on_floor, scan, pose, self.pilot.body)}
-        self._boxes = tuple(
-            box if box.held else replace(box, place=seen[box.place.number]) for box in self._boxes
-        )
+        self._boxes = tuple(box if box.held else replace(box, place=seen[box.place.number]) for box in self._boxes)
 
     def _standing_in(self, cell: Cell) -> KnownBox | None:
         """The box on the floor of a cell."""
@@ -174,6 +172,4 @@ class RobotEnvironment:
 
     def _tell_pilot(self) -> None:
         on_floor = [box.position for box in self._boxes if not box.held]
-        self.pilot.load = Load(
-            np.array(on_floor).reshape(-1, 2), held=any(box.held for box in self._boxes)
-        )
+        self.pilot.load = Load(np.array(on_floor).reshape(-1, 2), held=any(box.held for box in self._boxes))

@@ -13,9 +13,7 @@ from wherry.space.pose import Floats, Pose
 DOCKING_SPEED = 0.3  # m/s
 
 
-def move(
-    pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: bool, held: bool
-) -> bool:
+def move(pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: bool, held: bool) -> bool:
     """Drive straight from the middle of a cell to the middle of the next; if the laser stops the robot, drive back.
 
     A robot with an empty fork drives forwards, so that it docks where a box stands. With a box in the fork it drives in

@@ -31,7 +31,6 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace import Explored, Said, Sink
 
-CLEARANCE = 0.03  # m beyond its radius that the robot keeps from what the map shows while it explores
 REPLAN = 1.5  # s of driving after which the growing map is looked at again
 OWN_PLACE = 0.35  # m around itself that a robot knows to be free although its lidar cannot see it
 START_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad² of a pose that SLAM just gave
@@ -166,7 +165,6 @@ class Mission:
         pilot.look()
         looked: list[Floats] = []
         while (goal := self._next_goal(pilot, slam, watch, looked)) is not None:
-            looked.append(_position(pilot.pose))
             costmap = self._costmap(slam.grid(), pilot, watch.boxes)
             path = shortest_path(costmap, _position(pilot.pose), goal)
             deadline = pilot.time + REPLAN
@@ -213,9 +211,7 @@ class Mission:
         self._centre(pilot, grid, boxes, frame, plan)
         return Ready(RobotEnvironment(pilot, frame, site, boxes), grid, frame, plan)
 
-    def _search(
-        self, pilot: Pilot, watch: BoxWatch, grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan
-    ) -> None:
+    def _search(self, pilot: Pilot, watch: BoxWatch, grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan) -> None:
         """Drive to where boxes may stand that were never looked at from nearby."""
         given_up: set[Cell] = set()
         announced = False
@@ -252,10 +248,9 @@ class Mission:
 
     def _costmap(self, grid: OccupancyGrid, pilot: Pilot, boxes: tuple[Box, ...]) -> Costmap:
         """Where the robot may drive: not into boxes, and surely where it stands."""
-        radius = pilot.body.radius + CLEARANCE
         discs = np.array([(box.x, box.y, pilot.body.box_radius) for box in boxes if box.certain]).reshape(-1, 3)
         here = np.array([[pilot.pose.x, pilot.pose.y, OWN_PLACE]])
-        return Costmap.of(grid, radius, obstacles=discs, known_free=here)
+        return Costmap.of(grid, pilot.body.radius, obstacles=discs, known_free=here)
 
     def _say(self, pilot: Pilot, phase: str, text: str) -> None:
         self._sink(Said(pilot.time, phase, text))

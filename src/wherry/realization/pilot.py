@@ -163,9 +163,7 @@ class Pilot:
         """Go straight to a pose that is near, and turn to its heading there."""
         return self._drive(lambda pose: go_to(pose, goal, self.body, reverse=reverse))
 
-    def _drive(
-        self, steer: Steering, *, ignore: Floats = NO_DISCS, until: Callable[[], bool] = lambda: False
-    ) -> bool:
+    def _drive(self, steer: Steering, *, ignore: Floats = NO_DISCS, until: Callable[[], bool] = lambda: False) -> bool:
         """Command what the steering says until it has arrived (True), or the laser or ``until`` stops it (False)."""
         held_up = 0
         while held_up < PATIENCE and not until():

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 from wherry.trace import Explored, Record, Said, Seen, Stepped
 
@@ -48,7 +50,9 @@ class DeliveryProgress:
         """Show a record."""
         match record:
             case Said(time=time, phase=phase, text=text):
-                self._progress.console.print(f"[dim]{time:7.1f} s[/dim]  [bold]{phase:<8}[/bold] {text}", highlight=False)
+                self._progress.console.print(
+                    f"[dim]{time:7.1f} s[/dim]  [bold]{phase:<8}[/bold] {text}", highlight=False
+                )
             case Explored(fraction=fraction, frontier=frontier):
                 words = f"{fraction:.0%}, {frontier:.1f} m of frontier left"
                 self._progress.update(self._explored, completed=fraction, words=words)
@@ -72,3 +76,20 @@ class DeliveryProgress:
         self._progress.update(
             self._delivered, total=total, completed=step.delivered, words=f"{step.delivered} of {total} boxes"
         )
+
+
+def print_table(console: Console, title: str, figures: Mapping[str, str]) -> None:
+    """Print figures, name and value, as a closing table."""
+    table = Table(title=title, show_header=False, title_justify="left")
+    table.add_column(style="dim")
+    table.add_column(justify="right")
+    for name, value in figures.items():
+        table.add_row(name, value)
+    console.print(table)
+
+
+def print_rules(console: Console, rules: Sequence[str]) -> None:
+    """Print what was learnt, a rule a line."""
+    console.print("[bold]What the robot found out[/bold]")
+    for rule in rules:
+        console.print(f"  {rule}", highlight=False, markup=False)

@@ -1,0 +1,319 @@
+"""The delivery, end to end: a robot explores, maps, localizes itself, learns and delivers; a referee scores it.
+
+Only this file sees both the robot and the referee. The robot is told its order, nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.domains.delivery import DROPOFF, PICKUP, Site, all_delivered, reward
+from wherry.episodes import GoalAgent, Step, run
+from wherry.errors import InputError
+from wherry.experiments.scoring import Result, align, position_errors, root_mean_square, shortest_delivery
+from wherry.files import write_atomically
+from wherry.floorplan import Cell, FloorPlan, find_world, place_boxes
+from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.learning.rules import load_rules, save_rules
+from wherry.oomdp.objects import State
+from wherry.realization.mission import Mission, Order, Ready
+from wherry.simulation import BoxPlace, Simulation, build
+from wherry.space.map_files import load_map, save_map
+from wherry.space.frame import CellFrame
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Floats, Pose
+from wherry.trace import Record, Said, Seen, Sink, Stepped
+from wherry.experiments.delivery_page import page
+
+MOST_STEPS = 5000  # actions after which a robot that has not delivered everything gives up
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What to run.
+
+    Attributes:
+        world: A built-in world's name, or a world file.
+        boxes: How many; None for what the world says.
+        seed: Of everything that is random.
+        map_file: A map.yaml to use instead of exploring.
+        rules_file: Learnt rules to begin with.
+        learner: A key of `LEARNERS`.
+        out: The folder for report, map and rules; None for runs/WORLD-seedN.
+    """
+
+    world: str = "rooms"
+    boxes: int | None = None
+    seed: int = 0
+    map_file: Path | None = None
+    rules_file: Path | None = None
+    learner: str = "bayes"
+    out: Path | None = None
+
+
+def prepare(settings: Settings) -> DeliveryRun:
+    """Check everything that a user has given, before anything is done.
+
+    Raises:
+        InputError: World, map, rules, learner or folder cannot be used.
+    """
+    if settings.boxes is not None and settings.boxes < 0:
+        raise InputError("--boxes", "", f"{settings.boxes} is negative")
+    if settings.learner not in LEARNERS:
+        raise InputError("--learner", settings.learner, f"is none of {', '.join(LEARNERS)}")
+    plan = find_world(settings.world)
+    if not plan.warehouse:
+        raise InputError(settings.world, "drawing", "has no warehouse (w)")
+    places, physics, beliefs = np.random.default_rng(settings.seed).spawn(3)
+    if settings.boxes is not None or not plan.boxes:
+        plan = place_boxes(plan, plan.box_count if settings.boxes is None else settings.boxes, places)
+    grid = None if settings.map_file is None else load_map(settings.map_file)
+    domain = Site.of_plan(plan).domain
+    learner = LEARNERS[settings.learner](domain, reward=reward, terminated=all_delivered)
+    if settings.rules_file is not None:
+        learner = load_rules(settings.rules_file, domain, reward=reward, terminated=all_delivered)
+    out = settings.out or Path("runs") / f"{plan.name}-seed{settings.seed}"
+    _make_folder(out)
+    return DeliveryRun(settings, plan, grid, learner, out, build(plan, physics), beliefs)
+
+
+def _make_folder(out: Path) -> None:
+    """Make the folder for results.
+
+    Raises:
+        InputError: It cannot be made, or written to.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError("--out", str(out), error.strerror or str(error)) from error
+    probe = out / ".probe"
+    write_atomically(probe, "")
+    probe.unlink()
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Where things truly stood between two actions.
+
+    Attributes:
+        robot: The robot's cell.
+        boxes: The cells of the boxes on the floor.
+        loaded: Whether it held one.
+        driven: Cells driven until then.
+    """
+
+    robot: Cell
+    boxes: tuple[Cell, ...]
+    loaded: bool
+    driven: int
+
+
+class DeliveryRun:
+    """A run that is ready to begin; call it once.
+
+    Attributes:
+        plan: The true floor plan, with the boxes where they stand at first.
+        out: The folder for results.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        plan: FloorPlan,
+        grid: OccupancyGrid | None,
+        learner: RuleLearner,
+        out: Path,
+        simulation: Simulation,
+        rng: np.random.Generator,
+    ) -> None:
+        self.plan = plan
+        self.out = out
+        self._settings = settings
+        self._grid = grid
+        self._learner = learner
+        self._simulation = simulation
+        self._rng = rng
+        self._records: list[Record] = []
+        self._steps: list[Step] = []
+        self._marks: list[Mark] = []
+        self._ready: Ready | None = None
+
+    def __call__(self, watch: Sink) -> Result:
+        """Run, score, and write map, rules and page; Ctrl-C ends it early and keeps what was learnt.
+
+        Args:
+            watch: Told what happens while it happens.
+        """
+        started = time.perf_counter()
+
+        def sink(record: Record) -> None:
+            self._records.append(record)
+            watch(record)
+
+        try:
+            self._get_ready(sink)
+            self._deliver(sink)
+            stopped = False
+        except KeyboardInterrupt:
+            stopped = True
+        result = self._score(time.perf_counter() - started, stopped=stopped)
+        self._write(result)
+        return result
+
+    def _get_ready(self, sink: Sink) -> None:
+        """Map or localize; the robot is told only where the warehouse is, as seen from where it starts."""
+        mission = Mission(self._simulation.robot, order_of(self.plan), sink, self._rng)
+        self._ready = mission.explore() if self._grid is None else mission.find_itself(self._grid)
+
+    def _deliver(self, sink: Sink) -> None:
+        """The agent loop on the robot."""
+        assert self._ready is not None
+        environment, frame = self._ready.environment, self._ready.frame
+        agent = GoalAgent(self._learner, all_delivered)
+        self._marks.append(self._mark())
+        if not environment.remaining:
+            sink(Said(environment.pilot.time, "done", "There is nothing to deliver that I could find."))
+            return
+        for step in run(environment, agent, self._rng, max_steps=MOST_STEPS):
+            self._steps.append(step)
+            self._marks.append(self._mark())
+            sink(
+                Stepped(
+                    time=environment.pilot.time,
+                    condition=str(step.condition),
+                    action=str(step.action),
+                    learning=step.learning,
+                    moved=not step.transition.failed,
+                    unknown=step.unknown,
+                    delivered=environment.delivered,
+                    remaining=environment.remaining,
+                    plan=_centres(agent.plan, frame),
+                )
+            )
+            _comment(step, environment.pilot.time, sink)
+        left = environment.remaining
+        words = "Everything is delivered." if not left else f"I give up: I cannot deliver {left} of the boxes."
+        sink(Said(environment.pilot.time, "done", words))
+
+    def _mark(self) -> Mark:
+        referee, size = self._simulation.referee, self.plan.cell_size
+        truths = [box for box in referee.boxes if box.first_cell not in self._unreachable]
+        on_floor = tuple(_cell_of(box.position, size) for box in truths if box.place is BoxPlace.FLOOR)
+        loaded = any(box.place is BoxPlace.HELD for box in truths)
+        pose = referee.pose
+        return Mark(_cell_of(np.array([pose.x, pose.y]), size), on_floor, loaded, len(referee.trajectory))
+
+    @property
+    def _unreachable(self) -> tuple[Cell, ...]:
+        return self.plan.unreachable_boxes()
+
+    def _score(self, wall_seconds: float, *, stopped: bool) -> Result:
+        """Everything in it but the steps comes from the referee."""
+        referee = self._simulation.referee
+        boxes, unreachable = len(self.plan.boxes), len(self._unreachable)
+        world_from_map, rmse = self._localization()
+        complete = referee.delivered >= boxes - unreachable
+        return Result(
+            delivered=referee.delivered,
+            boxes=boxes,
+            unreachable=unreachable,
+            collisions=len(referee.collisions),
+            learning_steps=sum(step.learning for step in self._steps),
+            actions=len(self._steps),
+            path_ratio=self._path_ratio(),
+            localization_rmse_m=rmse,
+            map_error_m=self._map_error(world_from_map),
+            sim_seconds=self._simulation.time,
+            wall_seconds=wall_seconds,
+            real_time_factor=self._simulation.time / wall_seconds,
+            seed=self._settings.seed,
+            world=self.plan.name,
+            status="stopped" if stopped else "delivered" if complete else "not delivered",
+        )
+
+    def _path_ratio(self) -> float | None:
+        """Cells driven after the last step that taught something, ÷ the shortest way from there on the true plan."""
+        learnt = max((number for number, step in enumerate(self._steps, start=1) if step.learning), default=0)
+        if not self._marks or learnt >= len(self._marks) - 1:
+            return None
+        begin, end = self._marks[learnt], self._marks[-1]
+        shortest = shortest_delivery(self.plan, begin.robot, begin.boxes, loaded=begin.loaded)
+        return (end.driven - begin.driven) / shortest if shortest else None
+
+    def _localization(self) -> tuple[Pose | None, float | None]:
+        """The map's frame in the world, and the rms error, m, of the poses after the map was finished."""
+        seen = [record for record in self._records if isinstance(record, Seen) and len(record.particles)]
+        if not seen:
+            return None, None
+        history = self._simulation.referee.history
+        rows = np.searchsorted(history[:, 0], [record.time - 1e-6 for record in seen])
+        true = [Pose.from_array(row[1:]) for row in history[np.minimum(rows, len(history) - 1)]]
+        estimated = [record.pose for record in seen]
+        world_from_map = align(estimated, true)
+        return world_from_map, root_mean_square(position_errors(estimated, true, world_from_map))
+
+    def _map_error(self, world_from_map: Pose | None) -> float | None:
+        if world_from_map is None or self._ready is None:
+            return None
+        points = world_from_map.transform(self._ready.grid.occupied_points())
+        return float(np.median(self._simulation.referee.wall_distance(points)))
+
+    def _write(self, result: Result) -> None:
+        """What was made: the map, the rules, the result, and the page."""
+        write_atomically(self.out / "result.json", json.dumps(result.as_json(), indent=2) + "\n")
+        save_rules(self._learner, self.out / "rules.json")
+        if self._ready is None:
+            return
+        save_map(self._ready.grid, self.out / "map.yaml")
+        world_from_map, _ = self._localization()
+        html = page(result, self._records, self._learner.sentences(), self._ready, self.plan, world_from_map)
+        write_atomically(self.out / "report.html", html)
+
+
+def order_of(plan: FloorPlan) -> Order:
+    """What the robot is told: where the warehouse's cells are as seen from its start, and how large cells are."""
+    assert plan.start is not None
+    size = plan.cell_size
+    start = Pose(*_middle(plan.start, size), math.atan2(plan.heading.dy, plan.heading.dx))
+    cells = np.array([_middle(cell, size) for cell in sorted(plan.warehouse)])
+    return Order(warehouse=start.inverse.transform(cells), cell_size=size)
+
+
+def _middle(cell: Cell, size: float) -> tuple[float, float]:
+    return (cell.x + 0.5) * size, (cell.y + 0.5) * size
+
+
+def _cell_of(position: Floats, size: float) -> Cell:
+    return Cell(int(position[0] // size), int(position[1] // size))
+
+
+def _centres(states: Sequence[State], frame: CellFrame) -> NDArray[np.float32]:
+    """[M, 2] m, map frame: the cells that the robot is in in a row of states."""
+    robots = [state["robot"] for state in states]
+    return np.array([frame.centre(robot.x, robot.y) for robot in robots], np.float32).reshape(-1, 2)
+
+
+def _comment(step: Step, now: float, sink: Sink) -> None:
+    """Say what is worth saying of a step."""
+    phase = "learn" if step.learning else "deliver"
+    if step.surprise:
+        sink(Said(now, phase, f"{step.action} did not do what I expected in {step.condition}: I learn from it."))
+    if step.transition.failed or step.action not in (PICKUP, DROPOFF):
+        return
+    before = {box.name for box in step.state.of_class("Box")}
+    after = step.transition.next_state.of_class("Box")
+    if step.action == PICKUP:
+        held = next(box.name for box in after if box.in_bot)
+        sink(Said(now, phase, f"My latch holds {held}."))
+    else:
+        gone = ", ".join(sorted(before - {box.name for box in after}))
+        sink(Said(now, phase, f"The warehouse has taken in {gone}; {len(after)} left."))
