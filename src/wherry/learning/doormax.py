@@ -7,7 +7,7 @@ refuted, and where all types of an action and attribute are gone that is reporte
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Literal
 
 from wherry.learning.predictions import Predictions, Rule, Subject
@@ -15,9 +15,9 @@ from wherry.learning.rewards import Rewards
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
-from wherry.oomdp.mdp import Prediction, Transition
+from wherry.oomdp.mdp import Prediction, RewardFunction, TerminationFunction, Transition
 from wherry.oomdp.objects import Attribute, State, Value
-from wherry.oomdp.outcomes import ObjectEffects, Outcome, Task, Worth, changes
+from wherry.oomdp.outcomes import ObjectEffects, Outcome, Task, Worth, changes, conditions_key
 
 FailureScope = Literal["action", "attribute"]
 
@@ -27,31 +27,34 @@ class Doormax:
 
     Args:
         domain: What states are described with.
-        max_effects: k, the most different effects of one type that an action has on an attribute.
+        max_effects: k, the most different effects of one type that an action has on an attribute. A Boolean that an
+            action leaves alone needs two: := True where it is true, and := False where it is false.
         effect_types: The effect types to consider.
         refutation: Whether a type whose prediction turned out wrong is removed. False: to the letter of the paper.
         failure_scope: Whether a failure condition says that the action changes nothing at all ("action", the paper),
             or one is kept for every attribute ("attribute").
-        task: Rewards and ends of episodes where they are given; else they are learnt.
+        reward: R(s, a, s') where it is given; else it is learnt.
+        terminated: Whether a state ends the episode, where that is given; else it is learnt.
     """
 
     def __init__(
         self,
         domain: Domain,
         *,
-        max_effects: int = 1,
+        max_effects: int = 2,
         effect_types: Mapping[str, EffectType] = PAPER_TYPES,
         refutation: bool = True,
         failure_scope: FailureScope = "action",
-        task: Task | None = None,
+        reward: RewardFunction | None = None,
+        terminated: TerminationFunction | None = None,
     ) -> None:
         self.domain = domain
         self.max_effects = max_effects
         self.effect_types = effect_types
         self.refutation = refutation
         self.failure_scope = failure_scope
-        self.task = Task() if task is None else task
-        self.revision = 0
+        self.task = Task(reward, terminated)
+        self.revisions = dict.fromkeys(domain.actions, 0)
         self.predictions = Predictions(domain, effect_types)
         self.failures: dict[str | Subject, set[Condition]] = {}
         self.rewards = Rewards(domain.size)
@@ -65,29 +68,34 @@ class Doormax:
 
     def predict(self, state: State, action: Action) -> Prediction:
         """Tell what an action does in a state (the paper's predictTransition, with the reward)."""
-        return self.outcome(state.classes, self.domain.conditions(state, action), action).predict(state, action)
+        return self.outcome(state, action).predict(state, action)
 
-    def outcome(self, classes: tuple[str, ...], conditions: tuple[int, ...], action: Action) -> Outcome:
-        """What an action does wherever these conditions hold; worked out once for every revision of the action."""
+    def key(self, state: State) -> Hashable:
+        """What the answers for a state depend on: its conditions."""
+        return conditions_key(self.domain, state)
+
+    def outcome(self, state: State, action: Action) -> Outcome:
+        """What an action does in all states of the same conditions; worked out once until more is learnt of it."""
+        conditions = self.domain.conditions(state, action)
         kept = self._outcomes.setdefault(action.name, {})
-        outcome = kept.get((classes, conditions))
+        outcome = kept.get((state.classes, conditions))
         if outcome is None:
-            outcome = kept[classes, conditions] = self._predict_transition(classes, conditions, action.name)
+            outcome = kept[state.classes, conditions] = self._predict_transition(state, action.name, conditions)
         return outcome
 
-    def _predict_transition(self, classes: tuple[str, ...], conditions: tuple[int, ...], action: str) -> Outcome:
+    def _predict_transition(self, state: State, action: str, conditions: tuple[int, ...]) -> Outcome:
         """Algorithm 1, predictTransition(s, a), for all states of the same conditions.
 
         Incompatible effects (line 9) depend on the attribute's value and are told apart by `Outcome`.
         """
         whole, *own = conditions
         if self._fails(action, whole):  # line 1
-            return self._answer(((),) * len(classes), action, whole)  # line 2: s' = s
+            return self._answer(((),) * len(own), action, whole)  # line 2: s' = s
         effects: list[ObjectEffects] = []
-        for class_name, terms in zip(classes, own, strict=True):
+        for item, terms in zip(state.objects, own, strict=True):
             attributes = []
-            for attribute in self.domain.classes_by_name[class_name].changeable:  # line 3
-                subject = Subject(action, class_name, attribute.name)
+            for attribute in item.object_class.changeable:  # line 3
+                subject = Subject(action, item.object_class.name, attribute.name)
                 if self._fails(subject, terms):
                     continue
                 found = tuple(rule.effect for rule in self.predictions.covering(subject, terms))  # lines 5, 6
@@ -121,7 +129,7 @@ class Doormax:
                     subject = Subject(action, item.object_class.name, attribute.name)
                     changed |= self._learn(subject, attribute, terms, before, after)
         if changed:
-            self.revision += 1
+            self.revisions[action] += 1
             self._outcomes.pop(action, None)
 
     def _learn(self, subject: Subject, attribute: Attribute, terms: int, before: Value, after: Value) -> bool:

@@ -146,11 +146,6 @@ class Learner(Model, Protocol):
         ...
 
     @property
-    def revision(self) -> int:
-        """A number that grows whenever predictions may have changed."""
-        ...
-
-    @property
     def violations(self) -> tuple[str, ...]:
         """The assumptions that experience has contradicted, in words: which action and attribute, what was seen."""
         ...

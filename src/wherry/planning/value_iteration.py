@@ -1,0 +1,255 @@
+"""Value iteration over the states that can be reached, swept by compiled code (paper, section 6; Puterman 1994).
+
+A state and action that the model cannot tell about lead to the fictitious state s_max, which pays R_max for ever: so
+the policy goes and finds out, as long as anything can be gained by it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.kernels import kernel
+from wherry.oomdp.domain import Action
+from wherry.oomdp.objects import State
+from wherry.oomdp.outcomes import ConditionalModel
+from wherry.planning.state_space import END, MISSING, UNKNOWN, Floats, Integers, StateSpace
+
+IMPOSSIBLE = -1  # in the table of answers: the group has no such action
+NEVER = -1  # in the table of revisions: the model was not asked yet
+TIE = 1e-9  # actions this close are equally good
+
+
+class ValueIteration:
+    """Optimal policies on a model as it is at the moment; it plans again by itself when the model has learnt.
+
+    Args:
+        model: What tells what actions do.
+        discount: γ.
+        r_max: R_max, the most that any step can be worth.
+        tolerance: ε, how exact the values have to be.
+        optimistic: Whether unknown steps lead to s_max; else they are never taken.
+        space: The states and tables to use and add to; learners of one domain may share them.
+    """
+
+    def __init__(
+        self,
+        model: ConditionalModel,
+        *,
+        discount: float = 0.95,
+        r_max: float = 20.0,
+        tolerance: float = 1e-6,
+        optimistic: bool = True,
+        space: StateSpace | None = None,
+    ) -> None:
+        self.model = model
+        self.discount = discount
+        self.tolerance = tolerance
+        self.unknown_value = r_max / (1 - discount) if optimistic else -np.inf
+        self.space = StateSpace() if space is None else space
+        self._revisions: Integers = np.zeros(0, np.int32)  # [A] of what the model says about an action now
+        self._answers: Integers = np.zeros((0, 0), np.int32)  # [G, A] the number of the model's answer
+        self._asked: Integers = np.zeros((0, 0), np.int32)  # [G, A] the revision of that answer
+        self._values: Floats = np.zeros(0)  # [S]
+        self._solved: NDArray[np.bool_] = np.zeros(0, np.bool_)  # [S] which values are right
+        self._reached: Integers = np.zeros(0, np.int32)  # [R] the states of the last sweep
+
+    def policy(self, state: State) -> Action:
+        """The best action; of equally good ones the first."""
+        number = self._solve(state)
+        space = self.space
+        best, _ = _best(
+            number, space.group, self._answers, space.successor, space.reward, self._values, self.discount,
+            self.unknown_value,
+        )  # fmt: skip
+        return space.actions[best]
+
+    def value(self, state: State) -> float:
+        """V(s), the discounted sum of rewards that the best policy can expect."""
+        return float(self._values[self._solve(state)])
+
+    def _solve(self, state: State) -> int:
+        """Make the values right for a state and all that can be reached from it; return the state's number."""
+        number = self.space.number(state, self.model)
+        if self._model_has_learnt() or number >= len(self._solved) or not self._solved[number]:
+            self._reach(number)
+            space = self.space
+            _sweep(
+                self._reached, space.group, self._answers, space.successor, space.reward, self._values,
+                self.discount, self.unknown_value, self.tolerance,
+            )  # fmt: skip
+            self._solved[self._reached] = True
+        return number
+
+    def _model_has_learnt(self) -> bool:
+        """Whether the model's revisions have moved on; then it is asked again for the states at hand."""
+        revisions = np.array([self.model.revisions.get(action.name, 0) for action in self.space.actions], np.int32)
+        if np.array_equal(revisions, self._revisions):
+            return False
+        self._revisions = revisions
+        self._solved[:] = False
+        for group in np.unique(self.space.group[self._reached]):
+            self._ask(group)
+        return True
+
+    def _reach(self, start: int) -> None:
+        """Find all states that can be reached, asking the model and filling in the tables where need be."""
+        while True:
+            self._make_room()
+            space = self.space
+            self._reached, gaps = _reach(
+                start, len(space.states), space.group, self._answers, self._asked, self._revisions, space.successor
+            )
+            for state, answer in gaps:
+                if answer >= 0:
+                    space.work_out(answer, state, self.model)
+                else:
+                    self._ask(space.group[state])
+            if not len(gaps):
+                break
+
+    def _ask(self, group: int) -> None:
+        """Ask the model about those actions of a group that it has learnt about since it was asked last."""
+        space = self.space
+        for column, action in enumerate(space.actions):
+            if self._asked[group, column] == self._revisions[column]:
+                continue
+            self._asked[group, column] = self._revisions[column]
+            possible = action in space.group_actions[group]
+            self._answers[group, column] = (
+                space.answer_number(action, self.model.outcome(space.groups[group], action)) if possible else IMPOSSIBLE
+            )
+
+    def _make_room(self) -> None:
+        """Let the planner's own tables grow with the space."""
+        states, groups, actions = len(self.space.group), len(self.space.groups), len(self.space.actions)
+        if states > len(self._values):
+            self._values = np.pad(self._values, (0, states - len(self._values)))
+            self._solved = np.pad(self._solved, (0, states - len(self._solved)))
+        rows, columns = self._answers.shape
+        if groups > rows or actions > columns:
+            growth = ((0, max(0, 2 * groups - rows)), (0, actions - columns))
+            self._answers = np.pad(self._answers, growth)
+            self._asked = np.pad(self._asked, growth, constant_values=NEVER)
+            self._revisions = np.pad(self._revisions, (0, actions - columns))
+
+
+@kernel
+def _reach(
+    start: int, count: int, group: Integers, answers: Integers, asked: Integers, revisions: Integers,
+    successor: Integers,
+) -> tuple[Integers, Integers]:  # fmt: skip
+    """Search breadth-first from a state.
+
+    Args:
+        start: The state's number.
+        count: How many states are numbered.
+        group: [S].
+        answers: [G, A].
+        asked: [G, A].
+        revisions: [A].
+        successor: [O, S].
+
+    Returns:
+        [R] the states reached, nearest first; [M, 2] the gaps that were met: a state, and the answer that was never
+        worked out for it, or -1 where the model has to be asked first.
+    """
+    seen = np.zeros(count, np.bool_)
+    order = np.empty(count, np.int32)
+    gaps = np.empty((count * answers.shape[1], 2), np.int32)
+    order[0] = start
+    seen[start] = True
+    reached, missing, at = 1, 0, 0
+    while at < reached:
+        state = order[at]
+        at += 1
+        for action in range(answers.shape[1]):
+            known = asked[group[state], action] == revisions[action]
+            answer = answers[group[state], action] if known else -1
+            if known and answer == IMPOSSIBLE:
+                continue
+            if not known or successor[answer, state] == MISSING:
+                gaps[missing, 0] = state
+                gaps[missing, 1] = answer
+                missing += 1
+                continue
+            target = successor[answer, state]
+            if target >= 0 and not seen[target]:
+                seen[target] = True
+                order[reached] = target
+                reached += 1
+    return order[:reached].copy(), gaps[:missing].copy()
+
+
+@kernel
+def _backup(
+    state: int, action: int, group: Integers, answers: Integers, successor: Integers, reward: Floats, values: Floats,
+    discount: float, unknown_value: float,
+) -> float:  # fmt: skip
+    """Q(s, a) of the values as they are."""
+    answer = answers[group[state], action]
+    if answer == IMPOSSIBLE:
+        return -math.inf
+    target = successor[answer, state]
+    worth: float = -math.inf
+    if target >= 0:
+        worth = reward[answer, state] + discount * values[target]
+    elif target == END:
+        worth = reward[answer, state]
+    elif target == UNKNOWN:
+        worth = unknown_value
+    return worth
+
+
+@kernel
+def _best(
+    state: int, group: Integers, answers: Integers, successor: Integers, reward: Floats, values: Floats,
+    discount: float, unknown_value: float,
+) -> tuple[int, float]:  # fmt: skip
+    """The first of the best actions, and max_a Q(s, a)."""
+    best, best_value = 0, -math.inf
+    for action in range(answers.shape[1]):
+        value = _backup(state, action, group, answers, successor, reward, values, discount, unknown_value)
+        if value > best_value + TIE:
+            best, best_value = action, value
+    return best, best_value
+
+
+@kernel
+def _sweep(
+    states: Integers, group: Integers, answers: Integers, successor: Integers, reward: Floats, values: Floats,
+    discount: float, unknown_value: float, tolerance: float,
+) -> None:  # fmt: skip
+    """Sweep back and forth until the values hold still; they start below any sum of rewards, and so only rise.
+
+    Args:
+        states: [R] the states to sweep, nearest first.
+        group: [S].
+        answers: [G, A].
+        successor: [O, S].
+        reward: [O, S].
+        values: [S] is overwritten for the states.
+        discount: γ.
+        unknown_value: V(s_max).
+        tolerance: ε.
+    """
+    lowest = 0.0
+    for state in states:
+        for answer in answers[group[state]]:
+            if answer != IMPOSSIBLE:
+                lowest = min(lowest, reward[answer, state])
+    for state in states:
+        values[state] = lowest / (1 - discount)
+    change = math.inf
+    while change > tolerance:
+        change = 0.0
+        for at in range(2 * len(states)):  # there, towards the start, and back again
+            state = states[len(states) - 1 - at] if at < len(states) else states[at - len(states)]
+            _, value = _best(
+                state, group, answers, successor, reward, values, discount, unknown_value
+            )  # fmt: skip
+            if value > values[state]:
+                change = max(change, value - values[state])
+                values[state] = value
