@@ -13,6 +13,8 @@ A box's x and y do not ride along: they are where it was last seen on the floor,
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -23,7 +25,7 @@ from wherry.floorplan import Cell, Direction, FloorPlan, Wall, place_boxes
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer
-from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation
+from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation, wall_edge
 from wherry.oomdp.terms import Bound, Term, attribute_holds, candidates, related
 
 STEP_REWARD = -1.0
@@ -168,6 +170,62 @@ class Site:
 def all_delivered(state: State) -> bool:
     """Whether no box is left: the end of every delivery."""
     return not state.of_class("Box")
+
+
+def boxes_left(state: State) -> int:
+    """How many boxes are still to be delivered."""
+    return len(state.of_class("Box"))
+
+
+class DeliverySteps:
+    """A lower bound on the steps that a delivery still takes: an admissible heuristic for planning.
+
+    Every box that stands on the floor is carried from its cell to the warehouse, and the robot comes to it from the
+    warehouse too, but for the first one. The ways are the shortest that the walls allow, other boxes left aside.
+    """
+
+    def __init__(self) -> None:
+        self._steps: dict[tuple[Scene, frozenset[Cell]], dict[Cell, int]] = {}
+
+    def __call__(self, state: State) -> float:
+        """How many steps a delivery takes at least; infinite where some box cannot be delivered."""
+        boxes = state.of_class("Box")
+        if not boxes:
+            return 0.0
+        (robot,) = state.of_class("Robot")
+        here = Cell(robot.x, robot.y)
+        home = self._steps_from(state, frozenset(Cell(item.x, item.y) for item in state.scene.of_class("Warehouse")))
+        waiting = [Cell(box.x, box.y) for box in boxes if not box.in_bot]
+        steps = sum(2 * home.get(cell, math.inf) + 2 for cell in waiting)  # there, PICKUP, back, DROPOFF
+        if len(waiting) < len(boxes):
+            return steps + home.get(here, math.inf) + 1
+        return steps + min(
+            self._steps_from(state, frozenset({cell})).get(here, math.inf) - home.get(cell, math.inf)
+            for cell in waiting
+        )
+
+    def _steps_from(self, state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
+        """Steps from any of some cells to every cell that walls do not keep apart from them."""
+        known = self._steps.get((state.scene, origins))
+        if known is None:
+            known = self._steps[state.scene, origins] = _steps_from(state, origins)
+        return known
+
+
+def _steps_from(state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
+    walls = state.scene.index("Wall", wall_edge)
+    (robot,) = state.of_class("Robot")
+    x_range, y_range = robot.object_class.attributes
+    steps, queue = dict.fromkeys(origins, 0), deque(origins)
+    while queue:
+        cell = queue.popleft()
+        for direction in Direction:
+            after, wall = cell.towards(direction), Wall.between(cell, direction)
+            inside = x_range.admits(after.x) and y_range.admits(after.y)
+            if after not in steps and inside and (wall.cell.x, wall.cell.y, wall.north) not in walls:
+                steps[after] = steps[cell] + 1
+                queue.append(after)
+    return steps
 
 
 def reward(state: State, action: Action, next_state: State) -> float:

@@ -197,15 +197,19 @@ class Scene:
     """
 
     objects: tuple[Object, ...] = ()
+    _hash: int = field(init=False)
     _indexes: dict[tuple[str, Key], dict[Hashable, tuple[Object, ...]]] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_hash", hash(frozenset(self.objects)))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Scene):
             return NotImplemented
-        return self is other or set(self.objects) == set(other.objects)
+        return self is other or (self._hash == other._hash and set(self.objects) == set(other.objects))
 
     def __hash__(self) -> int:
-        return hash(len(self.objects))
+        return self._hash
 
     def __repr__(self) -> str:
         return f"Scene({len(self.objects)} objects)"
@@ -249,7 +253,7 @@ class State:
         if len(names) < len(objects):
             raise ValueError("every object of a state needs a name of its own")
         object.__setattr__(self, "objects", objects)
-        object.__setattr__(self, "_hash", hash(objects))
+        object.__setattr__(self, "_hash", hash((objects, self.scene)))
         object.__setattr__(self, "_conditions", {})
 
     def __eq__(self, other: object) -> bool:
