@@ -83,3 +83,25 @@ class Pose:
 
 
 IDENTITY = Pose()
+
+
+def compose(first: Floats, second: Floats) -> Floats:
+    """⊕ of many poses: [N, 3] ``first @ second``, m, m, rad; headings wrapped into [−π, π]."""
+    cos, sin = np.cos(first[..., 2]), np.sin(first[..., 2])
+    x = first[..., 0] + cos * second[..., 0] - sin * second[..., 1]
+    y = first[..., 1] + sin * second[..., 0] + cos * second[..., 1]
+    return np.stack([x, y, _wrapped(first[..., 2] + second[..., 2])], axis=-1)
+
+
+def relative(poses: Floats, origins: Floats) -> Floats:
+    """[N, 3] poses as seen from origins, m, m, rad: ``origins.inverse @ poses``."""
+    cos, sin = np.cos(origins[..., 2]), np.sin(origins[..., 2])
+    dx, dy = poses[..., 0] - origins[..., 0], poses[..., 1] - origins[..., 1]
+    turned = _wrapped(poses[..., 2] - origins[..., 2])
+    return np.stack([cos * dx + sin * dy, -sin * dx + cos * dy, turned], axis=-1)
+
+
+def _wrapped(angles: Floats) -> Floats:
+    """The same directions within [−π, π], rad."""
+    wrapped: Floats = angles - math.tau * np.round(angles / math.tau)
+    return wrapped
