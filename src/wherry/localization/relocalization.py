@@ -1,0 +1,313 @@
+"""Global relocalization: where on the whole map one scan can have been taken.
+
+Branch and bound over positions and headings (Olson, 2009; Hess et al., 2016): a window of positions is bounded from
+above by looking every beam up in a map of windowed maxima, so that nearly all of the map is ruled out by a few
+look-ups, and what is left is exact. The search goes on past the best pose, to every other place that explains the scan
+about as well: in a building with two equal rooms a single answer would be a guess, and says so.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.kernels import kernel
+from wherry.localization.agreement import Agreement, compare
+from wherry.localization.refinement import match_scan
+from wherry.robot import Scan
+from wherry.space.distance_field import DistanceField
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose, wrap
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int32]
+
+SEARCH_CELL = 0.1  # m, the search's grid; refinement does the rest
+SEARCH_SIGMA = 0.15  # m, how far a beam may end from an obstacle and still count for the search
+LEVELS = 5  # windows of 1, 2, 4, 8 and 16 search cells
+FEWEST_HEADINGS, MOST_HEADINGS = 120, 480
+SEARCH_BEAMS = 100
+CONSIDERED = 0.8  # poses with a smaller share of the best score are no hypotheses
+MOST_HYPOTHESES = 64
+MOST_EXPANSIONS = 400_000
+APART = 0.5  # m: nearer than this two poses are one hypothesis
+APART_HEADING = math.radians(20.0)
+SEARCH_COVARIANCE = np.diag([0.15**2, 0.15**2, math.radians(3.0) ** 2])  # m, m, rad, of a pose on the search grid
+MATCH_SIGMA = 0.05  # m
+SHARPNESS = 20.0  # how many independent readings a scan is worth; between the best values for two real buildings
+AMBIGUOUS_BELOW = 0.9  # probability of the best hypothesis
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """A pose that explains the scan.
+
+    Attributes:
+        pose: base_link in the map frame.
+        covariance: [3, 3] m, m, rad.
+        probability: That it is the true one, among all hypotheses.
+        agreement: How the scan's beams agree with the map there.
+    """
+
+    pose: Pose
+    covariance: Floats
+    probability: float
+    agreement: Agreement
+
+
+@dataclass(frozen=True, slots=True)
+class Relocalization:
+    """All that one scan says about where the robot is.
+
+    Attributes:
+        hypotheses: The most probable first; empty if the scan fits nowhere.
+        complete: Whether all of the map was ruled in or out; otherwise the search hit its limit.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    complete: bool
+
+    @property
+    def ambiguity(self) -> float:
+        """Probability that the best hypothesis is not the true one, 0 to 1."""
+        return 1.0 - self.hypotheses[0].probability if self.hypotheses else 1.0
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether the best hypothesis should not be relied upon."""
+        return self.ambiguity > 1.0 - AMBIGUOUS_BELOW or not self.complete
+
+
+class Relocalizer:
+    """Finds a robot on a map from one scan.
+
+    Args:
+        grid: The map.
+        lidar: The lidar's pose, base_link frame.
+    """
+
+    def __init__(self, grid: OccupancyGrid, lidar: Pose) -> None:
+        self._lidar = lidar
+        self._field = DistanceField.of(grid, 1.0)
+        factor = max(1, round(SEARCH_CELL / grid.resolution))
+        self._cell = grid.resolution * factor
+        nearness = np.exp(-0.5 * np.square(_pool(self._field.distance, factor, np.min) / SEARCH_SIGMA))
+        self._levels = _window_maxima(np.rint(nearness * 255.0).astype(np.uint8), LEVELS)
+        self._free = _window_maxima(_pool(grid.free, factor, np.max).astype(np.uint8), LEVELS)
+
+    def search(self, scan: Scan) -> Relocalization:
+        """Find every place on the map where the scan can have been taken.
+
+        Args:
+            scan: The scan; where its beams ended counts, and what they passed through.
+        """
+        ends = self._lidar.transform(scan.points())
+        if not len(ends):
+            return Relocalization((), complete=True)
+        poses, complete = self._candidates(_thinned(ends, self._cell))
+        judged = [self._judge(pose, ends) for pose in poses]
+        return Relocalization(_distinct(judged), complete)
+
+    def _candidates(self, ends: Floats) -> tuple[list[Pose], bool]:
+        """Poses on the search grid, none within APART of a better one, and whether these are all there are."""
+        headings = _headings(ends, self._cell)
+        cos, sin = np.cos(headings)[:, None], np.sin(headings)[:, None]
+        offsets = np.stack([sin * ends[:, 0] + cos * ends[:, 1], cos * ends[:, 0] - sin * ends[:, 1]], axis=2)
+        found, complete = _branch_and_bound(
+            self._levels,
+            self._free,
+            np.floor(offsets / self._cell + 0.5).astype(np.int32),
+            np.array([CONSIDERED, APART / self._cell, APART_HEADING / math.tau * len(headings)]),
+        )
+        poses = [
+            self._field.origin @ Pose((column + 0.5) * self._cell, (row + 0.5) * self._cell, headings[heading])
+            for heading, row, column in found
+        ]
+        return poses, complete
+
+    def _judge(self, pose: Pose, ends: Floats) -> Hypothesis:
+        """A pose of the search, matched to the map and compared with it; its probability is not known yet."""
+        coarse = match_scan(self._field, ends, pose, SEARCH_COVARIANCE, SEARCH_SIGMA)
+        fine = match_scan(self._field, ends, coarse.pose, SEARCH_COVARIANCE, MATCH_SIGMA)
+        return Hypothesis(fine.pose, fine.covariance, 0.0, compare(self._field, ends, self._lidar, fine.pose))
+
+
+def _distinct(judged: list[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """The hypotheses without those that came to the same pose, with their probabilities, the best first."""
+    judged = sorted(judged, key=lambda found: -found.agreement.log_likelihood)
+    kept: list[Hypothesis] = []
+    for found in judged:
+        if not any(_same(found.pose, better.pose) for better in kept):
+            kept.append(found)
+    logits = np.array([SHARPNESS * found.agreement.log_likelihood for found in kept])
+    odds = np.exp(logits - logits.max()) if kept else logits
+    return tuple(replace(found, probability=float(p)) for found, p in zip(kept, odds / odds.sum(), strict=True))
+
+
+def _same(a: Pose, b: Pose) -> bool:
+    return a.distance_to(b) < APART and abs(wrap(a.theta - b.theta)) < APART_HEADING
+
+
+def _headings(ends: Floats, cell: float) -> Floats:
+    """[A] rad, so fine that from one to the next most beam ends move by less than two cells."""
+    reach = float(np.quantile(np.hypot(ends[:, 0], ends[:, 1]), 0.8))
+    count = int(np.clip(math.tau * reach / (2.0 * cell), FEWEST_HEADINGS, MOST_HEADINGS))
+    headings: Floats = np.linspace(-math.pi, math.pi, count, endpoint=False)
+    return headings
+
+
+def _thinned(ends: Floats, cell: float) -> Floats:
+    """[≤ SEARCH_BEAMS, 2] one beam end for each cell, so that a wall close by does not outweigh all the others."""
+    _, first = np.unique(np.floor(ends / cell).astype(np.int64), axis=0, return_index=True)
+    first.sort()
+    chosen = first[np.linspace(0, len(first) - 1, min(len(first), SEARCH_BEAMS)).astype(np.int64)]
+    thinned: Floats = ends[chosen]
+    return thinned
+
+
+def _pool(values: NDArray[Any], factor: int, reduce: Callable[..., NDArray[Any]]) -> NDArray[Any]:
+    """[⌈H / factor⌉, ⌈W / factor⌉] the least or the greatest of every block."""
+    height, width = values.shape
+    padded = np.pad(values, ((0, -height % factor), (0, -width % factor)), mode="edge")
+    return reduce(padded.reshape(padded.shape[0] // factor, factor, -1, factor), axis=(1, 3))
+
+
+def _window_maxima(values: Bytes, levels: int) -> Bytes:
+    """[levels, H + P, W + P] at level h the greatest of the 2^h × 2^h values that begin there; P = 2^(levels−1).
+
+    The rows and columns before the first, P of them, are for windows that begin outside.
+    """
+    pad = 1 << (levels - 1)
+    current = np.pad(values, ((pad, 0), (pad, 0)))
+    maxima = [current]
+    for level in range(levels - 1):
+        step = 1 << level
+        wider = np.pad(current, ((0, step), (0, step)))
+        rows = np.maximum(wider[:-step], wider[step:])
+        current = np.maximum(rows[:, :-step], rows[:, step:])
+        maxima.append(current)
+    return np.stack(maxima)
+
+
+@kernel
+def _branch_and_bound(levels: Bytes, free: Bytes, offsets: Integers, limits: Floats) -> tuple[Integers, bool]:
+    """Best-first search for all distinct poses whose score is near the best one's.
+
+    Args:
+        levels: [L, H + P, W + P] windowed maxima of the nearness to obstacles.
+        free: [L, H + P, W + P] whether a window has a free cell.
+        offsets: [A, B, 2] rows and columns from the robot to the beams' ends, for every heading.
+        limits: [3] the share of the best score that counts, and how far apart in cells and in headings poses must be.
+
+    Returns:
+        [K, 3] heading, row, column of each, best first; and whether these are all that there are.
+    """
+    top = len(levels) - 1
+    step = 1 << top
+    found = np.empty((MOST_HYPOTHESES, 3), np.int32)
+    count = 0
+    bounds = _window_scores(levels[top], free[top], offsets, step)
+    best = _descend(levels, free, offsets, bounds)
+    queue = _worth_searching(bounds, limits[0] * best, top)
+    heapq.heapify(queue)
+    expansions = 0
+    while len(queue) > 0 and count < MOST_HYPOTHESES and expansions < MOST_EXPANSIONS:
+        bound, level, heading, row, column = heapq.heappop(queue)
+        if -bound < limits[0] * best:
+            return found[:count], True
+        if _covered(found[:count], limits, len(offsets), heading, row, column, 1 << level):
+            continue
+        if level == 0:
+            found[count, 0], found[count, 1], found[count, 2] = heading, row, column
+            count += 1
+            best = max(best, -bound)
+            continue
+        expansions += 1
+        half = 1 << (level - 1)
+        for quarter in range(4):
+            y, x = row + half * (quarter // 2), column + half * (quarter % 2)
+            if y + step < levels.shape[1] and x + step < levels.shape[2] and free[level - 1, y + step, x + step]:
+                score = _score(levels[level - 1], offsets[heading], y + step, x + step)
+                if score >= limits[0] * best:
+                    heapq.heappush(queue, (-score, level - 1, heading, y, x))
+    return found[:count], len(queue) == 0
+
+
+@kernel
+def _worth_searching(bounds: Integers, least: float, top: int) -> list[tuple[int, int, int, int, int]]:
+    """The windows of the top level that may hold a pose with at least this score."""
+    queue = [(0, 0, 0, 0, 0) for _ in range(0)]
+    for heading in range(bounds.shape[0]):
+        for y in range(bounds.shape[1]):
+            for x in range(bounds.shape[2]):
+                if bounds[heading, y, x] >= least:
+                    queue.append((-bounds[heading, y, x], top, heading, y << top, x << top))
+    return queue
+
+
+@kernel
+def _window_scores(level: Bytes, free: Bytes, offsets: Integers, step: int) -> Integers:
+    """[A, Y, X] upper bounds of the score within every window of step × step cells; −1 where nothing is free."""
+    rows, columns = (level.shape[0] - 1) // step, (level.shape[1] - 1) // step
+    bounds = np.full((len(offsets), rows, columns), -1, np.int32)
+    for y in range(rows):
+        for x in range(columns):
+            if free[(y + 1) * step, (x + 1) * step]:
+                for heading in range(len(offsets)):
+                    bounds[heading, y, x] = _score(level, offsets[heading], (y + 1) * step, (x + 1) * step)
+    return bounds
+
+
+@kernel
+def _score(level: Bytes, offsets: Integers, row: int, column: int) -> int:
+    """Sum of the values [H + P, W + P] that the beams [B, 2] hit from a padded row and column."""
+    height, width = level.shape
+    total = 0
+    for b in range(len(offsets)):
+        y, x = row + offsets[b, 0], column + offsets[b, 1]
+        if 0 <= y < height and 0 <= x < width:
+            total += level[y, x]
+    return total
+
+
+@kernel
+def _descend(levels: Bytes, free: Bytes, offsets: Integers, bounds: Integers) -> int:
+    """The score of a good pose, found by always taking the best quarter: what is worse than it need not be searched."""
+    top = len(levels) - 1
+    step = 1 << top
+    place = int(np.argmax(bounds))
+    heading = place // (bounds.shape[1] * bounds.shape[2])
+    row = place // bounds.shape[2] % bounds.shape[1] * step + step
+    column = place % bounds.shape[2] * step + step
+    best = 0
+    for level in range(top - 1, -1, -1):
+        best = -1
+        first_row, first_column = row, column
+        for quarter in range(4):
+            y, x = first_row + (quarter // 2 << level), first_column + (quarter % 2 << level)
+            if y < levels.shape[1] and x < levels.shape[2] and free[level, y, x]:
+                score = _score(levels[level], offsets[heading], y, x)
+                if score > best:
+                    best, row, column = score, y, x
+    return best
+
+
+@kernel
+def _covered(found: Integers, limits: Floats, headings: int, heading: int, row: int, column: int, size: int) -> bool:
+    """Whether all of a window lies near a pose that has been found already."""
+    for k in range(len(found)):
+        turned = abs(heading - found[k, 0])
+        if min(turned, headings - turned) > limits[2]:
+            continue
+        dy = max(abs(row - found[k, 1]), abs(row + size - 1 - found[k, 1]))
+        dx = max(abs(column - found[k, 2]), abs(column + size - 1 - found[k, 2]))
+        if dy * dy + dx * dx <= limits[1] * limits[1]:
+            return True
+    return False
