@@ -33,7 +33,7 @@ class BoxTruth:
 
     Attributes:
         first_cell: Where it stood at first.
-        position: [2] m, world frame; where it was let go, once it is delivered.
+        position: x and y, m, world frame; where it was let go, once it is delivered.
         place: On the floor, held by the robot, or delivered.
     """
 
@@ -50,7 +50,7 @@ class Collision:
         time: s, of the first touch.
         mover: What was driven: ``robot`` or, if its load touched, ``box <k>``.
         touched: What it touched: ``wall <k>``, ``obstacle <k>`` or ``box <k>``.
-        position: [2] m, world frame.
+        position: x and y, m, world frame.
     """
 
     time: float
@@ -107,9 +107,9 @@ class Referee:
         """
         return distances_to(self._surfaces, points)
 
-    def record(self, time: float, pose: Pose, boxes: tuple[BoxTruth, ...]) -> None:
-        """Take note of where everything is."""
-        self.time, self.pose, self.boxes = time, pose, boxes
+    def record(self, time: float, pose: Pose) -> None:
+        """Take note of where the robot is: s, and base_link in the world frame."""
+        self.time, self.pose = time, pose
         self._history.append((time, pose.x, pose.y, pose.theta))
         cell = self._entered(pose)
         if cell is not None and (not self._cells or self._cells[-1] != cell):

@@ -98,7 +98,8 @@ class Simulation:
 
     def measure(self) -> list[Scan | Odometry]:
         """What the sensors say now."""
-        self._record()
+        self.referee.record(self.time, self.physics.robot_pose)
+        self._show_boxes()
         measurements: list[Scan | Odometry] = [
             self._encoders.read(self.time, self.physics.wheel_angles, 1 / ODOMETRY_RATE)
         ]
@@ -125,6 +126,7 @@ class Simulation:
             if near:
                 self._held = int(near[0])
                 self.physics.hold(self._held)
+                self._show_boxes()
         return self._held is not None
 
     def open_latch(self) -> bool:
@@ -136,6 +138,7 @@ class Simulation:
             self.physics.take_in(box)
             self._delivered[box] = (x, y)
             self._held = None
+            self._show_boxes()
         return self._held is None
 
     def _cell(self) -> Cell:
@@ -143,8 +146,8 @@ class Simulation:
         pose, size = self.physics.robot_pose, self.plan.cell_size
         return Cell(math.floor(pose.x / size), math.floor(pose.y / size))
 
-    def _record(self) -> None:
-        """Tell the referee where everything is."""
+    def _show_boxes(self) -> None:
+        """Tell the referee where the boxes are."""
         places = self.physics.box_positions.tolist()
         boxes = []
         for box, cell in enumerate(self.plan.boxes):
@@ -153,7 +156,7 @@ class Simulation:
             if box in self._delivered:
                 place = BoxPlace.DELIVERED
             boxes.append(BoxTruth(cell, self._delivered.get(box, (x, y)), place))
-        self.referee.record(self.time, self.physics.robot_pose, tuple(boxes))
+        self.referee.boxes = tuple(boxes)
 
 
 class SimulatedRobot:

@@ -1,0 +1,88 @@
+"""Faults on demand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop
+from numpy.testing import assert_allclose
+
+from wherry.robot import Odometry, Scan
+from wherry.simulation import build
+from wherry.simulation.faults import blind, kidnap, random_pose, slippery
+from wherry.simulation.solids import clearance
+from wherry.space.pose import Pose
+
+
+def _odometry(measurements: list[Scan | Odometry]) -> Odometry:
+    return [measurement for measurement in measurements if isinstance(measurement, Odometry)][-1]
+
+
+def test_a_kidnapped_robot_stands_elsewhere_and_its_wheels_did_not_notice() -> None:
+    simulation = exact(hall())
+    before = _odometry(drive(simulation, 0.0, 0.0, 0.2))
+    kidnap(simulation, Pose(1.0, 1.5, 2.0))
+    after = _odometry(drive(simulation, 0.0, 0.0, 0.5))
+    assert_allclose(simulation.referee.pose.as_array(), [1.0, 1.5, 2.0], atol=0.002)
+    assert after.pose.distance_to(before.pose) < 0.001
+    drive(simulation, 0.3, 0.0, 1.0)
+    assert simulation.referee.pose.relative_to(Pose(1.0, 1.5, 2.0)).x > 0.2
+    assert simulation.referee.collisions == []
+
+
+def test_the_load_is_kidnapped_too() -> None:
+    simulation = exact(hall())
+    drive_to_x(simulation, 4.5 * CELL)
+    simulation.robot.close_latch()
+    drive(simulation, -0.2, 0.0, 0.5)
+    held = box_in_base(simulation, 0)
+    kidnap(simulation, Pose(1.0, 1.5, -1.0))
+    drive(simulation, -0.2, 0.0, 1.0)
+    assert_allclose(box_in_base(simulation, 0), held, atol=0.002)
+
+
+@pytest.mark.parametrize("pose", [Pose(0.1, 1.0), Pose(-3.0, 1.0), Pose(4.5 * CELL, 2.5 * CELL), Pose(4.5, 2.1)])
+def test_nobody_is_put_into_walls_boxes_or_the_open(pose: Pose) -> None:
+    simulation = exact(hall())
+    with pytest.raises(ValueError, match="something stands at"):
+        kidnap(simulation, pose)
+
+
+def test_random_poses_are_free_and_everywhere() -> None:
+    simulation = build(hall(), np.random.default_rng(0))
+    poses = [random_pose(simulation, np.random.default_rng(seed)) for seed in range(100)]
+    points = np.array([pose.as_array()[:2] for pose in poses])
+    assert clearance(simulation.solids, points).min() > 0.2
+    for box in simulation.referee.boxes:
+        assert np.hypot(*(points - box.position).T).min() > 0.3
+    assert np.ptp(points[:, 0]) > 6 * CELL
+    assert np.ptp([pose.theta for pose in poses]) > 1.8 * math.pi
+
+
+def test_on_a_slippery_floor_wheels_turn_more_than_the_robot_drives() -> None:
+    def slip(*, oiled: bool) -> float:
+        simulation = exact(hall(o=" "))
+        measurements = drive(simulation, 0.0, 0.0, 0.1)
+        start = simulation.referee.pose
+        if oiled:
+            with slippery(simulation):
+                measurements += drive(simulation, 0.5, 0.0, 1.0)
+        else:
+            measurements += drive(simulation, 0.5, 0.0, 1.0)
+        drive(simulation, 0.5, 0.0, 0.5)
+        last = _odometry(drive(simulation, 0.0, 0.0, 1.0))
+        return last.pose.distance_to(simulation.referee.pose.relative_to(start))
+
+    assert slip(oiled=True) > 0.1
+    assert slip(oiled=False) < 0.01
+
+
+def test_a_blind_lidar_reads_nothing_and_recovers() -> None:
+    simulation = exact(hall())
+    with blind(simulation):
+        scans = [found for found in drive(simulation, 0.0, 0.0, 0.5) if isinstance(found, Scan)]
+        assert all(np.isnan(scan.ranges).all() and not scan.valid.any() for scan in scans[1:])
+    stop(simulation)
+    assert [found for found in drive(simulation, 0.0, 0.0, 0.2) if isinstance(found, Scan)][-1].valid.all()

@@ -1,0 +1,278 @@
+"""The simulated robot on its physics: driving, docking, holding, delivering, and being the same every time."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop, turn_to
+from numpy.testing import assert_allclose
+
+from robot_contract import RobotContract
+from wherry.errors import InputError
+from wherry.floorplan import FloorPlan, find_world, place_boxes
+from wherry.robot import Odometry, Robot, Scan, Velocity
+from wherry.simulation import BoxPlace, Simulation, build
+from wherry.simulation.simulator import LARGEST_BOX_OFFSET
+from wherry.space.pose import Pose
+
+BOX_X = 4.5 * CELL  # m, the middle of the cell of the hall's box before the robot
+
+
+class TestSimulatedRobot(RobotContract):
+    @pytest.fixture
+    def robot(self) -> Robot:
+        return build(hall(), np.random.default_rng(0)).robot
+
+
+def test_it_starts_where_the_plan_says() -> None:
+    simulation = exact(hall())
+    assert_allclose(simulation.referee.pose.as_array(), [1.5 * CELL, 2.5 * CELL, 0.0], atol=1e-3)
+    first, second = simulation.robot.receive(), simulation.robot.receive()
+    assert isinstance(first, Odometry)
+    assert isinstance(second, Scan)
+    assert first.time == second.time == simulation.time == 0.0
+    assert first.pose == Pose()
+
+
+def test_odometry_at_20_and_scans_at_10_hertz() -> None:
+    measurements = drive(exact(hall()), 0.0, 0.0, 2.0)
+    assert sum(isinstance(measurement, Odometry) for measurement in measurements) == 41
+    assert sum(isinstance(measurement, Scan) for measurement in measurements) in {20, 21}
+
+
+def test_it_tracks_a_straight_line() -> None:
+    simulation = exact(hall(o=" "))
+    start = simulation.referee.pose
+    drive(simulation, 0.5, 0.0, 4.0)
+    drive(simulation, -0.5, 0.0, 8.0 - 4.0)
+    drive(simulation, 0.5, 0.0, 4.0)
+    stop(simulation)
+    moved = simulation.referee.pose.relative_to(start)
+    assert moved.x > 1.9
+    assert abs(moved.y) < 0.001
+    assert abs(moved.theta) < 0.001
+
+
+def test_it_turns_on_the_spot() -> None:
+    simulation = exact(hall(o=" "))
+    start = simulation.referee.pose
+    measurements = drive(simulation, 0.0, 1.5, 12.0) + drive(simulation, 0.0, 0.0, 1.0)
+    turned = [reading.velocity.angular for reading in measurements if isinstance(reading, Odometry)]
+    assert np.median(turned) == pytest.approx(1.5, rel=0.02)
+    assert simulation.referee.pose.distance_to(start) < 0.01
+    truth = np.unwrap(simulation.referee.history[:, 3])[-1]
+    assert truth == pytest.approx(sum(turned) / 20, rel=0.01)
+
+
+def test_without_errors_odometry_is_off_by_what_the_tyres_give() -> None:
+    simulation = exact(hall(o=" "))
+    start = simulation.referee.pose
+    measurements = []
+    for linear, angular, seconds in ((0.5, 0.0, 4.0), (0.0, 1.0, 3.0), (0.0, -1.0, 3.0), (-0.4, 0.3, 4.0)):
+        measurements += drive(simulation, linear, angular, seconds)
+    measurements += drive(simulation, 0.0, 0.0, 1.0)
+    last = [reading for reading in measurements if isinstance(reading, Odometry)][-1]
+    truth = simulation.referee.pose.relative_to(start)
+    assert last.pose.distance_to(truth) < 0.01 * 3.6
+    assert abs(math.remainder(last.pose.theta - truth.theta, math.tau)) < 0.03
+
+
+def test_odometry_drifts_by_a_few_percent() -> None:
+    errors = []
+    for seed in range(6):
+        simulation = build(find_world("small"), np.random.default_rng(seed))
+        start, measurements = simulation.referee.pose, []
+        for _ in range(3):  # 6 m, there and back
+            measurements += drive(simulation, 0.5, 0.0, 2.1) + drive(simulation, -0.5, 0.0, 2.1)
+        last = [reading for reading in measurements if isinstance(reading, Odometry)][-1]
+        truth = simulation.referee.pose.relative_to(start)
+        errors.append(abs(math.remainder(last.pose.theta - truth.theta, math.tau)) / 6.0)
+    assert 0.002 < np.median(errors) < 0.03  # rad for each metre
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.04, 0.0), (0.0, 0.03), (-0.028, -0.028), (0.0, -0.035)])
+def test_it_docks_turns_round_the_box_holds_it_and_drives_off(offset: tuple[float, float]) -> None:
+    simulation = exact(hall(), (offset,))
+    drive_to_x(simulation, BOX_X + offset[0])
+    before = simulation.physics.box_positions[0, :2]
+    assert_allclose(before, np.array([4.5, 2.5]) * CELL + offset, atol=0.001)
+    turn_to(simulation, math.pi / 2)
+    turn_to(simulation, -math.pi)
+    turn_to(simulation, -math.pi / 2)
+    turn_to(simulation, 0.0)
+    assert np.hypot(*(simulation.physics.box_positions[0, :2] - before)) < 0.01
+    assert simulation.robot.close_latch() is True
+    docked = box_in_base(simulation, 0)
+    drive_to_x(simulation, 2.0)
+    turn_to(simulation, 2.0)
+    drive(simulation, -0.4, 0.6, 1.0)
+    stop(simulation)
+    assert_allclose(box_in_base(simulation, 0), docked, atol=0.001)
+    assert simulation.referee.boxes[0].place is BoxPlace.HELD
+    assert simulation.referee.collisions == []
+
+
+def test_a_held_box_is_never_teleported() -> None:
+    simulation = exact(hall(), ((0.02, 0.02),))
+    drive_to_x(simulation, BOX_X)
+    places = [simulation.physics.box_positions[0].copy()]
+    simulation.robot.close_latch()
+    for _ in range(60):
+        drive(simulation, -0.4, 0.2, 0.05)
+        places.append(simulation.physics.box_positions[0].copy())
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert steps.max() < 0.05 * (0.4 + 0.02) * 1.2
+    assert steps[-1] > 0.015
+
+
+def test_an_open_latch_leaves_the_box_behind() -> None:
+    simulation = exact(hall())
+    drive_to_x(simulation, BOX_X)
+    drive_to_x(simulation, 1.5)
+    assert_allclose(simulation.physics.box_positions[0, :2], [BOX_X, 2.5 * CELL], atol=0.001)
+
+
+def test_the_latch_reaches_only_a_box_in_the_fork() -> None:
+    simulation = exact(hall())
+    drive_to_x(simulation, BOX_X - 0.08)
+    assert simulation.robot.close_latch() is False
+    drive_to_x(simulation, BOX_X - 0.03)
+    assert simulation.robot.close_latch() is True
+    assert simulation.robot.close_latch() is True
+
+
+def _deliver(simulation: Simulation) -> None:
+    """Fetch the box before the robot and carry it, in reverse, over the warehouse."""
+    drive_to_x(simulation, BOX_X)
+    simulation.robot.close_latch()
+    drive_to_x(simulation, 1.5 * CELL)
+    turn_to(simulation, math.pi / 2)
+    for _ in range(200):
+        if simulation.referee.pose.y < 0.52 * CELL:
+            break
+        drive(simulation, 0.0 if simulation.referee.pose.y < 0.6 * CELL else -0.3, 0.0, 0.05)
+    stop(simulation)
+
+
+def test_the_interlock_opens_the_latch_only_over_the_warehouse() -> None:
+    simulation = exact(hall())
+    drive_to_x(simulation, BOX_X)
+    simulation.robot.close_latch()
+    assert simulation.robot.open_latch() is False
+    assert simulation.referee.boxes[0].place is BoxPlace.HELD
+    drive_to_x(simulation, 1.5 * CELL)
+    assert simulation.robot.open_latch() is False
+
+
+def test_the_warehouse_takes_a_box_in() -> None:
+    simulation = exact(hall())
+    _deliver(simulation)
+    where = simulation.physics.box_positions[0, :2]
+    assert simulation.robot.open_latch() is True
+    drive(simulation, 0.0, 0.0, 0.3)
+    assert simulation.physics.box_positions[0, 2] == pytest.approx(0.15 - 0.3 * 0.3, abs=0.02)  # it sinks
+    drive(simulation, 0.0, 0.0, 2.0)
+    assert simulation.referee.boxes[0].place is BoxPlace.DELIVERED
+    assert simulation.referee.boxes[0].position == pytest.approx(tuple(where), abs=0.01)
+    assert simulation.referee.delivered == 1
+    gone = simulation.physics.box_positions[0, 2]
+    assert gone < -0.3
+    drive(simulation, 0.3, 0.0, 4.0)
+    assert simulation.physics.box_positions[0, 2] == pytest.approx(gone, abs=0.01)
+    assert simulation.robot.close_latch() is False
+    assert simulation.robot.open_latch() is True
+    assert simulation.referee.collisions == []
+
+
+def test_the_lidar_sees_a_box_until_it_has_been_taken_in() -> None:
+    simulation = exact(hall())
+    _deliver(simulation)
+
+    def nearest_ahead() -> float:
+        (scan,) = [found for found in drive(simulation, 0.0, 0.0, 0.1) if isinstance(found, Scan)]
+        return float(scan.ranges[np.abs(scan.angles) < 0.3].min())
+
+    assert nearest_ahead() == pytest.approx(0.07, abs=0.005)
+    simulation.robot.open_latch()
+    stop(simulation)
+    assert nearest_ahead() > 1.0
+
+
+def test_boxes_stand_near_the_middles_of_their_cells() -> None:
+    plan = find_world("taxi")
+    offsets = []
+    for seed in range(20):
+        boxes = build(plan, np.random.default_rng(seed)).referee.boxes
+        offsets += [np.array(box.position) / CELL - (box.first_cell.x + 0.5, box.first_cell.y + 0.5) for box in boxes]
+        assert tuple(box.first_cell for box in boxes) == plan.boxes
+    lengths = np.hypot(*np.array(offsets).T) * CELL
+    assert LARGEST_BOX_OFFSET / 2 < lengths.max() <= LARGEST_BOX_OFFSET + 1e-6
+
+
+def test_boxes_at_rest_stay_where_they_are() -> None:
+    simulation = exact(hall())
+    before = simulation.physics.box_positions.copy()
+    drive(simulation, 0.1, 0.5, 20.0)
+    assert_allclose(simulation.physics.box_positions, before, atol=1e-6)
+
+
+def _adventure(simulation: Simulation) -> bytes:
+    """Everything that a robot is told and that the referee sees in an eventful half minute."""
+    told = b""
+    for linear, angular, seconds in ((0.5, 0.0, 3.0), (0.0, 1.0, 2.0), (-0.4, 0.3, 3.0), (0.6, -0.5, 4.0)):
+        for measurement in drive(simulation, linear, angular, seconds):
+            told += measurement.ranges.tobytes() if isinstance(measurement, Scan) else repr(measurement).encode()
+        simulation.robot.close_latch()
+    return told + simulation.referee.history.tobytes() + repr(simulation.referee.collisions).encode()
+
+
+def test_same_plan_same_seed_same_commands_same_bytes() -> None:
+    plan = place_boxes(find_world("rooms"), 4, np.random.default_rng(0))
+    runs = [_adventure(build(plan, np.random.default_rng(seed))) for seed in (1, 1, 2)]
+    assert runs[0] == runs[1]
+    assert runs[0] != runs[2]
+
+
+def test_two_simulations_do_not_disturb_each_other() -> None:
+    alone = _adventure(exact(hall()))
+    first, second = exact(hall()), exact(hall())
+    _deliver(second)
+    second.robot.open_latch()
+    assert _adventure(first) == alone
+
+
+def test_a_plan_without_a_robot_is_refused() -> None:
+    with pytest.raises(InputError, match="has no robot"):
+        build(FloorPlan("plan", 3, 3), np.random.default_rng(0))
+
+
+def _speed(work: Callable[[], object], simulation: Simulation) -> float:
+    """Simulated seconds for each second of the processor."""
+    started, before = time.process_time(), simulation.time
+    work()
+    return (simulation.time - before) / (time.process_time() - started)
+
+
+def test_it_is_much_faster_than_time() -> None:
+    plan = place_boxes(find_world("rooms"), 4, np.random.default_rng(0))
+    simulation = build(plan, np.random.default_rng(0))
+    drive(simulation, 0.3, 0.0, 1.0)  # kernels get compiled
+
+    def wander() -> None:
+        for _ in range(10):
+            drive(simulation, 0.4, 0.2, 1.5)
+            drive(simulation, -0.4, -0.2, 1.5)
+
+    assert max(_speed(wander, simulation) for _ in range(3)) > 100  # 250 on an idle machine
+
+
+def test_commands_last_until_the_next_one() -> None:
+    simulation = exact(hall())
+    simulation.robot.command(Velocity(0.3))
+    while simulation.time < 0.3:
+        simulation.robot.receive()
+    assert simulation.referee.history[-1, 1] - simulation.referee.history[0, 1] > 0.03

@@ -1,0 +1,83 @@
+"""Walls and obstacles in metres."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from wherry.floorplan import Cell, Direction, FloorPlan, Wall, find_world, generate_world
+from wherry.simulation.solids import FREE, OBSTACLE, WALL, Solids, clearance, distances_to
+
+ROOM = Solids.of(FloorPlan("room", 2, 1, cell_size=1.0))
+
+
+def test_an_empty_room_is_four_walls_astride_its_edges() -> None:
+    sides = {tuple(np.round(rectangle, 9)) for rectangle in ROOM.rectangles(WALL)}
+    assert sides == {
+        (-0.03, -0.03, 2.03, 0.03),
+        (-0.03, 0.97, 2.03, 1.03),
+        (-0.03, -0.03, 0.03, 1.03),
+        (1.97, -0.03, 2.03, 1.03),
+    }
+    assert len(ROOM.rectangles(OBSTACLE)) == 0
+
+
+def test_the_surfaces_of_a_room_are_its_four_inner_faces() -> None:
+    faces = {tuple(np.round(face, 9)) for face in ROOM.surfaces()}
+    assert faces == {
+        (0.03, 0.03, 0.03, 0.97),
+        (1.97, 0.03, 1.97, 0.97),
+        (0.03, 0.03, 1.97, 0.03),
+        (0.03, 0.97, 1.97, 0.97),
+    }
+
+
+def test_a_wall_reaches_half_its_thickness_beyond_its_ends() -> None:
+    plan = FloorPlan("plan", 3, 3, cell_size=1.0, walls=frozenset({Wall.between(Cell(1, 1), Direction.EAST)}))
+    outer = {tuple(rectangle) for rectangle in Solids.of(FloorPlan("plan", 3, 3, cell_size=1.0)).rectangles(WALL)}
+    (inner,) = [rectangle for rectangle in Solids.of(plan).rectangles(WALL) if tuple(rectangle) not in outer]
+    assert_allclose(inner, (1.97, 0.97, 2.03, 2.03))
+
+
+def test_an_obstacle_fills_its_cell() -> None:
+    solids = Solids.of(FloorPlan("plan", 3, 3, cell_size=1.0, obstacles=frozenset({Cell(1, 1)})))
+    assert_allclose(solids.rectangles(OBSTACLE), [(1.0, 1.0, 2.0, 2.0)])
+
+
+def test_distances_to_a_rectangle() -> None:
+    square = np.array([[1.0, 1.0, 2.0, 2.0]])
+    points = np.array([[1.5, 1.5], [0.0, 1.5], [1.5, 4.0], [5.0, 6.0]])
+    assert_allclose(distances_to(square, points), [0.0, 1.0, 2.0, 5.0])
+
+
+@pytest.mark.parametrize("name", ["rooms", "offices", "taxi10"])
+def test_rectangles_cover_what_is_solid_and_nothing_else(name: str) -> None:
+    solids = Solids.of(find_world(name))
+    points = np.random.default_rng(0).uniform((solids.xs[0], solids.ys[0]), (solids.xs[-1], solids.ys[-1]), (20_000, 2))
+    columns = np.searchsorted(solids.xs, points[:, 0]) - 1
+    rows = np.searchsorted(solids.ys, points[:, 1]) - 1
+    kinds = solids.kinds[rows, columns]
+    for kind in (WALL, OBSTACLE):
+        assert_allclose(distances_to(solids.rectangles(kind), points) == 0, kinds == kind)
+    assert_allclose(clearance(solids, points) == 0, kinds != FREE)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_from_free_floor_the_nearest_surface_is_the_nearest_solid(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    solids = Solids.of(generate_world(14, 11, rng))
+    points = rng.uniform((0.0, 0.0), (solids.xs[-1], solids.ys[-1]), (5_000, 2))
+    free = clearance(solids, points) > 0
+    assert free.mean() > 0.6
+    assert_allclose(distances_to(solids.surfaces(), points[free]), clearance(solids, points[free]))
+
+
+def test_outside_the_building_there_is_no_room() -> None:
+    assert_allclose(clearance(ROOM, np.array([[-5.0, 0.5], [1.0, 9.0], [1.0, 0.5]])), [0.0, 0.0, 0.47])
+
+
+def test_a_building_is_few_rectangles() -> None:
+    solids = Solids.of(find_world("rooms"))
+    assert len(solids.rectangles(WALL)) <= 25
+    assert len(solids.rectangles(OBSTACLE)) <= len(find_world("rooms").obstacles)
