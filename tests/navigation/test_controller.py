@@ -112,6 +112,18 @@ def test_clear_distance_is_that_of_the_round_body() -> None:
     assert clear_distance(scan_of([(0.6, 0.0)]), BODY, ignore=np.array([[0.7, 0.0, 0.15]])) == math.inf
 
 
+def test_clear_distance_along_an_arc() -> None:
+    # A quarter circle of 1 m to the left ends at (1, 1); the disc touches a point there a little earlier, by a chord of
+    # its radius. Straight on, or bending to the right, the point is not in the way.
+    corner = scan_of([(1.0, 1.0)])
+    expected = math.pi / 2 - 2 * math.asin(BODY.radius / 2)
+    assert clear_distance(corner, BODY, curvature=1.0) == pytest.approx(expected, abs=3e-3)
+    assert clear_distance(corner, BODY) == math.inf
+    assert clear_distance(corner, BODY, curvature=-1.0) == math.inf
+    behind = scan_of([(-1.0, -1.0)])
+    assert clear_distance(behind, BODY, reverse=True, curvature=1.0) == pytest.approx(expected, abs=3e-3)
+
+
 def test_a_safe_robot_stops_in_time() -> None:
     fast = Velocity(0.5, 0.4)
     assert safe_velocity(fast, scan_of([]), BODY) == fast
@@ -119,6 +131,6 @@ def test_a_safe_robot_stops_in_time() -> None:
     assert 0.0 < slowed.linear < 0.5
     assert slowed.angular / slowed.linear == pytest.approx(0.8)
     near = scan_of([(BODY.radius + STOP_DISTANCE - 0.01, 0.0)])
-    assert safe_velocity(fast, near, BODY) == Velocity()
+    assert safe_velocity(fast, near, BODY) == Velocity(0.0, 0.4), "only the turning is left"
     assert safe_velocity(Velocity(0.0, 1.0), near, BODY) == Velocity(0.0, 1.0)
     assert safe_velocity(Velocity(-0.5, 0.0), near, BODY) == Velocity(-0.5, 0.0)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.domains.delivery import DROPOFF, PICKUP, Site, all_delivered, reward
+from wherry.domains.delivery import DROPOFF, PICKUP, DeliverySteps, Site, all_delivered, boxes_left, reward
 from wherry.episodes import GoalAgent, Step, run
 from wherry.errors import InputError
 from wherry.experiments.scoring import Result, align, position_errors, root_mean_square, shortest_delivery
@@ -178,7 +178,7 @@ class DeliveryRun:
         """The agent loop on the robot."""
         assert self._ready is not None
         environment, frame = self._ready.environment, self._ready.frame
-        agent = GoalAgent(self._learner, all_delivered)
+        agent = GoalAgent(self._learner, boxes_left, DeliverySteps())
         self._marks.append(self._mark())
         if not environment.remaining:
             sink(Said(environment.pilot.time, "done", "There is nothing to deliver that I could find."))

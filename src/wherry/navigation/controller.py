@@ -7,6 +7,7 @@ once it has arrived. Driving in reverse is driving forwards with the robot's bac
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,7 +24,10 @@ HEADING_GAIN = 2.5  # rad/s per rad
 LATERAL_GAIN = 3.0  # rad of heading per m beside the line
 CREEP = 0.02  # m/s, the slowest that is still a movement
 CREEP_TURN = 0.08  # rad/s
-STOP_DISTANCE = 0.05  # m that a safe robot keeps from what it sees
+STOP_DISTANCE = 0.05  # m that a safe robot keeps from what it sees in its way
+SIDE_DISTANCE = 0.02  # m that it keeps at its sides
+REACTION_TIME = 0.15  # s from a scan until what is commanded because of it takes hold
+STRAIGHT = 1e-3  # 1/m; a way that bends less is straight
 
 
 def follow_path(pose: Pose, path: Floats, body: Body, *, reverse: bool = False) -> Velocity | None:
@@ -122,30 +126,53 @@ def go_to(pose: Pose, goal: Pose, body: Body, *, reverse: bool = False) -> Veloc
     return Velocity(-linear if reverse else linear, angular)
 
 
-def clear_distance(scan: Scan, body: Body, *, reverse: bool = False, ignore: Floats = NO_DISCS) -> float:
-    """How far the robot can drive straight on before its round body meets what the lidar sees now.
+def clear_distance(
+    scan: Scan, body: Body, *, reverse: bool = False, curvature: float = 0.0, ignore: Floats = NO_DISCS
+) -> float:
+    """How far the robot can drive on along an arc before its round body meets what the lidar sees now.
 
     Args:
         scan: The last one.
         body: The robot's shape.
         reverse: Whether it drives backwards.
+        curvature: κ, 1/m, of the arc, positive where it bends to the robot's left as it looks along its way.
         ignore: [K, 3] m, base_link frame: x, y and radius of discs whose readings do not count, such as the box that
             the robot is about to dock on. The load in the fork is always ignored.
 
     Returns:
-        m; ``inf`` if nothing is seen in the way, at least 0.
+        m along the arc; ``inf`` if nothing is seen in the way, at least 0.
     """
     points = body.lidar.transform(scan.points())
     load = np.array([[0.0, 0.0, 1.5 * body.box_radius]])
     for x, y, radius in np.vstack([load, ignore]):
         points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > radius]
-    along = -points[:, 0] if reverse else points[:, 0]
-    in_way = (np.abs(points[:, 1]) < body.radius) & (along > 0.0)
-    if not in_way.any():
-        return math.inf
+    if reverse:
+        points = -points
+    points = points[points[:, 0] > 0.0]
+    gaps = _gaps_straight(points, body.radius) if abs(curvature) < STRAIGHT else _gaps_arc(points, body.radius, curvature)
+    return max(float(gaps.min()), 0.0) if len(gaps) else math.inf
+
+
+def _gaps_straight(points: Floats, radius: float) -> Floats:
+    """[M] m that a disc can move along x until it touches those of the points [N, 2] m that are in its way."""
+    points = points[np.abs(points[:, 1]) < radius]
     # A circle of the body's radius touches a point that lies aside by y when its middle is so far before it.
-    gaps = along[in_way] - np.sqrt(body.radius**2 - points[in_way, 1] ** 2)
-    return max(float(gaps.min()), 0.0)
+    gaps: Floats = points[:, 0] - np.sqrt(radius**2 - points[:, 1] ** 2)
+    return gaps
+
+
+def _gaps_arc(points: Floats, radius: float, curvature: float) -> Floats:
+    """[M] m along an arc, likewise: law of cosines in the triangle of the arc's centre, the point and the disc."""
+    turn = 1.0 / curvature
+    points = points * np.array([1.0, math.copysign(1.0, curvature)])  # bend to the left
+    turn = abs(turn)
+    away = np.hypot(points[:, 0], points[:, 1] - turn)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cosine = (turn**2 + away**2 - radius**2) / (2.0 * turn * away)
+    in_way = np.abs(cosine) <= 1.0
+    bearing = np.arctan2(points[in_way, 0], turn - points[in_way, 1])  # from the arc's beginning, around its centre
+    gaps: Floats = turn * (bearing - np.arccos(cosine[in_way]))
+    return gaps
 
 
 def safe_velocity(velocity: Velocity, scan: Scan, body: Body, *, ignore: Floats = NO_DISCS) -> Velocity:
@@ -158,14 +185,21 @@ def safe_velocity(velocity: Velocity, scan: Scan, body: Body, *, ignore: Floats 
         ignore: As in `clear_distance`.
 
     Returns:
-        The same curve, driven slowly enough; turning on the spot is always safe for a round body.
+        The same curve, driven slowly enough; where it must stop, only its turning, which is safe for a round body.
     """
     if velocity.linear == 0.0:
         return velocity
-    gap = clear_distance(scan, body, reverse=velocity.linear < 0.0, ignore=ignore) - STOP_DISTANCE
+    reverse = velocity.linear < 0.0
+    curvature = velocity.angular / velocity.linear
+    wider = replace(body, radius=body.radius + SIDE_DISTANCE)
+    clear = clear_distance(scan, wider, reverse=reverse, curvature=-curvature if reverse else curvature, ignore=ignore)
+    gap = clear + SIDE_DISTANCE - STOP_DISTANCE
     if gap <= 0.0:
-        return Velocity(0.0, 0.0)
-    allowed = math.sqrt(2.0 * BRAKING * body.max_linear_acceleration * gap) if math.isfinite(gap) else math.inf
+        return Velocity(0.0, velocity.angular)
+    # Between the scan and the moment when the command takes hold, the robot drives on.
+    deceleration = BRAKING * body.max_linear_acceleration
+    lag = deceleration * REACTION_TIME
+    allowed = math.sqrt(lag**2 + 2.0 * deceleration * gap) - lag if math.isfinite(gap) else math.inf
     share = min(1.0, allowed / abs(velocity.linear))
     return Velocity(velocity.linear * share, velocity.angular * share)
 

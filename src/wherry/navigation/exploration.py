@@ -59,7 +59,9 @@ def frontier_cells(grid: OccupancyGrid) -> NDArray[np.bool_]:
     return long_enough
 
 
-def next_viewpoint(grid: OccupancyGrid, costmap: Costmap, pose: Pose, looked: Floats) -> Viewpoint | None:
+def next_viewpoint(
+    grid: OccupancyGrid, costmap: Costmap, pose: Pose, looked: Floats, *, least_gain: float = LEAST_GAIN
+) -> Viewpoint | None:
     """Choose where to look next.
 
     Args:
@@ -67,6 +69,7 @@ def next_viewpoint(grid: OccupancyGrid, costmap: Costmap, pose: Pose, looked: Fl
         costmap: Where the robot may be on it.
         pose: base_link in the map frame.
         looked: [K, 2] m, map frame: where it was sent before; not sent there again.
+        least_gain: m² of the unknown that are worth going for.
 
     Returns:
         The best viewpoint; None if nothing that can be reached shows anything unknown: the map is finished.
@@ -79,7 +82,7 @@ def next_viewpoint(grid: OccupancyGrid, costmap: Costmap, pose: Pose, looked: Fl
     viewpoints = [
         Viewpoint(place, visible_unknown(grid, place), float(ways[costmap.cell_at(place)])) for place in places
     ]
-    worthwhile = [viewpoint for viewpoint in viewpoints if viewpoint.gain >= LEAST_GAIN]
+    worthwhile = [viewpoint for viewpoint in viewpoints if viewpoint.gain >= least_gain]
     return max(worthwhile, key=lambda viewpoint: viewpoint.worth, default=None)
 
 

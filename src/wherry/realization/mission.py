@@ -17,13 +17,14 @@ from wherry.errors import InputError
 from wherry.floorplan import Cell, FloorPlan
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import PRECISE
+from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.slam import Slam
-from wherry.navigation.exploration import frontier_cells, next_viewpoint
+from wherry.navigation.exploration import frontier_cells, next_viewpoint, visible_unknown
 from wherry.navigation.path import Costmap, shortest_path
 from wherry.realization.boxes import FARTHEST, Box, look_for_boxes, standing_free, without_boxes
 from wherry.realization.cells import plan_of_map
 from wherry.realization.environment import RobotEnvironment
-from wherry.realization.pilot import Load, Pilot
+from wherry.realization.pilot import Load, Pilot, Ride
 from wherry.realization.tracking import PoseTracker
 from wherry.robot import Odometry, Robot, Scan
 from wherry.space.frame import CellFrame, lay_cells
@@ -35,6 +36,7 @@ REPLAN = 1.5  # s of driving after which the growing map is looked at again
 OWN_PLACE = 0.35  # m around itself that a robot knows to be free although its lidar cannot see it
 START_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad² of a pose that SLAM just gave
 LOOK_EVERY = 5  # scans between two that are searched for boxes
+WORTHWHILE = 0.2  # m² of the unknown, about half a cell, for which the robot drives to see them
 BEHIND_FRONTIER = 1.0  # m of unknown that are expected behind a frontier, to tell how far a map has come
 
 
@@ -158,18 +160,26 @@ class Mission:
 
     def explore(self) -> Ready:
         """Make a map by driving to where most is unknown, until nothing reachable is; then get ready on it."""
-        slam = Slam(self._robot.body.lidar)
+        slam = GraphSlam(self._robot.body.lidar)
         pilot = Pilot(self._robot, PoseTracker(SlamCorrector(slam), Pose()), self._sink)
         watch = BoxWatch(pilot)
         self._say(pilot, "explore", "I know nothing of this place, so I drive to where my laser will see most.")
         pilot.look()
         looked: list[Floats] = []
-        while (goal := self._next_goal(pilot, slam, watch, looked)) is not None:
-            costmap = self._costmap(slam.grid(), pilot, watch.boxes)
+        goal: Floats | None = None
+        while True:
+            grid = slam.grid()
+            costmap = self._costmap(grid, pilot, watch.boxes)
+            if goal is None or visible_unknown(grid, goal) < WORTHWHILE:
+                viewpoint = next_viewpoint(grid, costmap, pilot.pose, np.array(looked).reshape(-1, 2), least_gain=WORTHWHILE)
+                if viewpoint is None:
+                    break
+                goal = viewpoint.position
+            self._tell_progress(pilot, grid)
             path = shortest_path(costmap, _position(pilot.pose), goal)
-            deadline = pilot.time + REPLAN
-            if path is None or pilot.follow(path, until=lambda: pilot.time >= deadline):
+            if path is None or not self._ride(pilot, path):
                 looked.append(goal)
+                goal = None
         pilot.stand()
         grid = slam.grid()
         boxes = standing_free(watch.boxes, grid, pilot.body.box_radius)
@@ -182,16 +192,16 @@ class Mission:
         pilot.tracker.hear(pilot.odometry)
         return self._get_ready(pilot, watch, grid, Pose())
 
-    def _next_goal(self, pilot: Pilot, slam: Slam, watch: BoxWatch, looked: list[Floats]) -> Floats | None:
-        """[2] m, map frame: where to look next; tells the sink how far the map has come."""
-        grid = slam.grid()
-        costmap = self._costmap(grid, pilot, watch.boxes)
-        viewpoint = next_viewpoint(grid, costmap, pilot.pose, np.array(looked).reshape(-1, 2))
+    def _tell_progress(self, pilot: Pilot, grid: OccupancyGrid) -> None:
+        """Tell the sink how far the map has come."""
         frontier = float(np.count_nonzero(frontier_cells(grid))) * grid.resolution  # m
         known = float(np.count_nonzero(grid.free)) * grid.resolution**2  # m²
-        beyond = frontier * BEHIND_FRONTIER if viewpoint is not None else 0.0
-        self._sink(Explored(pilot.time, grid, known / (known + beyond), frontier))
-        return None if viewpoint is None else viewpoint.position
+        self._sink(Explored(pilot.time, grid, known / (known + frontier * BEHIND_FRONTIER), frontier))
+
+    def _ride(self, pilot: Pilot, path: Floats) -> bool:
+        """Follow a path for a while; whether it is worth going on, for the robot is neither there nor held up."""
+        deadline = pilot.time + REPLAN
+        return pilot.follow(path, until=lambda: pilot.time >= deadline) is Ride.CUT_SHORT
 
     def _get_ready(self, pilot: Pilot, watch: BoxWatch, grid: OccupancyGrid, map_from_start: Pose) -> Ready:
         """Lay cells on the map, look into every corner for boxes, and stand in the middle of a cell."""
@@ -227,8 +237,7 @@ class Mission:
             target = min(unseen, key=lambda cell: (steps[cell], cell))
             costmap = self._costmap(grid, pilot, watch.boxes)
             path = shortest_path(costmap, _position(pilot.pose), frame.centre(target.x, target.y), within=1.0)
-            deadline = pilot.time + REPLAN
-            if path is None or pilot.follow(path, until=lambda: pilot.time >= deadline):
+            if path is None or not self._ride(pilot, path):
                 given_up.add(target)
 
     def _centre(
@@ -241,7 +250,7 @@ class Mission:
         for cell in free:  # the nearest first
             middle = frame.centre(cell.x, cell.y)
             path = shortest_path(costmap, _position(pilot.pose), middle)
-            if path is not None and pilot.follow(path):
+            if path is not None and pilot.follow(path) is Ride.ARRIVED:
                 pilot.go_to(Pose(float(middle[0]), float(middle[1]), frame.heading(1, 0)))
                 return
         raise RuntimeError("the robot stands where it can drive nowhere")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 
@@ -20,7 +21,16 @@ NO_POINTS = np.empty((0, 2))
 SHOWN_EVERY = 0.5  # s between two records of what is seen
 STILL = 0.005  # m/s and rad/s; slower than this, the robot stands
 FORK_REACH = 1.5  # box radii around base_link within which a reading is of a box in the fork
-PATIENCE = 40  # odometry messages in a row that the laser may hold the robot up before a drive is given up
+PATIENCE = 20  # odometry messages in a row that the laser may hold the robot up before a drive is given up
+
+
+class Ride(Enum):
+    """How a drive ended."""
+
+    ARRIVED = "arrived"
+    HELD_UP = "the laser saw something in the way"
+    CUT_SHORT = "there was no more reason to go on"
+
 
 Steering = Callable[[Pose], Velocity | None]
 """From base_link in the map frame to what to command now, or None on arrival."""
@@ -129,16 +139,12 @@ class Pilot:
         """Turn on the spot to a heading, rad, map frame; the robot is round, so nothing can be in its way."""
         self._drive(lambda pose: turn_to(pose, heading, self.body))
 
-    def follow(self, path: Floats, *, until: Callable[[], bool] = lambda: False) -> bool:
-        """Follow a path [N, 2] m, map frame, until its end, until the laser sees something in the way, or ``until``.
-
-        Returns:
-            Whether the robot came to the path's end.
-        """
+    def follow(self, path: Floats, *, until: Callable[[], bool] = lambda: False) -> Ride:
+        """Follow a path [N, 2] m, map frame, until its end, until the laser sees something in the way, or ``until``."""
         self._path = path
-        arrived = self._drive(lambda pose: follow_path(pose, path, self.body), until=until)
+        ride = self._drive(lambda pose: follow_path(pose, path, self.body), until=until)
         self._path = NO_POINTS
-        return arrived
+        return ride
 
     def approach(self, goal: Pose, *, reverse: bool, ignore: Floats = NO_DISCS, speed: float = math.inf) -> bool:
         """Drive along the straight line through a goal until level with it, or until the laser stops the robot.
@@ -153,11 +159,9 @@ class Pilot:
             Whether the robot got there.
         """
         self._path = np.array([[self.pose.x, self.pose.y], [goal.x, goal.y]])
-        arrived = self._drive(
-            lambda pose: drive_line(pose, goal, self.body, reverse=reverse, speed=speed), ignore=ignore
-        )
+        ride = self._drive(lambda pose: drive_line(pose, goal, self.body, reverse=reverse, speed=speed), ignore=ignore)
         self._path = NO_POINTS
-        return arrived
+        return ride is Ride.ARRIVED
 
     def go_to(self, goal: Pose, *, reverse: bool = False) -> bool:
         """Go straight to a pose that is near, and turn to its heading there."""
@@ -166,18 +170,20 @@ class Pilot:
     def _drive(self, steer: Steering, *, ignore: Floats = NO_DISCS, until: Callable[[], bool] = lambda: False) -> bool:
         """Command what the steering says until it has arrived (True), or the laser or ``until`` stops it (False)."""
         held_up = 0
-        while held_up < PATIENCE and not until():
+        while held_up < PATIENCE:
+            if until():
+                return Ride.CUT_SHORT  # whatever comes next may go on without a stop
             wanted = steer(self.pose)
             if wanted is None:
                 self.stand()
-                return True
+                return Ride.ARRIVED
             velocity = safe_velocity(wanted, self.scan, self.body, ignore=self._in_base_frame(ignore))
             stopped = wanted.linear != 0.0 and velocity.linear == 0.0
             held_up = held_up + 1 if stopped else 0
             self.robot.command(velocity)
             self.receive()
         self.stand()
-        return False
+        return Ride.HELD_UP
 
     def _in_base_frame(self, discs: Floats) -> Floats:
         """[K, 3] m: discs of the map frame, x, y, radius, as seen from the robot."""
