@@ -14,7 +14,7 @@ from wherry.localization.motion import MOTION_MODELS
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.recovery import RecoveryAverages
 from wherry.localization.refinement import agrees, match_scan
-from wherry.localization.resampling import BIN_SIZE, adaptive_count, hash_table, low_variance, normalize
+from wherry.localization.resampling import BIN_SIZE, adaptive_count, hash_table, low_variance, normalize, tempering
 from wherry.localization.sensor import SENSOR_MODELS, Beams, choose_beams
 from wherry.robot import Odometry, Scan
 from wherry.space.distance_field import DistanceField
@@ -74,6 +74,7 @@ class Amcl:
         self._buffers = (np.empty((most, 3)), np.empty((most, 3)))
         self._noise = np.empty((most, 3), np.float32)
         self._log_weights = np.empty(most)
+        self._increments = np.empty(most)
         self._weights = np.empty(most)
         self._table = hash_table(most)
         self._bin_size = np.array(BIN_SIZE)
@@ -178,11 +179,14 @@ class Amcl:
 
     def _reweight(self, beams: Beams) -> None:
         """w_t ∝ p(z_t | x_t, m) w_{t−1}, in logarithms."""
-        log_weights = self._log_weights[: self._count]
-        before = float(np.logaddexp.reduce(log_weights))
-        self._sensor.add_log_likelihood(self._buffers[0][: self._count], beams, log_weights)
-        evidence = normalize(log_weights, self._weights[: self._count]) - before
-        self._likelihood = math.exp(evidence / len(beams))
+        log_weights, increments = self._log_weights[: self._count], self._increments[: self._count]
+        increments.fill(0.0)
+        self._sensor.add_log_likelihood(self._buffers[0][: self._count], beams, increments)
+        self._likelihood = math.exp(float(np.logaddexp.reduce(log_weights + increments)) / len(beams))
+        increments *= min(1.0, self.parameters.independent_beams / len(beams))
+        increments *= tempering(log_weights, increments, self.parameters.least_effective * self._count)
+        log_weights += increments
+        normalize(log_weights, self._weights[: self._count])
         self._recovery.observe(self._likelihood)
 
     def _resample(self) -> None:

@@ -54,6 +54,9 @@ class AmclParameters:
         initial_covariance: [3] variances m², m², rad² of the initial pose.
 
     wherry's own:
+        independent_beams: How many independent readings the weighed beams are worth, since neighbours err alike.
+        least_effective: Share of the particles that a scan leaves alive at least: a scan that would leave fewer counts
+            for less. Without it a belief in several places is narrowed down to one before the evidence is in.
         refine: Whether the particles' mean is matched to the map before it is reported.
         refine_sigma: σ, m, of the matched readings around the map's obstacles.
         robot_radius: m, readings that end so near to base_link are the robot's own load, and are not used.
@@ -93,6 +96,8 @@ class AmclParameters:
     set_initial_pose: bool = False
     initial_pose: Pose = AT_ORIGIN
     initial_covariance: tuple[float, float, float] = (0.25, 0.25, (math.pi / 12) ** 2)
+    independent_beams: float = 15.0
+    least_effective: float = 0.1
     refine: bool = True
     refine_sigma: float = 0.05
     robot_radius: float = 0.0
@@ -111,11 +116,11 @@ class AmclParameters:
     def _checks(self) -> list[tuple[str, bool, str]]:
         """Every field with whether it can work, and what it must be."""
         shares = ["z_hit", "z_short", "z_max", "z_rand", "beam_skip_threshold", "beam_skip_error_threshold"]
-        shares += ["recovery_alpha_slow", "recovery_alpha_fast"]
+        shares += ["recovery_alpha_slow", "recovery_alpha_fast", "least_effective"]
         noises = ["alpha1", "alpha2", "alpha3", "alpha4", "alpha5", "update_min_d", "update_min_a", "lambda_short"]
         noises += ["robot_radius"]
         sizes = ["sigma_hit", "laser_likelihood_max_dist", "laser_max_range", "pf_err", "pf_z", "refine_sigma"]
-        sizes += ["beam_skip_distance", "max_odometry_speed"]
+        sizes += ["beam_skip_distance", "max_odometry_speed", "independent_beams"]
         return [
             *((name, 0.0 <= getattr(self, name) <= 1.0, "is not between 0 and 1") for name in shares),
             *((name, 0.0 <= getattr(self, name) < math.inf, "must not be negative") for name in noises),

@@ -49,6 +49,41 @@ def kld_count(occupied_bins: int, error: float, quantile: float, fewest: int, mo
 
 
 @kernel
+def tempering(log_weights: Floats, increments: Floats, least: float) -> float:
+    """The exponent, 0 to 1, of a likelihood that leaves an effective sample size of at least ``least`` particles.
+
+    Args:
+        log_weights: [N] before.
+        increments: [N] logarithms of the likelihood.
+        least: Where the particles before are fewer in effect, 0 is the best that can be done.
+    """
+    if _effective_size(log_weights, increments, 1.0) >= least:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(10):
+        middle = 0.5 * (low + high)
+        if _effective_size(log_weights, increments, middle) >= least:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def _effective_size(log_weights: Floats, increments: Floats, exponent: float) -> float:
+    """N_eff = (Σw)² / Σw² with log w = log_weights + exponent·increments."""
+    peak = -np.inf
+    for i in range(len(log_weights)):
+        peak = max(peak, log_weights[i] + exponent * increments[i])
+    total, squares = 0.0, 0.0
+    for i in range(len(log_weights)):
+        weight = math.exp(log_weights[i] + exponent * increments[i] - peak)
+        total += weight
+        squares += weight * weight
+    return total * total / squares
+
+
+@kernel
 def _kld_count(occupied_bins: int, error: float, quantile: float, fewest: int, most: int) -> int:
     if occupied_bins <= 1:
         return fewest
