@@ -16,10 +16,12 @@ from wherry.oomdp.relations import DIRECTIONS
 from wherry.realization import boxes as seeing
 from wherry.realization.cells import ways_seen
 from wherry.realization.execution import move
-from wherry.realization.pilot import Load, Pilot
+from wherry.realization.pilot import Load, Pilot, shows_load, without_load
 from wherry.robot import Scan
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Floats, Pose
+
+LONGEST_INTAKE = 50  # scans that the robot waits for a conveyor to take its box
 
 COMPASS = {name: Direction(step) for name, step in DIRECTIONS.items()}
 
@@ -122,8 +124,15 @@ class RobotEnvironment:
         if self.pilot.robot.open_latch() and held is not None:
             self._boxes = tuple(box for box in self._boxes if box is not held)
             self.delivered += 1
+            self._wait_for_intake()
         self.pilot.look()
         self._tell_pilot()
+
+    def _wait_for_intake(self) -> None:
+        """Stand until the conveyor has taken the box out of the fork."""
+        for _ in range(LONGEST_INTAKE):
+            if not shows_load(self.pilot.look(), self.pilot.body):
+                return
 
     def _perceive(self) -> State:
         """Look, correct what is known of the four ways out of this cell, and say it in objects."""
@@ -134,12 +143,11 @@ class RobotEnvironment:
 
     def _correct_walls(self, scan: Scan) -> None:
         """A live scan outranks the map, wherever it shows whether a way is blocked."""
+        scan = without_load(scan, self.pilot.body)
         walls = set(self.site.walls)
         cell = self.cell
         lidar = self.pilot.pose @ self.pilot.body.lidar
         positions = np.array([box.position for box in self._boxes if not box.held]).reshape(-1, 2)
-        if any(box.held for box in self._boxes):
-            positions = np.vstack([positions, [self.pilot.pose.x, self.pilot.pose.y]])
         body = self.pilot.body
         for direction, blocked in ways_seen(
             scan, lidar, cell, self.frame, body.radius, positions, body.box_radius

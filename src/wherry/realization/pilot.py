@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wherry.navigation.controller import drive_line, follow_path, go_to, safe_velocity, turn_to
 from wherry.navigation.path import NO_DISCS
@@ -54,10 +55,21 @@ class Load:
 
 def without_load(scan: Scan, body: Body) -> Scan:
     """The scan without the readings of a box in the fork, which say nothing of where the robot is."""
-    x, y = body.lidar.x + scan.ranges * np.cos(scan.angles), body.lidar.y + scan.ranges * np.sin(scan.angles)
-    with np.errstate(invalid="ignore"):
-        in_fork = np.hypot(x, y) < FORK_REACH * body.box_radius
+    in_fork = _of_load(scan, body)
     return replace(scan, ranges=np.where(in_fork, math.nan, scan.ranges)) if in_fork.any() else scan
+
+
+def shows_load(scan: Scan, body: Body) -> bool:
+    """Whether the lidar sees a box in the fork."""
+    return bool(_of_load(scan, body).any())
+
+
+def _of_load(scan: Scan, body: Body) -> NDArray[np.bool_]:
+    """[R] which beams end where a box in the fork stands."""
+    with np.errstate(invalid="ignore"):
+        x, y = body.lidar.x + scan.ranges * np.cos(scan.angles), body.lidar.y + scan.ranges * np.sin(scan.angles)
+        in_fork: NDArray[np.bool_] = np.hypot(x, y) < FORK_REACH * body.box_radius
+    return in_fork
 
 
 class Pilot:
