@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -115,14 +116,32 @@ class Amcl:
         Raises:
             InputError: Pose or covariance is not finite, or the covariance has a negative direction.
         """
-        mean = pose.as_array()
-        if not np.isfinite(mean).all():
-            raise InputError("initial pose", "", f"{pose} is not finite")
-        if not np.isfinite(covariance).all() or float(np.linalg.eigvalsh(covariance).min()) < -1e-9:
-            raise InputError("initial pose", "covariance", "is not a covariance: finite, symmetric and not negative")
+        _check_belief(pose, covariance)
         count = self.parameters.max_particles
-        drawn = self._rng.multivariate_normal(mean, covariance, count, method="eigh")
+        drawn = self._rng.multivariate_normal(pose.as_array(), covariance, count, method="eigh")
         self._believe(drawn, pose)
+
+    def initialize_at(self, places: Sequence[tuple[Pose, Floats, float]], elsewhere: float = 0.0) -> None:
+        """Believe that the robot is at one of several places.
+
+        Args:
+            places: Pose of base_link in the map frame, covariance [3, 3] m, m, rad, and share of the belief of each.
+            elsewhere: Share of the belief that is spread over the map's free space.
+
+        Raises:
+            InputError: As `initialize`.
+        """
+        for pose, covariance, _ in places:
+            _check_belief(pose, covariance)
+        shares = np.array([share for _, _, share in places])
+        most = self.parameters.max_particles
+        random = round(most * elsewhere) if len(self._free) else 0
+        counts = self._rng.multinomial(most - random, shares / shares.sum())
+        drawn = [
+            self._rng.multivariate_normal(pose.as_array(), covariance, count, method="eigh")
+            for (pose, covariance, _), count in zip(places, counts, strict=True)
+        ]
+        self._believe(np.vstack([*drawn, self._anywhere(random)]), places[int(shares.argmax())][0])
 
     def initialize_globally(self) -> None:
         """Believe that the robot may be anywhere on the map's free space.
@@ -300,9 +319,19 @@ class Amcl:
 
     def _anywhere(self, count: int) -> Floats:
         """[count, 3] poses drawn uniformly from the map's free space."""
+        if not count:
+            return np.empty((0, 3))
         chosen = self._free[self._rng.integers(len(self._free), size=count)]
         row, column = np.divmod(chosen, self._grid.probability.shape[1])
         inside = self._rng.random((count, 3))
         places = np.column_stack([column, row]) + inside[:, :2]
         places = self._grid.origin.transform(places * self._grid.resolution)
         return np.column_stack([places, (inside[:, 2] * 2.0 - 1.0) * math.pi])
+
+
+def _check_belief(pose: Pose, covariance: Floats) -> None:
+    """Raise an InputError unless pose and covariance are finite and the covariance has no negative direction."""
+    if not np.isfinite(pose.as_array()).all():
+        raise InputError("initial pose", "", f"{pose} is not finite")
+    if not np.isfinite(covariance).all() or float(np.linalg.eigvalsh(covariance).min()) < -1e-9:
+        raise InputError("initial pose", "covariance", "is not a covariance: finite, symmetric and not negative")

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from wherry.kernels import kernel
 from wherry.localization.agreement import Agreement, compare
+from wherry.localization.parameters import AmclParameters
 from wherry.localization.refinement import match_scan
+from wherry.localization.sensor import choose_beams
 from wherry.robot import Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
@@ -33,7 +35,8 @@ SEARCH_CELL = 0.1  # m, the search's grid; refinement does the rest
 SEARCH_SIGMA = 0.15  # m, how far a beam may end from an obstacle and still count for the search
 LEVELS = 5  # windows of 1, 2, 4, 8 and 16 search cells
 FEWEST_HEADINGS, MOST_HEADINGS = 120, 480
-SEARCH_BEAMS = 100
+MOST_BEAMS = 360  # are compared with the map; of these
+SEARCH_BEAMS = 100  # are searched with
 CONSIDERED = 0.8  # poses with a smaller share of the best score are no hypotheses
 MOST_HYPOTHESES = 64
 MOST_EXPANSIONS = 400_000
@@ -91,10 +94,12 @@ class Relocalizer:
     Args:
         grid: The map.
         lidar: The lidar's pose, base_link frame.
+        parameters: Its range limits and the robot's radius count.
     """
 
-    def __init__(self, grid: OccupancyGrid, lidar: Pose) -> None:
+    def __init__(self, grid: OccupancyGrid, lidar: Pose, parameters: AmclParameters | None = None) -> None:
         self._lidar = lidar
+        self._parameters = parameters or AmclParameters()
         self._field = DistanceField.of(grid, 1.0)
         factor = max(1, round(SEARCH_CELL / grid.resolution))
         self._cell = grid.resolution * factor
@@ -108,7 +113,7 @@ class Relocalizer:
         Args:
             scan: The scan; where its beams ended counts, and what they passed through.
         """
-        ends = self._lidar.transform(scan.points())
+        ends = choose_beams(scan, self._lidar, self._parameters, MOST_BEAMS).ends
         if not len(ends):
             return Relocalization((), complete=True)
         poses, complete = self._candidates(_thinned(ends, self._cell))
