@@ -104,8 +104,9 @@ class Encoders:
 
 def _arc(length: float, turn: float) -> Pose:
     """Where an arc ends that begins along the x axis, turns by ``turn`` rad and is ``length`` m long."""
-    chord = length * float(np.sinc(turn / math.tau))
-    return Pose(chord * math.cos(turn / 2), chord * math.sin(turn / 2), turn)
+    half = turn / 2
+    chord = length * math.sin(half) / half if half else length
+    return Pose(chord * math.cos(half), chord * math.sin(half), turn)
 
 
 def _clip(value: float, limit: float) -> float:

@@ -61,9 +61,7 @@ class Physics:
         wheels = [model.joint(f"robot/{side}_wheel_joint").qposadr[0] for side in ("left", "right")]
         self._wheels = np.array(wheels)
         self._things = [_thing(model, geom) for geom in range(model.ngeom)]
-        self._is_floor = np.array([thing.kind is Kind.FLOOR for thing in self._things])
         self._sinking: list[int] = []
-        self._resting_contacts = 3  # two wheels and the caster
         mujoco.mj_step(model, self.data, round(SETTLING / model.opt.timestep))
         self.data.time = 0.0
 
@@ -98,12 +96,12 @@ class Physics:
 
     def touching(self) -> Iterator[tuple[Thing, Thing, Floats]]:
         """The pairs of things that touch, and where ([2] m, world frame), but for what stands on the floor."""
-        if self.data.ncon <= self._resting_contacts:
-            return
         geoms = self.data.contact.geom
-        for contact in np.flatnonzero(~self._is_floor[geoms].any(axis=1)):
-            first, second = (self._things[geom] for geom in geoms[contact])
-            if first != second:
+        if not any(geoms[:, 0].tolist()):  # of a pair with the floor, which is geom 0, MuJoCo names the floor first
+            return
+        for contact, pair in enumerate(geoms.tolist()):
+            first, second = (self._things[geom] for geom in pair)
+            if Kind.FLOOR not in {first.kind, second.kind} and first != second:
                 yield first, second, self.data.contact.pos[contact, :2].copy()
 
     def hold(self, box: int) -> None:
