@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 import numpy as np
@@ -12,6 +13,15 @@ from wherry.errors import InputError
 from wherry.simulation.picture import Photographer
 
 
+def _photographer(width: int, height: int) -> Photographer:
+    try:
+        return Photographer(exact(hall()), width, height)
+    except InputError as error:
+        if os.environ.get("CI") == "true":
+            raise
+        pytest.skip(str(error))
+
+
 def _share(image: np.ndarray, *, colour: int) -> np.ndarray:
     """[H, W] where one channel is much brighter than both others."""
     others = [channel for channel in range(3) if channel != colour]
@@ -19,7 +29,7 @@ def _share(image: np.ndarray, *, colour: int) -> np.ndarray:
 
 
 def test_from_above_boxes_are_red_and_the_warehouse_green() -> None:
-    with Photographer(exact(hall()), width=320, height=200) as photographer:
+    with _photographer(320, 200) as photographer:
         image = photographer.overhead()
     assert image.shape == (200, 320, 3)
     rows, columns = np.nonzero(_share(image, colour=0))
@@ -32,8 +42,7 @@ def test_from_above_boxes_are_red_and_the_warehouse_green() -> None:
 
 
 def test_the_chasing_camera_sees_the_robot_in_the_middle() -> None:
-    simulation = exact(hall())
-    with Photographer(simulation, width=160, height=120) as photographer:
+    with _photographer(160, 120) as photographer:
         image = photographer.chase().astype(int)
     orange = (image[..., 0] > 150) & (image[..., 2] < 90) & (image[..., 1] > 60)
     rows, columns = np.nonzero(orange)

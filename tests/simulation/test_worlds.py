@@ -46,7 +46,7 @@ def _deliver_all(simulation: Simulation) -> int:
             _drive_to(simulation, *_centre(plan, cell), backwards=False)
         _drive_to(simulation, *simulation.referee.boxes[plan.boxes.index(goal)].position, backwards=False)
         assert simulation.robot.close_latch()
-        at = min(plan.warehouse, key=lambda place: (plan.distances(goal, boxes)[place], place))  # noqa: B023
+        at = min(plan.warehouse, key=lambda place: (plan.distances(goal, boxes)[place], place))
         way += _way(plan, goal, at, boxes)
         for cell in way[way.index(goal) + 1 :]:
             _drive_to(simulation, *_centre(plan, cell), backwards=True)

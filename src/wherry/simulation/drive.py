@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wherry.robot import Body, Odometry, Velocity
-from wherry.simulation.solids import Floats
-from wherry.space.pose import Pose
+from wherry.space.pose import Floats, Pose
 
 WHEEL_RADIUS = 0.05  # m
 TRACK = 0.32  # m, between the wheels

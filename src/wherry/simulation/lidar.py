@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from wherry.kernels import kernel
 from wherry.robot import Scan
-from wherry.simulation.solids import Floats, Solids
-from wherry.space.pose import Pose
+from wherry.simulation.solids import Solids
+from wherry.space.pose import Floats, Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class LidarSpecification:
 
     Attributes:
         beams: In a turn; beam 0 looks backwards, as is usual in ROS.
-        rate: Hz.
+        rate: Hz; a whole number of the odometry's periods of 0.05 s lies between two scans.
         range_min: m; a box in the fork is 0.07 m away.
         range_max: m.
         noise: σ, m, of every range.

@@ -10,8 +10,8 @@ import numpy as np
 from wherry.floorplan import FloorPlan
 from wherry.robot import Body
 from wherry.simulation.drive import WHEEL_RADIUS
-from wherry.simulation.solids import OBSTACLE, WALL, Floats, Solids
-from wherry.space.pose import Pose
+from wherry.simulation.solids import OBSTACLE, WALL, Solids
+from wherry.space.pose import Floats, Pose
 
 TIMESTEP = 0.005  # s
 WALL_HEIGHT = 0.5  # m

@@ -11,8 +11,7 @@ import mujoco
 import numpy as np
 
 from wherry.simulation.model import BOX_HEIGHT, BOX_MASS
-from wherry.simulation.solids import Floats
-from wherry.space.pose import Pose
+from wherry.space.pose import Floats, Pose
 
 SETTLING = 0.5  # s before the clock starts, for the robot to sink into its tyres
 INTAKE_SPEED = 0.3  # m/s, at which a warehouse takes a box in, downwards

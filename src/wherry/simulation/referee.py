@@ -10,8 +10,8 @@ import numpy as np
 
 from wherry.floorplan import Cell, FloorPlan
 from wherry.simulation.physics import Kind, Physics, Thing
-from wherry.simulation.solids import Floats, Solids, distances_to
-from wherry.space.pose import Pose
+from wherry.simulation.solids import Solids, distances_to
+from wherry.space.pose import Floats, Pose
 
 FORK_REACH = 0.128  # m, from base_link to the prongs' tips
 FORK_HALF_WIDTH = 0.14  # m, from base_link to a prong's inner face

@@ -15,8 +15,8 @@ from wherry.simulation.lidar import Lidar, LidarSpecification
 from wherry.simulation.model import BODY, BOX_HEIGHT, LIDAR_HEIGHT, TIMESTEP, build_model
 from wherry.simulation.physics import Physics
 from wherry.simulation.referee import BoxPlace, BoxTruth, Referee
-from wherry.simulation.solids import Floats, Solids
-from wherry.space.pose import Pose
+from wherry.simulation.solids import Solids
+from wherry.space.pose import Floats, Pose
 
 ODOMETRY_RATE = 20.0  # Hz
 LATCH_REACH = 0.05  # m, how far from base_link a box's middle may be for the latch to close around it
@@ -42,6 +42,7 @@ def build(
 
     Raises:
         InputError: The plan has no robot.
+        ValueError: The lidar's rate does not divide the odometry's.
     """
     if plan.start is None:
         raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
@@ -79,7 +80,11 @@ class Simulation:
         self.referee = referee
         self.solids = solids
         self._encoders = encoders
-        self._scan_period = round(ODOMETRY_RATE / lidar.specification.rate)  # in ticks of the odometry
+        self._scan_period, rest = divmod(ODOMETRY_RATE, lidar.specification.rate)  # in ticks of the odometry
+        if rest or not self._scan_period:
+            raise ValueError(
+                f"a lidar cannot turn at {lidar.specification.rate} Hz beside odometry at {ODOMETRY_RATE} Hz"
+            )
         self._steps = round(1 / (ODOMETRY_RATE * TIMESTEP))
         self._tick = 0
         self._held: int | None = None

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from wherry.floorplan import Cell, Direction, FloorPlan
 from wherry.kernels import kernel
-
-Floats = NDArray[np.float64]
+from wherry.space.pose import Floats
 
 WALL_THICKNESS = 0.06  # m; walls stand astride the borders of cells
 FREE, WALL, OBSTACLE = 0, 1, 2
