@@ -17,7 +17,7 @@ from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
 from wherry.oomdp.mdp import Prediction, RewardFunction, TerminationFunction, Transition
 from wherry.oomdp.objects import Attribute, State, Value
-from wherry.oomdp.outcomes import ObjectEffects, Outcome, Task, Worth, changes, conditions_key
+from wherry.oomdp.outcomes import Answer, ObjectEffects, Outcome, Task, Worth, changes, conditions_key
 
 FailureScope = Literal["action", "attribute"]
 
@@ -59,7 +59,7 @@ class Doormax:
         self.failures: dict[str | Subject, set[Condition]] = {}
         self.rewards = Rewards(domain.size)
         self._violations: dict[str, None] = {}
-        self._outcomes: dict[str, dict[tuple[object, ...], Outcome]] = {}
+        self._answers: dict[str, dict[tuple[object, ...], Answer]] = {}
 
     @property
     def violations(self) -> tuple[str, ...]:
@@ -68,29 +68,29 @@ class Doormax:
 
     def predict(self, state: State, action: Action) -> Prediction:
         """Tell what an action does in a state (the paper's predictTransition, with the reward)."""
-        return self.outcome(state, action).predict(state, action)
+        return self.answer(state, action).predict(state, action)
 
     def key(self, state: State) -> Hashable:
         """What the answers for a state depend on: its conditions."""
         return conditions_key(self.domain, state)
 
-    def outcome(self, state: State, action: Action) -> Outcome:
+    def answer(self, state: State, action: Action) -> Answer:
         """What an action does in all states of the same conditions; worked out once until more is learnt of it."""
         conditions = self.domain.conditions(state, action)
-        kept = self._outcomes.setdefault(action.name, {})
-        outcome = kept.get((state.classes, conditions))
-        if outcome is None:
-            outcome = kept[state.classes, conditions] = self._predict_transition(state, action.name, conditions)
-        return outcome
+        kept = self._answers.setdefault(action.name, {})
+        answer = kept.get((state.classes, conditions))
+        if answer is None:
+            answer = kept[state.classes, conditions] = self._predict_transition(state, action.name, conditions)
+        return answer
 
-    def _predict_transition(self, state: State, action: str, conditions: tuple[int, ...]) -> Outcome:
+    def _predict_transition(self, state: State, action: str, conditions: tuple[int, ...]) -> Answer:
         """Algorithm 1, predictTransition(s, a), for all states of the same conditions.
 
         Incompatible effects (line 9) depend on the attribute's value and are told apart by `Outcome`.
         """
         whole, *own = conditions
         if self._fails(action, whole):  # line 1
-            return self._answer(((),) * len(own), action, whole)  # line 2: s' = s
+            return self._answer(((),) * len(own), self.rewards.worths(action, whole))  # line 2: s' = s
         effects: list[ObjectEffects] = []
         for item, terms in zip(state.objects, own, strict=True):
             attributes = []
@@ -100,18 +100,32 @@ class Doormax:
                     continue
                 found = tuple(rule.effect for rule in self.predictions.covering(subject, terms))  # lines 5, 6
                 if not found:  # line 9
-                    alive = self.predictions.alive(subject)
-                    return Outcome(None, (), self.effect_types, self.task, probability=float(alive))  # line 10
+                    return self._answer(None, (), float(self.predictions.alive(subject)))  # line 10
                 attributes.append((attribute.name, found))
             effects.append(tuple(attributes))
-        return self._answer(tuple(effects), action, whole)  # lines 13, 14
+        return self._answer(tuple(effects), self.rewards.worths(action, whole))  # lines 13, 14
 
-    def _answer(self, effects: tuple[ObjectEffects, ...], action: str, whole: int) -> Outcome:
-        return Outcome(effects, self.rewards.worths(action, whole), self.effect_types, self.task)
+    def _answer(
+        self, effects: tuple[ObjectEffects, ...] | None, worths: tuple[Worth, ...], probability: float = 1.0
+    ) -> Answer:
+        return Answer(((Outcome(effects, worths, self.effect_types, self.task), probability),))
 
     def _fails(self, scope: str | Subject, terms: int) -> bool:
         """Whether some c ∈ F covers cond(s)."""
         return any(failure.covers_terms(terms) for failure in self.failures.get(scope, ()))
+
+    def sentences(self) -> tuple[str, ...]:
+        """What was learnt, in words: the effects of every action, then where it is known to do nothing."""
+        lines = []
+        for subject, types in self.predictions.rules.items():
+            rules = next((rules for rules in types.values() if rules), ())
+            for rule in rules:
+                if not self.predictions.keeps(subject, rule):
+                    condition = rule.model.words(self.domain.term_names)
+                    lines.append(f"{subject.action}: if {condition}: {self.predictions.words(subject, rule.effect)}")
+        for scope, failures in self.failures.items():
+            lines.append(f"{scope}: nothing happens under {len(failures)} other conditions")
+        return tuple(lines)
 
     def add_experience(self, transition: Transition) -> None:
         """Algorithm 2, addExperience(s, a, s', k)."""
@@ -130,7 +144,7 @@ class Doormax:
                     changed |= self._learn(subject, attribute, terms, before, after)
         if changed:
             self.revisions[action] += 1
-            self._outcomes.pop(action, None)
+            self._answers.pop(action, None)
 
     def _learn(self, subject: Subject, attribute: Attribute, terms: int, before: Value, after: Value) -> bool:
         """Learn from what happened to one attribute of one object; return whether that changed anything."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.effects import Effect, EffectType
+from wherry.oomdp.objects import EXISTS
 
 
 class Subject(NamedTuple):
@@ -101,3 +102,17 @@ class Predictions:
         """An effect in words: ``taxi.y += 1``."""
         name = f"{subject.class_name.lower()}.{subject.attribute}"
         return self.effect_types[effect.type].words(name, effect.argument)
+
+    def keeps(self, subject: Subject, rule: Rule) -> bool:
+        """Whether a rule says no more than that the attribute stays as it is: += 0, *= 1, or := what it is anyway."""
+        match rule.effect.type:
+            case "increment":
+                return rule.effect.argument == 0
+            case "multiplication":
+                return rule.effect.argument == 1
+        if subject.attribute == EXISTS:
+            return rule.effect.argument is True
+        own = f"{subject.class_name.lower()}.{subject.attribute}"
+        names = self.domain.term_names
+        bit = 1 << names.index(own) if own in names else 0
+        return bool(rule.model.mask & bit) and bool(rule.model.value & bit) == rule.effect.argument

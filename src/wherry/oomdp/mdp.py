@@ -46,12 +46,14 @@ class Prediction:
         terminated: Whether s' ends the episode, or None where the model cannot tell.
         probability: How sure the model is of s'; where it cannot tell, how likely the action does anything at all. An
             action that nothing more can be learnt about has 0, and is not worth trying.
+        otherwise: What else may happen, each with its own probability.
     """
 
     state: State | None
     reward: float | None = None
     terminated: bool | None = None
     probability: float = 1.0
+    otherwise: tuple[Prediction, ...] = ()
 
     @property
     def known(self) -> bool:
@@ -61,6 +63,9 @@ class Prediction:
 
 UNKNOWN = Prediction(None)
 """The answer "I don't know" (⊥ in KWIK learning), which sends an optimistic planner to find out."""
+
+IMPOSSIBLE = Prediction(None, probability=0.0)
+"""What cannot be, or cannot be found out."""
 
 RewardFunction = Callable[[State, Action, State], float]
 """R(s, a, s') where it is given, not learnt."""

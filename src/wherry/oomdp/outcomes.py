@@ -7,13 +7,13 @@ learner once for every condition that it meets, and not once for every state.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import Effect, EffectType, apply, value_of
-from wherry.oomdp.mdp import Model, Prediction, RewardFunction, TerminationFunction
+from wherry.oomdp.mdp import IMPOSSIBLE, UNKNOWN, Model, Prediction, RewardFunction, TerminationFunction
 from wherry.oomdp.objects import EXISTS, State, Value
 
 ObjectEffects = tuple[tuple[str, tuple[Effect, ...]], ...]
@@ -50,29 +50,63 @@ class Task:
     terminated: TerminationFunction | None = None
 
 
+class Branch(Protocol):
+    """One thing that an action may do in all states with the same key; equal branches predict the same."""
+
+    def predict(self, state: State, action: Action) -> Prediction:
+        """The prediction for one state, as if nothing else could happen."""
+        ...
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a model says of an action in all states with the same key.
+
+    Attributes:
+        branches: What may happen, most likely first, each with its probability.
+    """
+
+    branches: tuple[tuple[Branch, float], ...]
+
+    def predict(self, state: State, action: Action) -> Prediction:
+        """The prediction for one state."""
+        predictions = [
+            (branch.predict(state, action), probability) for branch, probability in self.branches if probability > 0
+        ]
+        possible = [
+            replace(prediction, probability=probability)
+            for prediction, probability in predictions
+            if prediction.probability
+        ]
+        if not possible:
+            return IMPOSSIBLE
+        return replace(possible[0], otherwise=tuple(possible[1:])) if len(possible) > 1 else possible[0]
+
+
 @dataclass(frozen=True)
 class Outcome:
-    """A model's answer for one action and the conditions of one kind of state.
+    """The effects that an action is said to have under some conditions, and what that is worth.
 
     Attributes:
         effects: For every object, in the state's order, what changes; None where the model cannot tell.
         worths: What is known of the rewards under these conditions.
         effect_types: The effect types by name.
         task: What is given.
-        probability: How sure the model is; where it cannot tell, how likely it is that anything happens.
     """
 
     effects: tuple[ObjectEffects, ...] | None
     worths: tuple[Worth, ...]
     effect_types: Mapping[str, EffectType] = field(compare=False, repr=False)
     task: Task
-    probability: float = field(default=1.0, compare=False)
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """The prediction for one state."""
-        next_state = self._next_state(state)
+        """The prediction for one state; not known where effects are incompatible, not possible out of bounds."""
+        effects = None if self.effects is None else self._compatible_effects(state, self.effects)
+        if effects is None:
+            return UNKNOWN
+        next_state = apply(state, effects, self.effect_types) if effects else state
         if next_state is None:
-            return Prediction(None, probability=self.probability)
+            return IMPOSSIBLE
         worth = self._worth(changes(state, next_state))
         reward = None if worth is None else worth.reward
         terminated = None if worth is None else worth.terminated
@@ -80,21 +114,21 @@ class Outcome:
             reward = self.task.reward(state, action, next_state)
         if self.task.terminated is not None:
             terminated = self.task.terminated(next_state)
-        return Prediction(next_state, reward, terminated, self.probability)
+        return Prediction(next_state, reward, terminated)
 
-    def _next_state(self, state: State) -> State | None:
-        """Apply all effects; None where the model cannot tell, effects are incompatible, or one leaves its bounds."""
-        if self.effects is None:
-            return None
+    def _compatible_effects(
+        self, state: State, effects: tuple[ObjectEffects, ...]
+    ) -> list[tuple[int, str, Effect]] | None:
+        """One effect for every attribute that changes; None where two effects on one attribute are incompatible."""
         chosen = []
-        for position, attributes in enumerate(self.effects):
+        for position, attributes in enumerate(effects):
             for attribute, candidates in attributes:
                 if len(candidates) > 1 and not self._compatible(
                     value_of(state.objects[position], attribute), candidates
                 ):
                     return None
                 chosen.append((position, attribute, candidates[0]))
-        return apply(state, chosen, self.effect_types) if chosen else state
+        return chosen
 
     def _compatible(self, value: Value, effects: tuple[Effect, ...]) -> bool:
         """Whether all effects make the same of a value."""
@@ -121,14 +155,6 @@ def changes(state: State, next_state: State) -> Changed:
     return frozenset(found)
 
 
-class Answer(Protocol):
-    """What a model answers for many states at once; it is hashable, and equal answers predict the same."""
-
-    def predict(self, state: State, action: Action) -> Prediction:
-        """The prediction for one state."""
-        ...
-
-
 class ConditionalModel(Model, Protocol):
     """A model that gives all states with the same key the same answer."""
 
@@ -146,7 +172,7 @@ class ConditionalModel(Model, Protocol):
         """What the answers for a state depend on."""
         ...
 
-    def outcome(self, state: State, action: Action) -> Answer:
+    def answer(self, state: State, action: Action) -> Answer:
         """What an action does in all states with this state's key."""
         ...
 
@@ -182,9 +208,9 @@ class Grounded:
         """The state itself."""
         return state
 
-    def outcome(self, state: State, action: Action) -> Answer:
+    def answer(self, state: State, action: Action) -> Answer:
         """What the model says of this one state."""
-        return Fixed(self.model.predict(state, action))
+        return Answer(((Fixed(self.model.predict(state, action)), 1.0),))
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,7 +92,8 @@ def a_star(
 def cheapest_experiment(successors: Successors, start: State) -> Plan | None:
     """The plan that ends with the unknown step that is cheapest, the way there included.
 
-    An experiment is counted as 1/p, too, where p is how likely it is that the action does anything at all.
+    Steps of which the model is not sure count as what they cost until they succeed, 1/p; so does the experiment, where
+    p is how likely it is that the action does anything at all.
 
     Args:
         successors: The model.
@@ -113,16 +114,15 @@ def cheapest_experiment(successors: Successors, start: State) -> Plan | None:
             continue
         closed.add(state)
         for action, prediction in successors.of(state):
-            after = prediction.state
-            if after is None:
-                if prediction.probability > 0 and (best is None or cost[state] + step_cost(prediction) < best[0]):
-                    total = cost[state] + step_cost(prediction)
-                    best = total, state, action
-                continue
-            g = cost[state] + step_cost(prediction)
-            if g < cost.get(after, float("inf")):
-                cost[after], came_from[after] = g, (state, action)
-                heappush(queue, (g, next(tie), after))
+            for branch in (prediction, *prediction.otherwise):
+                if not branch.probability:
+                    continue
+                g = cost[state] + step_cost(branch)
+                if branch.state is None:
+                    best = (g, state, action) if best is None or g < best[0] else best
+                elif g < cost.get(branch.state, float("inf")):
+                    cost[branch.state], came_from[branch.state] = g, (state, action)
+                    heappush(queue, (g, next(tie), branch.state))
     if best is None:
         return None
     total, state, action = best

@@ -39,7 +39,7 @@ class Successors:
         predicted = []
         before = {} if known is None else {action: (known[1][action], found) for action, found in known[2]}
         for action in self.model.domain.ground_actions(state):
-            answer = answers[action] = self.model.outcome(state, action)
+            answer = answers[action] = self.model.answer(state, action)
             old_answer, prediction = before.get(action, (None, None))
             if prediction is None or answer is not old_answer:
                 prediction = answer.predict(state, action)

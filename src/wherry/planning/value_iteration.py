@@ -17,7 +17,8 @@ from wherry.oomdp.objects import State
 from wherry.oomdp.outcomes import ConditionalModel
 from wherry.planning.state_space import END, MISSING, UNKNOWN, Floats, Integers, StateSpace
 
-IMPOSSIBLE = -1  # in the table of answers: the group has no such action
+BRANCHES = 2  # of an answer that are looked at: what is most likely, and what is next
+NONE = -1  # in the table of branches: the group has no such action, or the answer no such branch
 NEVER = -1  # in the table of revisions: the model was not asked yet
 TIE = 1e-9  # actions this close are equally good
 
@@ -30,7 +31,8 @@ class ValueIteration:
         discount: γ.
         r_max: R_max, the most that any step can be worth.
         tolerance: ε, how exact the values have to be.
-        optimistic: Whether unknown steps lead to s_max; else they are never taken.
+        optimistic: Whether unknown steps lead to s_max, and unlikely branches count for what they are worth. Else
+            unknown steps are never taken, and what is most likely is taken to be sure.
         space: The states and tables to use and add to; learners of one domain may share them.
     """
 
@@ -47,39 +49,40 @@ class ValueIteration:
         self.model = model
         self.discount = discount
         self.tolerance = tolerance
+        self.optimistic = optimistic
         self.unknown_value = r_max / (1 - discount) if optimistic else -np.inf
         self.space = StateSpace() if space is None else space
         self._revisions: Integers = np.zeros(0, np.int32)  # [A] of what the model says about an action now
-        self._answers: Integers = np.zeros((0, 0), np.int32)  # [G, A] the number of the model's answer
-        self._asked: Integers = np.zeros((0, 0), np.int32)  # [G, A] the revision of that answer
+        self._asked: Integers = np.zeros((0, 0), np.int32)  # [G, A] the revision at which it was asked last
+        self._branches: Integers = np.zeros((0, 0, BRANCHES), np.int32)  # [G, A, 2] numbers of the answer's branches
+        self._chances: Floats = np.zeros((0, 0, BRANCHES))  # [G, A, 2] their probabilities
         self._values: Floats = np.zeros(0)  # [S]
         self._solved: NDArray[np.bool_] = np.zeros(0, np.bool_)  # [S] which values are right
         self._reached: Integers = np.zeros(0, np.int32)  # [R] the states of the last sweep
 
     def policy(self, state: State) -> Action:
         """The best action; of equally good ones the first."""
-        number = self._solve(state)
-        space = self.space
-        best, _ = _best(
-            number, space.group, self._answers, space.successor, space.reward, self._values, self.discount,
-            self.unknown_value,
-        )  # fmt: skip
-        return space.actions[best]
+        best, _ = _best(self._solve(state), *self._tables())
+        return self.space.actions[best]
 
     def value(self, state: State) -> float:
         """V(s), the discounted sum of rewards that the best policy can expect."""
         return float(self._values[self._solve(state)])
+
+    def _tables(self) -> tuple[Integers, Integers, Floats, Integers, Floats, Floats, float, float]:
+        """What the kernels look up."""
+        space = self.space
+        return (
+            space.group, self._branches, self._chances, space.successor, space.reward, self._values,
+            self.discount, self.unknown_value,
+        )  # fmt: skip
 
     def _solve(self, state: State) -> int:
         """Make the values right for a state and all that can be reached from it; return the state's number."""
         number = self.space.number(state, self.model)
         if self._model_has_learnt() or number >= len(self._solved) or not self._solved[number]:
             self._reach(number)
-            space = self.space
-            _sweep(
-                self._reached, space.group, self._answers, space.successor, space.reward, self._values,
-                self.discount, self.unknown_value, self.tolerance,
-            )  # fmt: skip
+            _sweep(self._reached, self.tolerance, *self._tables())
             self._solved[self._reached] = True
         return number
 
@@ -100,13 +103,13 @@ class ValueIteration:
             self._make_room()
             space = self.space
             self._reached, gaps = _reach(
-                start, len(space.states), space.group, self._answers, self._asked, self._revisions, space.successor
+                start, len(space.states), space.group, self._branches, self._asked, self._revisions, space.successor
             )
-            for state, answer in gaps:
-                if answer >= 0:
-                    space.work_out(answer, state, self.model)
-                else:
+            for state, branch in gaps:
+                if branch == NONE:
                     self._ask(space.group[state])
+                else:
+                    space.work_out(branch, state, self.model)
             if not len(gaps):
                 break
 
@@ -117,10 +120,14 @@ class ValueIteration:
             if self._asked[group, column] == self._revisions[column]:
                 continue
             self._asked[group, column] = self._revisions[column]
-            possible = action in space.group_actions[group]
-            self._answers[group, column] = (
-                space.answer_number(action, self.model.outcome(space.groups[group], action)) if possible else IMPOSSIBLE
-            )
+            self._branches[group, column] = NONE
+            if action not in space.group_actions[group]:
+                continue
+            answer = self.model.answer(space.groups[group], action)
+            looked_at = answer.branches[:BRANCHES] if self.optimistic else answer.branches[:1]
+            for at, (branch, probability) in enumerate(looked_at):
+                self._branches[group, column, at] = space.branch_number(action, branch)
+                self._chances[group, column, at] = probability if self.optimistic else 1.0
 
     def _make_room(self) -> None:
         """Let the planner's own tables grow with the space."""
@@ -128,17 +135,18 @@ class ValueIteration:
         if states > len(self._values):
             self._values = np.pad(self._values, (0, states - len(self._values)))
             self._solved = np.pad(self._solved, (0, states - len(self._solved)))
-        rows, columns = self._answers.shape
+        rows, columns = self._asked.shape
         if groups > rows or actions > columns:
             growth = ((0, max(0, 2 * groups - rows)), (0, actions - columns))
-            self._answers = np.pad(self._answers, growth)
             self._asked = np.pad(self._asked, growth, constant_values=NEVER)
+            self._branches = np.pad(self._branches, (*growth, (0, 0)), constant_values=NONE)
+            self._chances = np.pad(self._chances, (*growth, (0, 0)))
             self._revisions = np.pad(self._revisions, (0, actions - columns))
 
 
 @kernel
 def _reach(
-    start: int, count: int, group: Integers, answers: Integers, asked: Integers, revisions: Integers,
+    start: int, count: int, group: Integers, branches: Integers, asked: Integers, revisions: Integers,
     successor: Integers,
 ) -> tuple[Integers, Integers]:  # fmt: skip
     """Search breadth-first from a state.
@@ -147,71 +155,75 @@ def _reach(
         start: The state's number.
         count: How many states are numbered.
         group: [S].
-        answers: [G, A].
+        branches: [G, A, 2].
         asked: [G, A].
         revisions: [A].
-        successor: [O, S].
+        successor: [B, S].
 
     Returns:
-        [R] the states reached, nearest first; [M, 2] the gaps that were met: a state, and the answer that was never
-        worked out for it, or -1 where the model has to be asked first.
+        [R] the states reached, nearest first; [M, 2] the gaps that were met: a state, and the branch that was never
+        worked out for it, or NONE where the model has to be asked first.
     """
     seen = np.zeros(count, np.bool_)
     order = np.empty(count, np.int32)
-    gaps = np.empty((count * answers.shape[1], 2), np.int32)
+    gaps = np.empty((count * branches.shape[1] * BRANCHES, 2), np.int32)
     order[0] = start
     seen[start] = True
     reached, missing, at = 1, 0, 0
     while at < reached:
         state = order[at]
         at += 1
-        for action in range(answers.shape[1]):
+        for action in range(branches.shape[1]):
             known = asked[group[state], action] == revisions[action]
-            answer = answers[group[state], action] if known else -1
-            if known and answer == IMPOSSIBLE:
-                continue
-            if not known or successor[answer, state] == MISSING:
-                gaps[missing, 0] = state
-                gaps[missing, 1] = answer
-                missing += 1
-                continue
-            target = successor[answer, state]
-            if target >= 0 and not seen[target]:
-                seen[target] = True
-                order[reached] = target
-                reached += 1
+            for branch in branches[group[state], action]:
+                if known and branch == NONE:
+                    continue
+                if not known or successor[branch, state] == MISSING:
+                    gaps[missing, 0] = state
+                    gaps[missing, 1] = branch if known else NONE
+                    missing += 1
+                    continue
+                target = successor[branch, state]
+                if target >= 0 and not seen[target]:
+                    seen[target] = True
+                    order[reached] = target
+                    reached += 1
     return order[:reached].copy(), gaps[:missing].copy()
 
 
 @kernel
 def _backup(
-    state: int, action: int, group: Integers, answers: Integers, successor: Integers, reward: Floats, values: Floats,
-    discount: float, unknown_value: float,
+    state: int, action: int, group: Integers, branches: Integers, chances: Floats, successor: Integers,
+    reward: Floats, values: Floats, discount: float, unknown_value: float,
 ) -> float:  # fmt: skip
-    """Q(s, a) of the values as they are."""
-    answer = answers[group[state], action]
-    if answer == IMPOSSIBLE:
-        return -math.inf
-    target = successor[answer, state]
-    worth: float = -math.inf
-    if target >= 0:
-        worth = reward[answer, state] + discount * values[target]
-    elif target == END:
-        worth = reward[answer, state]
-    elif target == UNKNOWN:
-        worth = unknown_value
-    return worth
+    """Q(s, a) of the values as they are; -inf where the action is not possible, or is hopeless."""
+    total, value = 0.0, 0.0
+    for at in range(BRANCHES):
+        branch, chance = branches[group[state], action, at], chances[group[state], action, at]
+        if branch == NONE or chance == 0.0:
+            continue
+        target = successor[branch, state]
+        if target >= 0:
+            value += chance * (reward[branch, state] + discount * values[target])
+        elif target == END:
+            value += chance * reward[branch, state]
+        elif target == UNKNOWN:
+            value += chance * unknown_value
+        else:
+            continue
+        total += chance
+    return value / total if total > 0 else -math.inf
 
 
 @kernel
 def _best(
-    state: int, group: Integers, answers: Integers, successor: Integers, reward: Floats, values: Floats,
-    discount: float, unknown_value: float,
+    state: int, group: Integers, branches: Integers, chances: Floats, successor: Integers, reward: Floats,
+    values: Floats, discount: float, unknown_value: float,
 ) -> tuple[int, float]:  # fmt: skip
     """The first of the best actions, and max_a Q(s, a)."""
     best, best_value = 0, -math.inf
-    for action in range(answers.shape[1]):
-        value = _backup(state, action, group, answers, successor, reward, values, discount, unknown_value)
+    for action in range(branches.shape[1]):
+        value = _backup(state, action, group, branches, chances, successor, reward, values, discount, unknown_value)
         if value > best_value + TIE:
             best, best_value = action, value
     return best, best_value
@@ -219,27 +231,28 @@ def _best(
 
 @kernel
 def _sweep(
-    states: Integers, group: Integers, answers: Integers, successor: Integers, reward: Floats, values: Floats,
-    discount: float, unknown_value: float, tolerance: float,
+    states: Integers, tolerance: float, group: Integers, branches: Integers, chances: Floats, successor: Integers,
+    reward: Floats, values: Floats, discount: float, unknown_value: float,
 ) -> None:  # fmt: skip
     """Sweep back and forth until the values hold still; they start below any sum of rewards, and so only rise.
 
     Args:
         states: [R] the states to sweep, nearest first.
+        tolerance: ε.
         group: [S].
-        answers: [G, A].
-        successor: [O, S].
-        reward: [O, S].
+        branches: [G, A, 2].
+        chances: [G, A, 2].
+        successor: [B, S].
+        reward: [B, S].
         values: [S] is overwritten for the states.
         discount: γ.
         unknown_value: V(s_max).
-        tolerance: ε.
     """
     lowest = 0.0
     for state in states:
-        for answer in answers[group[state]]:
-            if answer != IMPOSSIBLE:
-                lowest = min(lowest, reward[answer, state])
+        for branch in branches[group[state]].flat:
+            if branch != NONE:
+                lowest = min(lowest, reward[branch, state])
     for state in states:
         values[state] = lowest / (1 - discount)
     change = math.inf
@@ -248,7 +261,7 @@ def _sweep(
         for at in range(2 * len(states)):  # there, towards the start, and back again
             state = states[len(states) - 1 - at] if at < len(states) else states[at - len(states)]
             _, value = _best(
-                state, group, answers, successor, reward, values, discount, unknown_value
+                state, group, branches, chances, successor, reward, values, discount, unknown_value
             )  # fmt: skip
             if value > values[state]:
                 change = max(change, value - values[state])

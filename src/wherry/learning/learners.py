@@ -1,0 +1,22 @@
+"""The learners that keep what they learn as rules, by the names that users choose them with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from wherry.learning.doormax import Doormax
+from wherry.oomdp.mdp import Learner
+from wherry.oomdp.outcomes import ConditionalModel
+
+
+class RuleLearner(ConditionalModel, Learner, Protocol):
+    """A learner whose knowledge is rules: it can be put into words, saved, and used in other worlds."""
+
+    def sentences(self) -> tuple[str, ...]:
+        """What was learnt, in words: ``N: if not touch_N(taxi, wall): taxi.y += 1``."""
+        ...
+
+
+LEARNERS: Mapping[str, Callable[..., RuleLearner]] = {"doormax": Doormax}
+"""Each takes the domain, and ``reward`` and ``terminated`` where these are given."""
