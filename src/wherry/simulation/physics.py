@@ -111,13 +111,8 @@ class Physics:
         mujoco.mju_rotVecQuat(offset, load.xpos - robot.xpos, inverse)
         mujoco.mju_mulQuat(rotation, inverse, load.xquat)
         latch = self.model.equality(f"latch {box}").id
-        self.model.eq_data[latch, :10] = [
-            0,
-            0,
-            0,
-            *offset,
-            *rotation,
-        ]  # where on the box, and where that is on the robot
+        # The weld's data: a point of the box, where the robot has to have it, and the box's rotation against the robot.
+        self.model.eq_data[latch, :10] = np.concatenate([np.zeros(3), offset, rotation])
         self.data.eq_active[latch] = 1
 
     def release(self, box: int) -> None:
