@@ -13,8 +13,8 @@ from wherry.robot import Scan
 from wherry.space.pose import Floats, Pose
 
 SPACING = 0.05  # m, points closer together than this say the same twice
-NEIGHBOURHOOD = 0.15  # m, a surface's direction is that of the points so far around
-NEIGHBOURS = 12  # beams to either side, at most
+NEAR, WIDE = 0.15, 0.3  # m; a surface's direction is that of the points so far around: of noisy ones, the wider
+NEIGHBOURS = 20  # beams to either side, at most
 FLATNESS = 0.35  # smallest to largest spread of a neighbourhood that still is a surface
 
 
@@ -67,10 +67,7 @@ def merged(clouds: Iterable[Cloud], cell: float) -> Cloud:
 
 @kernel
 def _surfaces(ranges: Floats, angle_min: float, angle_increment: float) -> tuple[Floats, Floats]:
-    """Thinned points [N, 2] m and their normals [N, 2], in the lidar's frame; ``ranges`` [R] m, NaN for no reading.
-
-    A normal is the direction in which a point's neighbours spread least, if they lie on a line at all.
-    """
+    """Thinned points [N, 2] m and their normals [N, 2], in the lidar's frame; ``ranges`` [R] m, NaN for no reading."""
     count = len(ranges)
     x, y = np.empty(count), np.empty(count)
     for i in range(count):
@@ -84,29 +81,45 @@ def _surfaces(ranges: Floats, angle_min: float, angle_increment: float) -> tuple
         if last >= 0 and (x[i] - x[last]) ** 2 + (y[i] - y[last]) ** 2 < SPACING * SPACING:
             continue
         last = i
-        reach = max(NEIGHBOURHOOD, 2.5 * ranges[i] * abs(angle_increment))
-        number, sx, sy, sxx, sxy, syy = 1, 0.0, 0.0, 0.0, 0.0, 0.0
-        for side in (-1, 1):
-            for step in range(1, NEIGHBOURS + 1):
-                j = i + side * step
-                if j < 0 or j >= count or math.isnan(ranges[j]):
-                    break
-                dx, dy = x[j] - x[i], y[j] - y[i]
-                if dx * dx + dy * dy > reach * reach:
-                    break
-                number += 1
-                sx, sy = sx + dx, sy + dy
-                sxx, sxy, syy = sxx + dx * dx, sxy + dx * dy, syy + dy * dy
         points[kept, 0], points[kept, 1] = x[i], y[i]
-        normals[kept, 0] = normals[kept, 1] = 0.0
-        if number >= 3:
-            sxx, sxy, syy = sxx - sx * sx / number, sxy - sx * sy / number, syy - sy * sy / number
-            middle, half = (sxx + syy) / 2.0, math.sqrt(((sxx - syy) / 2.0) ** 2 + sxy * sxy)
-            if middle - half < FLATNESS * FLATNESS * (middle + half):
-                along = 0.5 * math.atan2(2.0 * sxy, sxx - syy)
-                nx, ny = -math.sin(along), math.cos(along)
-                if nx * x[i] + ny * y[i] > 0.0:  # the lidar is on the other side
-                    nx, ny = -nx, -ny
-                normals[kept, 0], normals[kept, 1] = nx, ny
+        spread = 2.5 * ranges[i] * abs(angle_increment)  # a neighbour to either side, at least
+        normal_x, normal_y = _normal(x, y, i, max(NEAR, spread))
+        if normal_x == 0.0 and normal_y == 0.0:
+            normal_x, normal_y = _normal(x, y, i, max(WIDE, spread))
+        normals[kept, 0], normals[kept, 1] = normal_x, normal_y
         kept += 1
     return points[:kept].copy(), normals[:kept].copy()
+
+
+@kernel
+def _normal(x: Floats, y: Floats, i: int, reach: float) -> tuple[float, float]:
+    """The direction in which a point's neighbours spread least, towards the lidar; zero if they lie on no line.
+
+    Args:
+        x: [R] m, all points; NaN for no reading.
+        y: [R] m, likewise.
+        i: The point.
+        reach: m, how far away its neighbours are; they are the beams beside it, without a gap.
+    """
+    number, sx, sy, sxx, sxy, syy = 1, 0.0, 0.0, 0.0, 0.0, 0.0
+    for side in (-1, 1):
+        for step in range(1, NEIGHBOURS + 1):
+            j = i + side * step
+            if j < 0 or j >= len(x) or math.isnan(x[j]):
+                break
+            dx, dy = x[j] - x[i], y[j] - y[i]
+            if dx * dx + dy * dy > reach * reach:
+                break
+            number += 1
+            sx, sy = sx + dx, sy + dy
+            sxx, sxy, syy = sxx + dx * dx, sxy + dx * dy, syy + dy * dy
+    if number < 3:
+        return 0.0, 0.0
+    sxx, sxy, syy = sxx - sx * sx / number, sxy - sx * sy / number, syy - sy * sy / number
+    middle, half = (sxx + syy) / 2.0, math.sqrt(((sxx - syy) / 2.0) ** 2 + sxy * sxy)
+    if middle - half >= FLATNESS * FLATNESS * (middle + half):
+        return 0.0, 0.0
+    along = 0.5 * math.atan2(2.0 * sxy, sxx - syy)
+    normal_x, normal_y = -math.sin(along), math.cos(along)
+    towards = -1.0 if normal_x * x[i] + normal_y * y[i] > 0.0 else 1.0
+    return towards * normal_x, towards * normal_y

@@ -20,7 +20,7 @@ from wherry.mapping.pose_graph import PoseGraph, optimized
 from wherry.mapping.refinement import Refinement, refine
 from wherry.mapping.slam import NO_DISCS
 from wherry.mapping.submap import Submap
-from wherry.mapping.trajectory import Trajectory
+from wherry.space.trajectory import Trajectory
 from wherry.mapping.uncertainty import relative_covariances
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wherry.mapping.trajectory import Trajectory
+from wherry.space.trajectory import Trajectory
 from wherry.space.pose import Floats, relative
 
 FAR = 60.0  # s

@@ -1,4 +1,8 @@
-"""Exact scan matching: Gauss–Newton on the distances from points to surfaces (Chen & Medioni 1991)."""
+"""Exact scan matching: Gauss–Newton on the distances from points to surfaces (Chen & Medioni 1991).
+
+A surface is the moving average of the surfels around a point (implicit moving least squares, as in Deschaud 2018): noise
+cancels in it, where the nearest surfel alone would always lie conveniently near.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +21,12 @@ POINT_NOISE = 0.03  # m, σ of a point's distance from the surface it belongs to
 OUTLIER = 0.05  # m, a residual that large counts half (Cauchy's loss)
 ITERATIONS = 12
 CONVERGED = 1e-5  # m and rad
-SEARCH = 3  # cells around a point in which its surface is looked for
+WIDTH = 0.15  # m; surfels so far around a point make up its surface, near ones more than far ones
+SEARCH = math.ceil(WIDTH / RESOLUTION)  # cells
 NO_PRIOR = np.zeros((3, 3))
+# Along a bare corridor nothing holds a scan, but normals are off by some degrees, and so seem to. Below the first ratio
+# of what holds it along to what holds it across, nothing is believed of it; above the second, all (Zhang et al. 2016).
+BARE, HELD = 0.01, 0.04
 
 
 @dataclass(frozen=True)
@@ -85,24 +93,33 @@ def _refine(
             facing_x, facing_y = cos * normals[n, 0] - sin * normals[n, 1], sin * normals[n, 0] + cos * normals[n, 1]
             x, y = pose[0] + turned_x, pose[1] + turned_y
             column, row = math.floor(x / RESOLUTION) - corner[0], math.floor(y / RESOLUTION) - corner[1]
-            nearest, gap_x, gap_y, normal_x, normal_y = math.inf, 0.0, 0.0, 0.0, 0.0
+            total, along, normal_x, normal_y = 0.0, 0.0, 0.0, 0.0
             for i in range(max(row - SEARCH, 0), min(row + SEARCH + 1, surfel_at.shape[0])):
                 for j in range(max(column - SEARCH, 0), min(column + SEARCH + 1, surfel_at.shape[1])):
                     surfel = surfel_at[i, j]
                     if surfel < 0:
                         continue
-                    number = surfels[surfel, 4]
-                    dx, dy = x - surfels[surfel, 0] / number, y - surfels[surfel, 1] / number
-                    if dx * dx + dy * dy < nearest:
-                        length = math.hypot(surfels[surfel, 2], surfels[surfel, 3])
-                        if facing_x * surfels[surfel, 2] + facing_y * surfels[surfel, 3] > SAME_SURFACE * length:
-                            nearest, gap_x, gap_y = dx * dx + dy * dy, dx, dy
-                            normal_x, normal_y = surfels[surfel, 2] / length, surfels[surfel, 3] / length
-            if nearest == math.inf:
+                    number, sum_x, sum_y = surfels[surfel, 4], surfels[surfel, 2], surfels[surfel, 3]
+                    gap_x, gap_y = x - surfels[surfel, 0] / number, y - surfels[surfel, 1] / number
+                    near = 1.0 - (gap_x * gap_x + gap_y * gap_y) / (WIDTH * WIDTH)
+                    if near <= 0.0:
+                        continue
+                    length = math.sqrt(sum_x * sum_x + sum_y * sum_y)
+                    if facing_x * sum_x + facing_y * sum_y < SAME_SURFACE * length:
+                        continue
+                    # Σ wᵢ nᵢ·(x − pᵢ) / Σ wᵢ is the distance from the surface that the surfels have in common.
+                    near *= near * number / length
+                    total += near * length
+                    along += near * (sum_x * gap_x + sum_y * gap_y)
+                    normal_x += near * sum_x
+                    normal_y += near * sum_y
+            if total == 0.0:
                 continue
             matched += 1
-            residual = normal_x * gap_x + normal_y * gap_y
+            residual = along / total
             squared += residual * residual
+            length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
+            normal_x, normal_y = normal_x / length, normal_y / length
             lever = normal_y * turned_x - normal_x * turned_y
             weight = 1.0 / ((1.0 + (residual / OUTLIER) ** 2) * POINT_NOISE * POINT_NOISE)
             information[0, 0] += weight * normal_x * normal_x
@@ -119,6 +136,7 @@ def _refine(
             information[0, 2],
             information[1, 2],
         )
+        _release(information, gradient)
         off = pose - expected
         off[2] -= math.tau * np.round(off[2] / math.tau)
         # The added 1s hold what neither the points nor the prior say anything about.
@@ -127,3 +145,25 @@ def _refine(
         if abs(step[0]) < CONVERGED and abs(step[1]) < CONVERGED and abs(step[2]) < CONVERGED:
             break
     return pose, information, matched / max(surfaces, 1), math.sqrt(squared / max(matched, 1))
+
+
+@kernel
+def _release(information: Floats, gradient: Floats) -> None:
+    """Take out of a system [3, 3], [3] what it falsely says about the direction in which positions are held least."""
+    middle, half = (information[0, 0] + information[1, 1]) / 2.0, (information[0, 0] - information[1, 1]) / 2.0
+    spread = math.sqrt(half * half + information[0, 1] * information[0, 1])
+    if middle <= 0.0:
+        return
+    believed = ((middle - spread) / (middle + spread) - BARE) / (HELD - BARE)
+    if believed >= 1.0:
+        return
+    kept = math.sqrt(max(believed, 0.0))
+    angle = 0.5 * math.atan2(2.0 * information[0, 1], 2.0 * half) + math.pi / 2.0
+    vx, vy = math.cos(angle), math.sin(angle)
+    keep = np.eye(3)
+    keep[0, 0] -= (1.0 - kept) * vx * vx
+    keep[0, 1] -= (1.0 - kept) * vx * vy
+    keep[1, 0] = keep[0, 1]
+    keep[1, 1] -= (1.0 - kept) * vy * vy
+    information[:] = keep @ information @ keep
+    gradient[:] = keep @ gradient

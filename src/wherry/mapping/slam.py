@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from wherry.mapping.trajectory import Trajectory
+from wherry.space.trajectory import Trajectory
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
