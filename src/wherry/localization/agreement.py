@@ -7,7 +7,9 @@ map's walls, a wrong pose sends beams through them.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +64,17 @@ def compare(field: DistanceField, ends: Floats, lidar: Pose, pose: Pose) -> Agre
     count = len(ends)
     blocked = count - explained - passed
     return Agreement(explained / count, blocked / count, passed / count, total / count, count)
+
+
+def mean_agreement(scans: Sequence[Agreement]) -> Agreement:
+    """The agreement of several scans with the map, each weighing the same; there must be one."""
+    return Agreement(
+        explained=fmean(a.explained for a in scans),
+        blocked=fmean(a.blocked for a in scans),
+        passed=fmean(a.passed for a in scans),
+        log_likelihood=fmean(a.log_likelihood for a in scans),
+        beams=sum(a.beams for a in scans),
+    )
 
 
 @kernel

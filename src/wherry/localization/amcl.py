@@ -121,12 +121,15 @@ class Amcl:
         drawn = self._rng.multivariate_normal(pose.as_array(), covariance, count, method="eigh")
         self._believe(drawn, pose)
 
-    def initialize_at(self, places: Sequence[tuple[Pose, Floats, float]], elsewhere: float = 0.0) -> None:
+    def initialize_at(
+        self, places: Sequence[tuple[Pose, Floats, float]], elsewhere: float = 0.0, kept: float = 0.0
+    ) -> None:
         """Believe that the robot is at one of several places.
 
         Args:
             places: Pose of base_link in the map frame, covariance [3, 3] m, m, rad, and share of the belief of each.
             elsewhere: Share of the belief that is spread over the map's free space.
+            kept: Share of the belief that stays what it was.
 
         Raises:
             InputError: As `initialize`.
@@ -135,13 +138,20 @@ class Amcl:
             _check_belief(pose, covariance)
         shares = np.array([share for _, _, share in places])
         most = self.parameters.max_particles
-        random = round(most * elsewhere) if len(self._free) else 0
-        counts = self._rng.multinomial(most - random, shares / shares.sum())
+        old, random = round(most * kept), round(most * elsewhere) if len(self._free) else 0
+        counts = self._rng.multinomial(most - old - random, shares / shares.sum())
         drawn = [
             self._rng.multivariate_normal(pose.as_array(), covariance, count, method="eigh")
             for (pose, covariance, _), count in zip(places, counts, strict=True)
         ]
-        self._believe(np.vstack([*drawn, self._anywhere(random)]), places[int(shares.argmax())][0])
+        remembered = np.empty((old, 3))
+        low_variance(self._buffers[0][: self._count], self.weights, self._rng.random(), remembered)
+        pose = (
+            self._estimate.pose
+            if kept > float(shares.max()) * (1.0 - kept - elsewhere)
+            else places[int(shares.argmax())][0]
+        )
+        self._believe(np.vstack([remembered, *drawn, self._anywhere(random)]), pose)
 
     def initialize_globally(self) -> None:
         """Believe that the robot may be anywhere on the map's free space.

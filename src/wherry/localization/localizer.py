@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.localization.agreement import Agreement, compare
+from wherry.localization.agreement import Agreement, compare, mean_agreement
 from wherry.localization.amcl import Amcl, Estimate
 from wherry.localization.lost import LostDetector
 from wherry.localization.parameters import AmclParameters
@@ -21,10 +21,14 @@ from wherry.space.pose import Pose
 Floats = NDArray[np.float64]
 
 ALARM = 0.9  # probability of being lost at which a new start is made
-RETRY = 1.0  # s between two attempts
+SUSPICION = 0.5  # probability of being lost from which on scans are kept, to find the new place with
+SPACING = 0.5  # s from one kept scan to the next
+CONFIRMING_SCANS = 3  # that must agree on a new place
+MARGIN = 0.2  # of mean log likelihood, by which a new place must explain them better
 COMPARED_BEAMS = 180
-DOUBT = 0.2  # share of the new belief that is spread over all hypotheses alike, in case the scan misleads
-UNSEEN = 0.2  # share of the first belief that is spread over the whole map, likewise
+DOUBT = 0.5  # share of the new belief that is spread over all hypotheses alike, in case the scan misleads
+UNSEEN = 0.5  # share of the first belief that is spread over the whole map, likewise
+KEPT = 0.5  # share of the belief that a new start leaves as it was: the next scans decide
 LEAST_DEVIATION = (0.05, 0.05, 0.02)  # m, m, rad, of particles around a hypothesis
 
 
@@ -50,6 +54,23 @@ class Localization:
         return self.estimate.pose
 
 
+@dataclass(frozen=True, slots=True)
+class SuspiciousScan:
+    """A scan that did not agree with the map.
+
+    Attributes:
+        time: s.
+        odometry: base_link in the odom frame.
+        ends: [B, 2] m, where the beams ended, base_link frame.
+        agreement: With the map, at the estimate.
+    """
+
+    time: float
+    odometry: Pose
+    ends: Floats
+    agreement: Agreement
+
+
 class Localizer:
     """`Amcl` with a watch: it says when it is lost, and then starts anew from all the places that explain the scan.
 
@@ -67,7 +88,7 @@ class Localizer:
         self._relocalizer = Relocalizer(grid, lidar, parameters)
         self._detector = LostDetector()
         self._started = True
-        self._last_start = -np.inf
+        self._suspicious: list[SuspiciousScan] = []
 
     def initialize(self, pose: Pose, covariance: Floats) -> None:
         """See `Amcl.initialize`."""
@@ -95,8 +116,9 @@ class Localizer:
         agreement = compare(self._field, ends, self._lidar, estimate.pose)
         if not estimate.problem:
             self._detector.observe(scan.time, agreement)
-        if self._detector.probability > ALARM and scan.time - self._last_start >= RETRY:
-            hypotheses = self._start_anew(scan, agreement)
+            self._watch(scan.time, odometry.pose, ends, agreement)
+        if self._detector.probability > ALARM and len(self._suspicious) >= CONFIRMING_SCANS:
+            hypotheses = self._start_anew(scan, odometry.pose)
         wrong = 1.0 - estimate.weight * (1.0 - self._detector.probability)
         return Localization(estimate, min(max(wrong, 0.0), 1.0), agreement, hypotheses)
 
@@ -108,15 +130,24 @@ class Localizer:
             self._started = True
         return found.hypotheses
 
-    def _start_anew(self, scan: Scan, agreement: Agreement) -> tuple[Hypothesis, ...]:
-        """Believe in the places that explain the scan, unless none of them explains it better than where we are."""
-        self._last_start = scan.time
-        found = self._relocalizer.search(scan)
-        if not found.hypotheses or found.hypotheses[0].agreement.log_likelihood <= agreement.log_likelihood:
-            return ()
-        self.amcl.initialize_at(_spread(found.hypotheses))
-        self._detector.reset()
-        return found.hypotheses
+    def _watch(self, time: float, odometry: Pose, ends: Floats, agreement: Agreement) -> None:
+        """Remember the scans since the robot has seemed to be lost; what was seen before may be of another place."""
+        if self._detector.probability < SUSPICION:
+            self._suspicious.clear()
+        elif not self._suspicious or time - self._suspicious[-1].time >= SPACING:
+            self._suspicious.append(SuspiciousScan(time, odometry, ends, agreement))
+
+    def _start_anew(self, scan: Scan, odometry: Pose) -> tuple[Hypothesis, ...]:
+        """Believe in the places that explain the last scans better than where we seem to be, if there are any."""
+        here = mean_agreement([seen.agreement for seen in self._suspicious])
+        earlier = [(seen.odometry.relative_to(odometry), seen.ends) for seen in self._suspicious]
+        self._suspicious.clear()
+        found = self._relocalizer.confirm(self._relocalizer.search(scan).hypotheses, earlier)
+        better = tuple(h for h in found if h.agreement.log_likelihood > here.log_likelihood + MARGIN)
+        if better:
+            self.amcl.initialize_at(_spread(better), kept=KEPT)
+            self._detector.reset()
+        return better
 
 
 def _spread(hypotheses: tuple[Hypothesis, ...]) -> list[tuple[Pose, Floats, float]]:

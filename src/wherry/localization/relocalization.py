@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.kernels import kernel
-from wherry.localization.agreement import Agreement, compare
+from wherry.localization.agreement import Agreement, compare, mean_agreement
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.refinement import match_scan
 from wherry.localization.sensor import choose_beams
@@ -44,6 +44,7 @@ APART = 0.5  # m: nearer than this two poses are one hypothesis
 APART_HEADING = math.radians(20.0)
 SEARCH_COVARIANCE = np.diag([0.15**2, 0.15**2, math.radians(3.0) ** 2])  # m, m, rad, of a pose on the search grid
 MATCH_SIGMA = 0.05  # m
+DRIFT = np.diag([0.05**2, 0.05**2, math.radians(2.0) ** 2])  # m, m, rad, of the odometry from one scan to another
 SHARPNESS = 20.0  # how many independent readings a scan is worth; between the best values for two real buildings
 AMBIGUOUS_BELOW = 0.9  # probability of the best hypothesis
 
@@ -119,6 +120,28 @@ class Relocalizer:
         poses, complete = self._candidates(_thinned(ends, self._cell))
         judged = [self._judge(pose, ends) for pose in poses]
         return Relocalization(_distinct(judged), complete)
+
+    def confirm(
+        self, hypotheses: Sequence[Hypothesis], earlier: Sequence[tuple[Pose, Floats]]
+    ) -> tuple[Hypothesis, ...]:
+        """Judge hypotheses by other scans too, taken shortly before on the way to where they say that the robot is.
+
+        Args:
+            hypotheses: From `search`.
+            earlier: base_link at each of the other scans as seen from where it is now, by odometry, and where its beams
+                ended, [B, 2] m, base_link frame.
+
+        Returns:
+            The same hypotheses, with the agreement averaged over all scans, the most probable first.
+        """
+        return _distinct([self._confirmed(found, earlier) for found in hypotheses])
+
+    def _confirmed(self, found: Hypothesis, earlier: Sequence[tuple[Pose, Floats]]) -> Hypothesis:
+        scans = [found.agreement]
+        for seen_from, ends in earlier:
+            match = match_scan(self._field, ends, found.pose @ seen_from, found.covariance + DRIFT, MATCH_SIGMA)
+            scans.append(compare(self._field, ends, self._lidar, match.pose))
+        return replace(found, agreement=mean_agreement(scans))
 
     def _candidates(self, ends: Floats) -> tuple[list[Pose], bool]:
         """Poses on the search grid, none within APART of a better one, and whether these are all there are."""
