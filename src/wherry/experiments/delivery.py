@@ -8,8 +8,9 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -241,13 +242,15 @@ class DeliveryRun:
         )
 
     def _path_ratio(self) -> float | None:
-        """Cells driven after the last step that taught something, ÷ the shortest way from there on the true plan."""
-        learnt = max((number for number, step in enumerate(self._steps, start=1) if step.learning), default=0)
-        if not self._marks or learnt >= len(self._marks) - 1:
-            return None
-        begin, end = self._marks[learnt], self._marks[-1]
-        shortest = shortest_delivery(self.plan, begin.robot, begin.boxes, loaded=begin.loaded)
-        return (end.driven - begin.driven) / shortest if shortest else None
+        """Cells driven while following a complete plan, ÷ by how many cells that brought the job nearer to its end."""
+        driven = nearer = 0
+        for begin, end in _stretches([not step.exploring for step in self._steps]):
+            first, last = self._marks[begin], self._marks[end]
+            left = [shortest_delivery(self.plan, mark.robot, mark.boxes, loaded=mark.loaded) for mark in (first, last)]
+            if left[0] is not None and left[1] is not None:
+                driven += last.driven - first.driven
+                nearer += left[0] - left[1]
+        return driven / nearer if nearer > 0 else None
 
     def _localization(self) -> tuple[Pose | None, float | None]:
         """The map's frame in the world, and the rms error, m, of the poses after the map was finished."""
@@ -277,6 +280,14 @@ class DeliveryRun:
         world_from_map, _ = self._localization()
         html = page(result, self._records, self._learner.sentences(), self._ready, self.plan, world_from_map)
         write_atomically(self.out / "report.html", html)
+
+
+def _stretches(flags: Sequence[bool]) -> Iterator[tuple[int, int]]:
+    """First and one-past-last index of every stretch of true flags."""
+    for value, group in groupby(range(len(flags)), key=lambda index: flags[index]):
+        if value:
+            members = list(group)
+            yield members[0], members[-1] + 1
 
 
 def order_of(plan: FloorPlan) -> Order:

@@ -27,7 +27,7 @@ class Result:
         collisions: Contacts of the robot or its load with a wall, an obstacle or another box.
         learning_steps: Actions whose outcome the robot could not predict.
         actions: All actions.
-        path_ratio: Cells driven once everything needed was learnt ÷ the fewest possible on the true plan.
+        path_ratio: Cells driven while following a complete plan ÷ the fewest on the true plan that do as much of the job.
         localization_rmse_m: m, of all poses after the map was finished, against the true ones.
         map_error_m: m, median distance of mapped wall points to the true walls.
         sim_seconds: s in the simulated world.
@@ -71,7 +71,7 @@ class Result:
             "collisions": str(self.collisions),
             "actions": str(self.actions),
             "of which it could not tell what they do": str(self.learning_steps),
-            "cells driven ÷ fewest possible, once learnt": (
+            "cells driven ÷ fewest possible, while delivering": (
                 "not measured" if self.path_ratio is None else f"{self.path_ratio:.2f}"
             ),
             "localization error (rms)": metres(self.localization_rmse_m),

@@ -24,8 +24,9 @@ HEADING_GAIN = 2.5  # rad/s per rad
 LATERAL_GAIN = 3.0  # rad of heading per m beside the line
 CREEP = 0.02  # m/s, the slowest that is still a movement
 CREEP_TURN = 0.08  # rad/s
-STOP_DISTANCE = 0.05  # m that a safe robot keeps from what it sees in its way
+STOP_DISTANCE = 0.04  # m that a safe robot keeps from what it sees in its way
 SIDE_DISTANCE = 0.02  # m that it keeps at its sides
+AGREEING_BEAMS = 3  # the third shortest gap counts
 REACTION_TIME = 0.15  # s from a scan until what is commanded because of it takes hold
 STRAIGHT = 1e-3  # 1/m; a way that bends less is straight
 
@@ -150,7 +151,12 @@ def clear_distance(
         points = -points
     points = points[points[:, 0] > 0.0]
     gaps = _gaps_straight(points, body.radius) if abs(curvature) < STRAIGHT else _gaps_arc(points, body.radius, curvature)
-    return max(float(gaps.min()), 0.0) if len(gaps) else math.inf
+    if not len(gaps):
+        return math.inf
+    # The least of many noisy readings is too short by more than their noise; whatever is near enough to matter is met
+    # by several beams.
+    agreed = min(AGREEING_BEAMS, len(gaps)) - 1
+    return max(float(np.partition(gaps, agreed)[agreed]), 0.0)
 
 
 def _gaps_straight(points: Floats, radius: float) -> Floats:

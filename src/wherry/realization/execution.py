@@ -11,6 +11,7 @@ from wherry.realization.pilot import Pilot
 from wherry.space.pose import Floats, Pose
 
 DOCKING_SPEED = 0.3  # m/s
+NEAR_ENOUGH = 0.05  # m from the middle of a cell
 
 
 def move(pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: bool, held: bool) -> bool:
@@ -39,6 +40,8 @@ def move(pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: 
         speed=DOCKING_SPEED if docking else math.inf,
     ):
         return True
+    if math.hypot(goal[0] - pilot.pose.x, goal[1] - pilot.pose.y) < NEAR_ENOUGH:
+        return True  # between close walls the laser may stop it just before the middle of the cell
     # Back the way it came; a box that it had in its fork and did not hold stands there still.
     waiting = fork_full and not held
     pilot.approach(
