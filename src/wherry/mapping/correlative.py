@@ -16,7 +16,7 @@ ANGLE_QUANTILE = 0.8  # a step in angle moves a point that far out (of all point
 COARSEST_STEP = math.radians(2.0)
 APART = 0.5  # m and, below, rad: poses closer together than this are one peak
 APART_ANGLE = math.radians(10.0)
-PRIOR_WEIGHT = 0.02  # how much of the response a pose one σ off the expected one loses
+PRIOR_WEIGHT = 0.03  # how much of the response a pose one σ off the expected one loses
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +77,13 @@ def correlate(submap: Submap, points: Floats, window: Window, *, rivalry: float 
     )
     x, y = window.centre.x + best[1] * RESOLUTION, window.centre.y + best[2] * RESOLUTION
     return Correlation(Pose.from_array(np.array([x, y, angles[best[0]]])), response, rival)
+
+
+def response_at(submap: Submap, points: Floats, pose: Pose) -> float:
+    """0 to 1: the mean likelihood of points, [N, 2] m, at a pose in the submap's frame."""
+    angles = np.array([pose.theta])
+    cells = _rotated_cells(points, np.array([pose.x, pose.y]), angles, submap.corner)
+    return _score(submap.likelihood[0], cells[0], 0, 0) / (len(points) * FULL)
 
 
 @kernel

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wherry.space.trajectory import Trajectory
 from wherry.space.pose import Floats, relative
+from wherry.space.trajectory import Trajectory
 
 FAR = 60.0  # s
 

@@ -6,10 +6,10 @@ from typing import Protocol
 
 import numpy as np
 
-from wherry.space.trajectory import Trajectory
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
+from wherry.space.trajectory import Trajectory
 
 NO_DISCS = np.zeros((0, 3))
 

@@ -119,7 +119,9 @@ def _stamp(
             first_row, first_column = row + REACH + 1 - size, column + REACH + 1 - size
             for i in range(size):
                 for j in range(size):
-                    likelihood[level, first_row + i, first_column + j] = max(likelihood[level, first_row + i, first_column + j], stamp[i, j])
+                    likelihood[level, first_row + i, first_column + j] = max(
+                        likelihood[level, first_row + i, first_column + j], stamp[i, j]
+                    )
 
 
 @kernel

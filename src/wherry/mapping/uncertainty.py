@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.kernels import kernel
-from wherry.space.pose import Floats
+from wherry.space.pose import Floats, Pose
 
 
 def relative_covariances(
@@ -32,6 +32,17 @@ def relative_covariances(
     order = np.argsort(heads, kind="stable")
     begins = np.searchsorted(heads[order], np.arange(count + 1))
     return _spread(source, count, ends, measured, covariances, order, begins)
+
+
+def carried(covariance: Floats, pose: Pose) -> Floats:
+    """A covariance [3, 3] in the frame that has a pose, as the frame that the pose is given in shows it: Ad Σ Adᵀ."""
+    adjoint = _adjoint(pose.x, pose.y, pose.theta)
+    return adjoint @ covariance @ adjoint.T
+
+
+def turned(matrix: Floats, angle: float) -> Floats:
+    """A covariance or information [3, 3] with its axes turned: as seen in axes that are turned back by ``angle``."""
+    return carried(matrix, Pose(theta=angle))
 
 
 @kernel

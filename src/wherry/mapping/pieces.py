@@ -1,0 +1,150 @@
+"""What graph SLAM remembers between two scans: pieces of map, what was measured between them, and where the robot is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from wherry.mapping.cloud import Cloud
+from wherry.mapping.motion_prior import ODOMETRY, STEADY_MOTION, MotionNoise
+from wherry.mapping.submap import Submap
+from wherry.mapping.uncertainty import carried
+from wherry.robot import Odometry
+from wherry.space.pose import IDENTITY, Floats, Pose
+
+NO_COVARIANCE = np.zeros((3, 3))
+
+
+@dataclass(frozen=True)
+class Edge:
+    """What was measured between two nodes.
+
+    Attributes:
+        first: A node.
+        second: Another.
+        measured: Pose of the second in the frame of the first.
+        covariance: [3, 3] of that, in the frame of the second: m, m, rad.
+        robust: Whether it might be wrong.
+    """
+
+    first: int
+    second: int
+    measured: Pose
+    covariance: Floats
+    robust: bool = False
+
+
+@dataclass
+class Piece:
+    """A submap and the keyscans in it.
+
+    Attributes:
+        origin: The keyscan in whose frame it is.
+        start: Pose of that keyscan in the frame of the piece before.
+        start_covariance: [3, 3] of that, in the keyscan's frame.
+        submap: The map.
+        members: Its keyscans, with their poses in it.
+    """
+
+    origin: int
+    start: Pose = IDENTITY
+    start_covariance: Floats = field(default_factory=lambda: NO_COVARIANCE)
+    submap: Submap = field(default_factory=Submap)
+    members: list[tuple[int, Pose]] = field(default_factory=list)
+
+    def add(self, key: int, cloud: Cloud, placed: Pose) -> None:
+        """Add a keyscan at a pose in the piece's frame."""
+        self.submap.add(cloud.seen_from(placed))
+        self.members.append((key, placed))
+
+    @property
+    def keys(self) -> list[int]:
+        """Its keyscans."""
+        return [key for key, _ in self.members]
+
+
+@dataclass(frozen=True)
+class Front:
+    """Where the robot is on the piece that is tracked.
+
+    Attributes:
+        piece: The piece.
+        time: s, of the scan that was placed last.
+        pose: base_link then, in the piece's frame.
+        odometry: Of that instant.
+        rate: [3] m/s, m/s, rad/s in the base_link frame: how it moved up to then.
+        key: The last keyscan.
+        key_pose: base_link there, in the piece's frame.
+        key_odometry: Of that instant.
+        covariance: [3, 3] of ``key_pose``, in the base_link frame.
+        next_covariance: Likewise, of its pose in the piece that will be tracked next.
+    """
+
+    piece: int
+    time: float
+    pose: Pose
+    odometry: Odometry | None
+    rate: Floats
+    key: int
+    key_pose: Pose
+    key_odometry: Odometry | None
+    covariance: Floats
+    next_covariance: Floats
+
+    @classmethod
+    def begin(cls, time: float, odometry: Odometry | None) -> Front:
+        """At the first scan, which is the first keyscan and the origin of the first piece."""
+        return cls(0, time, IDENTITY, odometry, np.zeros(3), 0, IDENTITY, odometry, NO_COVARIANCE, NO_COVARIANCE)
+
+    def expected_movement(self, time: float, odometry: Odometry | None) -> tuple[Pose, MotionNoise]:
+        """How base_link has moved since the last scan, and how sure that is."""
+        if odometry is not None and self.odometry is not None:
+            return odometry.pose.relative_to(self.odometry.pose), ODOMETRY
+        return Pose.from_array(self.rate * (time - self.time)), STEADY_MOTION
+
+    def moved(self, time: float, pose: Pose, odometry: Odometry | None) -> Front:
+        """The same, one scan later."""
+        rate = pose.relative_to(self.pose).as_array() / max(time - self.time, 1e-3)
+        return replace(self, time=time, pose=pose, odometry=odometry, rate=rate)
+
+    def with_key(self, key: int, noise: MotionNoise, information: Floats) -> Front:
+        """The same, with a keyscan made here.
+
+        Args:
+            key: The keyscan.
+            noise: Of the movement since the one before.
+            information: [3, 3] what its match says about the pose, in the base_link frame.
+        """
+        movement = self.pose.relative_to(self.key_pose)
+        added = np.linalg.inv(noise.information(movement))
+
+        def spread(covariance: Floats) -> Floats:
+            # As in a Kalman filter: the movement adds what is uncertain, the match takes away.
+            expected = carried(covariance, movement.inverse) + added
+            spread: Floats = np.linalg.inv(np.linalg.inv(expected) + information) + LEAST_COVARIANCE
+            return spread
+
+        return replace(
+            self,
+            key=key,
+            key_pose=self.pose,
+            key_odometry=self.odometry,
+            covariance=spread(self.covariance),
+            next_covariance=spread(self.next_covariance),
+        )
+
+    def on_next(self, start: Pose) -> Front:
+        """The same, tracked on the next piece, which starts at a pose in this one's frame."""
+        return replace(
+            self,
+            piece=self.piece + 1,
+            pose=self.pose.relative_to(start),
+            key_pose=self.key_pose.relative_to(start),
+            covariance=self.next_covariance,
+        )
+
+
+# A match is never more exact than this, for surfaces are rough and scans are not taken in an instant: m, m, rad.
+LEAST_COVARIANCE = np.diag([0.003**2, 0.003**2, math.radians(0.1) ** 2])
