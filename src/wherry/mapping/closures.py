@@ -23,7 +23,6 @@ MOST_RIVALRY = 0.90  # share of the best response that another peak may have
 LEAST_OVERLAP = 0.6
 DEVIATIONS = 3.0  # σ that are searched to either side
 LEAST_WINDOW = 0.5  # m
-EDGE = 0.9  # share of the window beyond which its best pose is not known to be a peak
 MOST_REFINED = 0.3  # m that the exact match may be away from the place that was found
 LEAST_WINDOW_ANGLE = math.radians(4.0)
 LARGEST_WINDOW = 8.0  # m
@@ -91,7 +90,7 @@ def try_closure(time: float, node: int, target: int, submap: Submap, cloud: Clou
         refused = f"response {found.response:.2f} is below {LEAST_RESPONSE}"
     elif found.rival > MOST_RIVALRY * found.response:
         refused = f"ambiguous: another place has response {found.rival:.2f} beside {found.response:.2f}"
-    elif max(abs(found.pose.x - window.centre.x), abs(found.pose.y - window.centre.y)) > EDGE * window.distance:
+    elif window.on_edge(found.pose):
         refused = "on the window's edge: the best place may lie beyond"
     elif fine.matched < LEAST_OVERLAP:
         refused = f"overlap {fine.matched:.2f} is below {LEAST_OVERLAP}"

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from wherry.kernels import kernel
 from wherry.mapping.submap import FULL, LEVELS, RESOLUTION, Submap
-from wherry.space.pose import Floats, Pose
+from wherry.space.pose import Floats, Pose, wrap
 
 ANGLE_QUANTILE = 0.8  # a step in angle moves a point that far out (of all points' distances) by one cell
+EDGE = 0.9  # share of a window beyond which its best pose is not known to be a peak
 COARSEST_STEP = math.radians(2.0)
 APART = 0.5  # m and, below, rad: poses closer together than this are one peak
 APART_ANGLE = math.radians(10.0)
@@ -32,6 +33,11 @@ class Window:
     centre: Pose
     distance: float
     angle: float
+
+    def on_edge(self, pose: Pose) -> bool:
+        """Whether a pose lies so near the window's edge that a better one may lie beyond."""
+        aside = max(abs(pose.x - self.centre.x), abs(pose.y - self.centre.y))
+        return aside > EDGE * self.distance or abs(wrap(pose.theta - self.centre.theta)) > EDGE * self.angle
 
 
 @dataclass(frozen=True, slots=True)

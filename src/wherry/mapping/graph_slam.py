@@ -30,6 +30,7 @@ STILL_DISTANCE, STILL_ANGLE = 0.005, math.radians(0.2)  # m and rad; a scan take
 # Matches are less exact than their points are: surfaces are rough, scans are not taken in an instant.
 MATCH_DISTANCE, MATCH_DISTANCE_PER_DISTANCE = 0.01, 0.005  # m, m per m from the submap's origin
 MATCH_ANGLE, MATCH_ANGLE_PER_DISTANCE = math.radians(0.2), math.radians(0.03)  # rad, rad per m
+WAY_DOUBT = 4.0  # how much more uncertain the way from piece to piece is taken to be, for what matching overlooked
 CLOSURE_COVARIANCE = np.diag([0.02**2, 0.02**2, math.radians(0.3) ** 2])  # m, m, rad likewise, of closures
 SIGHT = 3.0  # m; surroundings are matched to submaps whose robot was so near, or may have been
 SURPRISE, SURPRISE_ANGLE = 0.05, math.radians(0.5)  # m and rad; a closure that moves the map by so much does so now
@@ -194,7 +195,7 @@ class GraphSlam:
             successor = self.pieces[-1]
             successor.add(front.key, cloud, front.key_pose.relative_to(successor.start))
             if len(tracked.members) >= self.settings.submap_scans:
-                covariance = successor.start_covariance + _roughness(successor.start)
+                covariance = successor.start_covariance + WAY_DOUBT * _roughness(successor.start)
                 self._ways.append(Edge(front.piece, front.piece + 1, successor.start, covariance))
                 return front.on_next(successor.start)
         elif len(tracked.members) >= self.settings.submap_scans // 2:
