@@ -95,7 +95,7 @@ def deliver(
     )
     run = delivery.prepare(settings)
     console = _console(as_json=as_json)
-    for cell in run.plan.unreachable_boxes():
+    for cell in run.unreachable:
         console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from below cannot be reached by any robot.")
     with DeliveryProgress(console, len(run.plan.boxes)) as progress:
         result = run(progress)

@@ -124,6 +124,7 @@ class DeliveryRun:
     Attributes:
         plan: The true floor plan, with the boxes where they stand at first.
         out: The folder for results.
+        unreachable: The cells of the boxes that no robot could deliver.
     """
 
     def __init__(
@@ -138,6 +139,7 @@ class DeliveryRun:
     ) -> None:
         self.plan = plan
         self.out = out
+        self.unreachable = plan.unreachable_boxes()
         self._settings = settings
         self._grid = grid
         self._learner = learner
@@ -175,6 +177,11 @@ class DeliveryRun:
         mission = Mission(self._simulation.robot, order_of(self.plan), sink, self._rng)
         self._ready = mission.explore() if self._grid is None else mission.find_itself(self._grid)
 
+    @property
+    def rules(self) -> tuple[str, ...]:
+        """What was learnt, in words."""
+        return self._learner.sentences()
+
     def _deliver(self, sink: Sink) -> None:
         """The agent loop on the robot."""
         assert self._ready is not None
@@ -207,20 +214,16 @@ class DeliveryRun:
 
     def _mark(self) -> Mark:
         referee, size = self._simulation.referee, self.plan.cell_size
-        truths = [box for box in referee.boxes if box.first_cell not in self._unreachable]
+        truths = [box for box in referee.boxes if box.first_cell not in self.unreachable]
         on_floor = tuple(_cell_of(box.position, size) for box in truths if box.place is BoxPlace.FLOOR)
         loaded = any(box.place is BoxPlace.HELD for box in truths)
         pose = referee.pose
         return Mark(_cell_of(np.array([pose.x, pose.y]), size), on_floor, loaded, len(referee.trajectory))
 
-    @property
-    def _unreachable(self) -> tuple[Cell, ...]:
-        return self.plan.unreachable_boxes()
-
     def _score(self, wall_seconds: float, *, stopped: bool) -> Result:
         """Everything in it but the steps comes from the referee."""
         referee = self._simulation.referee
-        boxes, unreachable = len(self.plan.boxes), len(self._unreachable)
+        boxes, unreachable = len(self.plan.boxes), len(self.unreachable)
         world_from_map, rmse = self._localization()
         complete = referee.delivered >= boxes - unreachable
         return Result(

@@ -13,7 +13,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
 # What counts as round. Ranges have about 1 cm of noise; a door jamb or a wall's end is flat or goes on.
-FARTHEST = 2.5  # m; beyond it fewer than five beams meet a box of 10 cm
+FARTHEST = 2.2  # m; beyond it fewer than five beams of a degree meet a box of 10 cm
 FEWEST_BEAMS = 5
 STANDS_OUT = 0.12  # m that the beams at both sides must reach beyond the box's rim
 LARGEST_RESIDUAL = 0.02  # m, rms distance of its points from the circle
@@ -41,31 +41,29 @@ def round_things(scan: Scan, radius: float) -> Floats:
         [K, 2] m, the middles, in the lidar's frame.
     """
     ranges = np.where(scan.valid, scan.ranges, np.inf)
-    starts, ends = _runs(ranges)
-    middles = [_fit(scan, ranges, start, end, radius) for start, end in zip(starts, ends, strict=True)]
+    middles = [_fit(scan, ranges, start, end, radius) for start, end in _runs(ranges)]
     found = [middle for middle in middles if middle is not None]
     return np.array(found) if found else np.empty((0, 2))
 
 
-def _runs(ranges: Floats) -> tuple[list[int], list[int]]:
-    """First and one-past-last beams of the runs without a jump; a run may wrap past the last beam."""
+def _runs(ranges: Floats) -> list[tuple[int, int]]:
+    """First and one-past-last beams of the runs without a jump that are near and long enough; one may wrap around."""
     following = np.roll(ranges, -1)
     with np.errstate(invalid="ignore"):
         jumps = ~(np.abs(following - ranges) < STANDS_OUT / 2)  # also between two beams that met nothing
-    last_beams = np.flatnonzero(jumps)
-    if len(last_beams) < 2:
-        return [], []
-    starts = np.roll(last_beams, 1) + 1
-    starts[0] -= len(ranges)  # the run that wraps begins at a negative beam
-    return starts.tolist(), (last_beams + 1).tolist()
+    lasts = np.flatnonzero(jumps)
+    if len(lasts) < 2:
+        return []
+    firsts = np.roll(lasts, 1) + 1
+    firsts[0] -= len(ranges)  # the run that wraps begins at a negative beam
+    worthwhile = (lasts - firsts + 1 >= FEWEST_BEAMS) & (ranges[firsts] < FARTHEST + STANDS_OUT)
+    return list(zip(firsts[worthwhile].tolist(), (lasts[worthwhile] + 1).tolist(), strict=True))
 
 
 def _fit(scan: Scan, ranges: Floats, start: int, end: int, radius: float) -> Floats | None:
     """[2] m, lidar frame: the middle of the cylinder that the beams ``start`` to ``end`` meet, if they do."""
     beams = np.arange(start, end)
     distances = ranges[beams]
-    if len(beams) < FEWEST_BEAMS or not math.isfinite(distances[0]) or distances.mean() > FARTHEST + radius:
-        return None
     beside = np.array([ranges[start - 1], ranges[end % len(ranges)]])
     if np.any(beside < distances[[0, -1]] + STANDS_OUT / 2) or np.any(beside < distances.min() + STANDS_OUT):
         return None

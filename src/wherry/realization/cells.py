@@ -75,6 +75,15 @@ def plan_of_map(grid: OccupancyGrid, frame: CellFrame, radius: float, name: str 
     )
 
 
+def occupied_cells(grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan) -> frozenset[Cell]:
+    """The cells in whose middle the map shows something: not a wall, nor an obstacle's face, but maybe a box."""
+    points = grid.occupied_points()
+    cells = frame.cells_at(points)
+    middles = np.array([frame.centre(int(x), int(y)) for x, y in cells]).reshape(-1, 2)
+    inner = np.hypot(*(points - middles).T) < frame.cell_size / 3
+    return frozenset(cell for cell in {Cell(int(x), int(y)) for x, y in cells[inner]} if plan.contains(cell))
+
+
 def _xy(cell: Cell) -> tuple[int, int]:
     return cell.x, cell.y
 

@@ -21,6 +21,7 @@ from wherry.robot import Scan
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Floats, Pose
 
+LOOK_EVERY = 3  # scans between two in which the boxes are looked for
 LONGEST_INTAKE = 50  # scans that the robot waits for a conveyor to take its box
 
 COMPASS = {name: Direction(step) for name, step in DIRECTIONS.items()}
@@ -61,6 +62,7 @@ class RobotEnvironment:
         self.frame = frame
         self.site = site
         self.delivered = 0
+        self._scans = 0
         self._boxes = tuple(KnownBox(f"box{number}", box) for number, box in enumerate(boxes, start=1))
         pilot.watchers.append(self._watch_boxes)
         self._tell_pilot()
@@ -115,8 +117,7 @@ class RobotEnvironment:
     def _pick_up(self) -> None:
         if self.pilot.robot.close_latch():
             here = self._standing_in(self.cell)
-            self._boxes = tuple(replace(box, held=box is here) if box is here else box for box in self._boxes)
-        self.pilot.look()
+            self._boxes = tuple(replace(box, held=True) if box is here else box for box in self._boxes)
         self._tell_pilot()
 
     def _drop_off(self) -> None:
@@ -124,9 +125,8 @@ class RobotEnvironment:
         if self.pilot.robot.open_latch() and held is not None:
             self._boxes = tuple(box for box in self._boxes if box is not held)
             self.delivered += 1
+            self._tell_pilot()
             self._wait_for_intake()
-        self.pilot.look()
-        self._tell_pilot()
 
     def _wait_for_intake(self) -> None:
         """Stand until the conveyor has taken the box out of the fork."""
@@ -167,7 +167,10 @@ class RobotEnvironment:
 
     def _watch_boxes(self, scan: Scan, pose: Pose) -> None:
         """Keep the places of the boxes on the floor up to date: the nearer the robot comes, the better it sees them."""
+        self._scans += 1
         on_floor = [box.place for box in self._boxes if not box.held]
+        if self._scans % LOOK_EVERY or not on_floor:
+            return
         seen = {box.number: box for box in seeing.look_for_boxes(on_floor, scan, pose, self.pilot.body)}
         self._boxes = tuple(box if box.held else replace(box, place=seen[box.place.number]) for box in self._boxes)
 

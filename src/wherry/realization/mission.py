@@ -6,23 +6,25 @@ mission ends with a `RobotEnvironment`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from wherry.domains.delivery import Site
 from wherry.errors import InputError
-from wherry.floorplan import Cell, FloorPlan
-from wherry.localization.amcl import Amcl
+from wherry.floorplan import Cell, Direction, FloorPlan
+from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import PRECISE
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.slam import Slam
 from wherry.navigation.exploration import frontier_cells, next_viewpoint, visible_unknown
 from wherry.navigation.path import Costmap, shortest_path
-from wherry.realization.boxes import FARTHEST, Box, look_for_boxes, standing_free, without_boxes
-from wherry.realization.cells import plan_of_map
+from wherry.realization.boxes import FARTHEST, FEWEST_SIGHTINGS, Box, look_for_boxes, standing_free, without_boxes
+from wherry.realization.cells import occupied_cells, plan_of_map
 from wherry.realization.environment import RobotEnvironment
 from wherry.realization.pilot import Load, Pilot, Ride
 from wherry.realization.tracking import PoseTracker
@@ -35,8 +37,11 @@ from wherry.trace import Explored, Said, Sink
 REPLAN = 1.5  # s of driving after which the growing map is looked at again
 OWN_PLACE = 0.35  # m around itself that a robot knows to be free although its lidar cannot see it
 START_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad² of a pose that SLAM just gave
-LOOK_EVERY = 5  # scans between two that are searched for boxes
-WORTHWHILE = 0.2  # m² of the unknown, about half a cell, for which the robot drives to see them
+SURE, SURE_SCANS = 0.1, 10  # probability of being lost that a robot accepts, in so many scans in a row
+LONGEST_LEG, MOST_LEGS = 1.5, 30  # m, and how many such legs a robot drives to find out where it is
+LOOK_EVERY = 3  # scans between two that are searched for boxes
+ENOUGH_LOOKS = 2 * FEWEST_SIGHTINGS  # after which a box in a cell would be certain
+WORTHWHILE = 0.15  # m² of the unknown, less than half a cell, for which the robot drives to see them
 BEHIND_FRONTIER = 1.0  # m of unknown that are expected behind a frontier, to tell how far a map has come
 
 
@@ -86,20 +91,46 @@ class SlamCorrector:
         return np.empty((0, 3))
 
 
-class AmclCorrector:
+class MapCorrector:
     """Corrects the pose on a finished map."""
 
-    def __init__(self, amcl: Amcl) -> None:
-        self._amcl = amcl
+    def __init__(self, localizer: Localizer) -> None:
+        self._localizer = localizer
 
     def correct(self, odometry: Odometry, scan: Scan) -> Pose:
         """As `Corrector.correct`."""
-        return self._amcl.update(odometry, scan).pose
+        return self._localizer.update(odometry, scan).pose
 
     @property
     def particles(self) -> NDArray[np.float64]:
         """[N, 3] x m, y m, θ rad, map frame."""
-        return self._amcl.particles
+        return self._localizer.amcl.particles
+
+
+class Searcher:
+    """Looks for the robot's place on a map while the robot drives by odometry alone, in the odom frame."""
+
+    def __init__(self, localizer: Localizer) -> None:
+        self._localizer = localizer
+        self._sure_scans = 0
+        self.found = Pose()
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the place has been beyond doubt for some scans in a row."""
+        return self._sure_scans >= SURE_SCANS
+
+    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
+        """As `Corrector.correct`, but the map frame here is the odom frame."""
+        located = self._localizer.update(odometry, scan)
+        self._sure_scans = self._sure_scans + 1 if located.lost_probability < SURE else 0
+        self.found = located.pose
+        return odometry.pose
+
+    @property
+    def particles(self) -> NDArray[np.float64]:
+        """None that would fit into the odom frame."""
+        return np.empty((0, 3))
 
 
 class BoxWatch:
@@ -124,18 +155,18 @@ class BoxWatch:
         self._pilot.load = Load(np.array(certain).reshape(-1, 2), held=False)
 
     def seen_cells(self, frame: CellFrame, cells: Iterable[Cell]) -> set[Cell]:
-        """The cells in which a box would have been seen: near enough, and with nothing in between."""
+        """The cells in which a box would have been seen several times: near enough, and with nothing in between."""
         places = list(cells)
         centres = np.array([frame.centre(cell.x, cell.y) for cell in places])
-        seen = np.zeros(len(places), dtype=bool)
+        looks = np.zeros(len(places), dtype=np.int64)
         for lidar, scan in self.looks:
             away = lidar.inverse.transform(centres)
             distances = np.hypot(away[:, 0], away[:, 1])
             bearings = np.arctan2(away[:, 1], away[:, 0])
             beams = np.round((bearings - scan.angle_min) / scan.angle_increment).astype(np.int64) % len(scan.ranges)
             reached = np.where(np.isnan(scan.ranges), 0.0, scan.ranges)[beams]
-            seen |= (distances < FARTHEST) & (reached > distances - 2 * self._pilot.body.box_radius)
-        return {cell for cell, was_seen in zip(places, seen, strict=True) if was_seen}
+            looks += (distances < FARTHEST) & (reached > distances - 2 * self._pilot.body.box_radius)
+        return {cell for cell, count in zip(places, looks, strict=True) if count >= ENOUGH_LOOKS}
 
     def stop(self) -> None:
         """Watch no longer."""
@@ -186,11 +217,48 @@ class Mission:
         grid = without_boxes(grid, boxes, pilot.body.box_radius)
         self._sink(Explored(pilot.time, grid, 1.0, 0))
         self._say(pilot, "explore", "Nothing that I can reach is unknown any more.")
-        amcl = Amcl(grid, pilot.body.lidar, PRECISE, self._rng)
-        amcl.initialize(pilot.pose, START_COVARIANCE)
-        pilot.tracker = PoseTracker(AmclCorrector(amcl), pilot.pose)
-        pilot.tracker.hear(pilot.odometry)
+        localizer = Localizer(grid, pilot.body.lidar, PRECISE, self._rng)
+        localizer.initialize(pilot.pose, START_COVARIANCE)
+        pilot.localize_with(PoseTracker(MapCorrector(localizer), pilot.pose))
         return self._get_ready(pilot, watch, grid, Pose())
+
+    def find_itself(self, grid: OccupancyGrid) -> Ready:
+        """Find the robot's place on a map that it was given, then get ready on it.
+
+        Raises:
+            InputError: It fits nowhere on the map, however much the robot drives around.
+        """
+        localizer = Localizer(grid, self._robot.body.lidar, PRECISE, self._rng)
+        localizer.initialize_globally()
+        searcher = Searcher(localizer)
+        pilot = Pilot(self._robot, PoseTracker(searcher, Pose()), self._sink)
+        self._say(pilot, "localize", "I have a map, but I do not know where I am on it.")
+        start = pilot.odometry.pose
+        pilot.look(SURE_SCANS)
+        for _ in range(MOST_LEGS):
+            if searcher.is_sure:
+                break
+            self._wander(pilot)
+        else:
+            raise InputError("map", "", "does not fit what the robot sees, or it looks the same in several places")
+        map_from_start = searcher.found @ pilot.odometry.pose.inverse @ start
+        pilot.localize_with(PoseTracker(MapCorrector(localizer), searcher.found))
+        self._say(pilot, "localize", "Now I know.")
+        return self._get_ready(pilot, BoxWatch(pilot), grid, map_from_start)
+
+    def _wander(self, pilot: Pilot) -> None:
+        """Drive a metre or so to where there is room, for another view."""
+        scan = pilot.look()
+        reach = np.where(np.isnan(scan.ranges), 0.0, np.minimum(scan.ranges, LONGEST_LEG + pilot.body.radius))
+        half = max(round(math.radians(20.0) / abs(scan.angle_increment)), 1)
+        room = ndimage.minimum_filter1d(reach, 2 * half + 1, mode="wrap")
+        widest = np.flatnonzero(room >= 0.8 * room.max())
+        beam = int(self._rng.choice(widest))
+        heading = pilot.pose.theta + float(scan.angles[beam])
+        pilot.turn(heading)
+        leg = max(float(room[beam]) - 2.0 * pilot.body.radius, 0.0)
+        goal = pilot.pose @ Pose(leg)
+        pilot.approach(goal, reverse=False)
 
     def _tell_progress(self, pilot: Pilot, grid: OccupancyGrid) -> None:
         """Tell the sink how far the map has come."""
@@ -223,18 +291,21 @@ class Mission:
 
     def _search(self, pilot: Pilot, watch: BoxWatch, grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan) -> None:
         """Drive to where boxes may stand that were never looked at from nearby."""
+        occupied = occupied_cells(grid, frame, plan)
         given_up: set[Cell] = set()
         announced = False
         while True:
             here = Cell(*frame.cell_at(pilot.pose.x, pilot.pose.y))
             steps = plan.distances(here)
-            unseen = set(steps) - given_up - watch.seen_cells(frame, steps)
+            suspects = {cell for cell in occupied if any(cell.towards(way) in steps for way in Direction)}
+            candidates = suspects | set(steps)
+            unseen = candidates - given_up - watch.seen_cells(frame, candidates)
             if not unseen:
                 return
             if not announced:
                 self._say(pilot, "survey", "There are corners that I have not looked into from nearby: I go there.")
                 announced = True
-            target = min(unseen, key=lambda cell: (steps[cell], cell))
+            target = min(unseen, key=lambda cell: (steps.get(cell, 0), cell))
             costmap = self._costmap(grid, pilot, watch.boxes)
             path = shortest_path(costmap, _position(pilot.pose), frame.centre(target.x, target.y), within=1.0)
             if path is None or not self._ride(pilot, path):
