@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from wherry.logs import read_rows
 from wherry.space.pose import Floats, relative
 from wherry.space.trajectory import Trajectory
 
@@ -23,6 +25,16 @@ class Relations:
 
     times: Floats
     poses: Floats
+
+
+def load_relations(path: str | Path) -> Relations:
+    """Read relations, a line each: ``t1 t2 x y z roll pitch yaw``.
+
+    Raises:
+        InputError: The file cannot be read or a line is broken.
+    """
+    rows = read_rows(path, widths=(8,))
+    return Relations(rows[:, :2], rows[:, [2, 3, 7]])
 
 
 @dataclass(frozen=True, slots=True)
