@@ -13,6 +13,7 @@ from wherry.errors import InputError
 from wherry.localization.clusters import heaviest_cluster
 from wherry.localization.motion import MOTION_MODELS
 from wherry.localization.parameters import AmclParameters
+from wherry.localization.proposal import draw_around_match
 from wherry.localization.recovery import RecoveryAverages
 from wherry.localization.refinement import agrees, match_scan
 from wherry.localization.resampling import BIN_SIZE, adaptive_count, hash_table, low_variance, normalize, tempering
@@ -25,6 +26,8 @@ from wherry.space.pose import Pose
 Floats = NDArray[np.float64]
 
 MATCHED_BEAMS = 360  # more do not make the match better
+ONE_PLACE = 0.8  # share of the belief; a heaviest cluster of more is where the robot is
+AT_ONE_PLACE = 0.1  # of least_effective is enough there: nothing else has to be kept alive
 JUMP_SLACK = 0.5  # m; odometry is not called a jump below this
 
 
@@ -90,6 +93,7 @@ class Amcl:
         self._updates = 0
         self._likelihood = 0.0
         self._forced = True
+        self._evenly_weighted = True
         self._estimate = Estimate(self._time, parameters.initial_pose, np.eye(3), 1.0, 0, 0.0, updated=False)
         self.initialize(parameters.initial_pose, np.diag(parameters.initial_covariance))
 
@@ -213,10 +217,27 @@ class Amcl:
         self._sensor.add_log_likelihood(self._buffers[0][: self._count], beams, increments)
         self._likelihood = math.exp(float(np.logaddexp.reduce(log_weights + increments)) / len(beams))
         increments *= min(1.0, self.parameters.independent_beams / len(beams))
-        increments *= tempering(log_weights, increments, self.parameters.least_effective * self._count)
+        least = self.parameters.least_effective * self._count
+        if self._is_at_one_place and tempering(log_weights, increments, least) < 1.0:
+            self._propose_again(beams, increments, log_weights)
+            least *= AT_ONE_PLACE
+        increments *= tempering(log_weights, increments, least)
         log_weights += increments
+        self._evenly_weighted = False
         normalize(log_weights, self._weights[: self._count])
         self._recovery.observe(self._likelihood)
+
+    def _propose_again(self, beams: Beams, increments: Floats, log_weights: Floats) -> None:
+        """Draw some of the particles where the scan fits, when the motion has left too few of them there."""
+        particles = self._buffers[0][: self._count]
+        best = Pose.from_array(particles[int(increments.argmax())])
+        repetition = max(1.0, len(beams) / self.parameters.independent_beams)
+        sigma = self.parameters.sigma_hit
+        moved, weights = draw_around_match(particles, best, self._field, beams.ends, sigma, repetition, self._rng)
+        again = np.zeros(len(moved))
+        self._sensor.add_log_likelihood(particles[moved], beams, again)
+        increments[moved] = again / repetition
+        log_weights += weights
 
     def _resample(self) -> None:
         """Draw particles by weight: as many as KLD sampling asks for, some of them anywhere when the fit gets worse."""
@@ -239,6 +260,7 @@ class Amcl:
         self._count = count
         self._log_weights[:count] = -math.log(count)
         self._weights[:count] = 1.0 / count
+        self._evenly_weighted = True
 
     def _room_for(self, count: int, share: float) -> int:
         """How many particles KLD sampling asks for when a share of them is random, each in a bin of its own."""
@@ -276,6 +298,11 @@ class Amcl:
         ends = choose_beams(scan, self._lidar, self.parameters, MATCHED_BEAMS).ends
         match = match_scan(self._field, ends, estimate.pose, estimate.covariance, self.parameters.refine_sigma)
         return replace(estimate, pose=match.pose)
+
+    @property
+    def _is_at_one_place(self) -> bool:
+        """Whether the particles are equally likely and lie around one place."""
+        return self._evenly_weighted and self._estimate.weight > ONE_PLACE
 
     def _motion_since_update(self, odometry: Odometry) -> Pose:
         return odometry.pose.relative_to(self._reference) if self._reference else Pose()
@@ -321,6 +348,7 @@ class Amcl:
         self._buffers[0][: self._count, 2] = np.remainder(particles[:, 2] + math.pi, math.tau) - math.pi
         self._log_weights[: self._count] = -math.log(self._count)
         self._weights[: self._count] = 1.0 / self._count
+        self._evenly_weighted = True
         self._likelihood = 0.0
         self._updates = 0
         self._recovery.reset()

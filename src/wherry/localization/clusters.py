@@ -54,7 +54,7 @@ def _heaviest_cluster(
         members[i] = root[members[i]]
         mass[members[i]] += weights[i]
     best = int(np.argmax(mass))
-    mean, covariance = _moments(particles, weights, members == best)
+    mean, covariance = moments(particles, weights, members == best)
     return mass[best], mean, covariance
 
 
@@ -105,7 +105,7 @@ def _join_neighbours(table: Integers, bins: Integers) -> Integers:
 
 
 @kernel
-def _moments(particles: Floats, weights: Floats, chosen: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def moments(particles: Floats, weights: Floats, chosen: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Weighted mean and covariance of the chosen particles; headings are averaged as directions."""
     mean = np.zeros(3)
     total, cos, sin = 0.0, 0.0, 0.0

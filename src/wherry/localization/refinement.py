@@ -43,7 +43,9 @@ class Match:
     accepted: bool
 
 
-def match_scan(field: DistanceField, ends: Floats, prior: Pose, covariance: Floats, sigma: float) -> Match:
+def match_scan(
+    field: DistanceField, ends: Floats, prior: Pose, covariance: Floats, sigma: float, *, start: Pose | None = None
+) -> Match:
     """Find the pose from which the beams end on the map's obstacles.
 
     Minimizes Σ d(pose ⊕ end)² / σ² + ‖pose − prior‖²_covariance, where a beam counts the less the farther from all
@@ -55,13 +57,15 @@ def match_scan(field: DistanceField, ends: Floats, prior: Pose, covariance: Floa
         prior: base_link in the map frame.
         covariance: [3, 3] m, m, rad, of the prior.
         sigma: σ, m, of the readings around the obstacles.
+        start: Where the search begins; by default at the prior.
     """
     widened = covariance + np.diag(np.square(LEAST_DEVIATION))
     rotation = np.array([*_rotation_rows(-field.origin.theta), (0.0, 0.0, 1.0)])
-    start = field.origin.inverse @ prior
+    centre = field.origin.inverse @ prior
+    begin = centre if start is None else field.origin.inverse @ start
     information = np.linalg.inv(rotation @ widened @ rotation.T)
     found, hessian, explained = _gauss_newton(
-        field.distance, field.resolution, ends, start.as_array(), information, np.array([sigma])
+        field.distance, field.resolution, ends, begin.as_array(), centre.as_array(), information, sigma
     )
     pose = field.origin @ Pose.from_array(found)
     if not agrees(pose, prior, covariance):
@@ -83,19 +87,28 @@ def _rotation_rows(angle: float) -> tuple[tuple[float, float, float], tuple[floa
 
 @kernel
 def _gauss_newton(
-    distance: NDArray[np.float32], resolution: float, ends: Floats, start: Floats, information: Floats, scale: Floats
+    distance: NDArray[np.float32],
+    resolution: float,
+    ends: Floats,
+    start: Floats,
+    prior: Floats,
+    information: Floats,
+    sigma: float,
 ) -> tuple[Floats, Floats, float]:
     """[3] the pose in the grid's frame, [3, 3] the Hessian there, the share of the beams explained."""
     height, width = distance.shape
-    precision = 1.0 / (scale[0] * scale[0])
+    precision = 1.0 / (sigma * sigma)
     pose = start.copy()
     hessian = information.copy()
+    offset = np.empty(3)
     gradient = np.empty(3)
     slope = np.empty(3)
     explained = 0.0
     for _ in range(ITERATIONS):
         hessian[:] = information
-        gradient[:] = information @ (pose - start)
+        offset[:] = pose - prior
+        offset[2] -= math.tau * math.floor((offset[2] + math.pi) / math.tau)
+        gradient[:] = information @ offset
         explained = 0.0
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         for b in range(len(ends)):
