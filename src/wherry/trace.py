@@ -37,6 +37,7 @@ class Seen:
     Attributes:
         time: s.
         pose: Where it believes base_link to be.
+        lidar: Where its lidar is then.
         points: [P, 2] float32 m, where the laser's beams ended.
         particles: [N, 3] float32 x m, y m, θ rad; empty while the robot maps.
         path: [M, 2] float32 m, where it is about to drive.
@@ -46,6 +47,7 @@ class Seen:
 
     time: float
     pose: Pose
+    lidar: Pose
     points: NDArray[np.float32]
     particles: NDArray[np.float32]
     path: NDArray[np.float32]

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.domains.delivery import DROPOFF, PICKUP, DeliverySteps, Site, all_delivered, boxes_left, reward
+from wherry.domains.delivery import DROPOFF, PICKUP, DeliverySteps, all_delivered, boxes_left, delivery_domain, reward
 from wherry.episodes import GoalAgent, Step, run
 from wherry.errors import InputError
 from wherry.experiments.scoring import Result, align, position_errors, root_mean_square, shortest_delivery
@@ -34,6 +34,7 @@ from wherry.space.pose import Floats, Pose
 from wherry.trace import Record, Said, Seen, Sink, Stepped
 from wherry.experiments.delivery_page import page
 
+ANYWHERE = (-1_000_000, 1_000_000)  # bounds of a cell's column or row
 MOST_STEPS = 5000  # actions after which a robot that has not delivered everything gives up
 
 
@@ -77,7 +78,7 @@ def prepare(settings: Settings) -> DeliveryRun:
     if settings.boxes is not None or not plan.boxes:
         plan = place_boxes(plan, plan.box_count if settings.boxes is None else settings.boxes, places)
     grid = None if settings.map_file is None else load_map(settings.map_file)
-    domain = Site.of_plan(plan).domain
+    domain = delivery_domain(ANYWHERE, ANYWHERE)  # the robot does not know how large its world is
     learner = LEARNERS[settings.learner](domain, reward=reward, terminated=all_delivered)
     if settings.rules_file is not None:
         learner = load_rules(settings.rules_file, domain, reward=reward, terminated=all_delivered)

@@ -16,6 +16,7 @@ from wherry.trace import Explored, Record, Said, Seen, Stepped
 from wherry.views.drawing import Scene, draw
 from wherry.views.report import Picture, Report, render
 
+CLOSE_BY = 0.8  # m shown to each side of the robot in the close-up
 NO_POINTS = np.empty((0, 2))
 
 
@@ -57,9 +58,7 @@ def page(
     )
 
 
-def _pictures(
-    records: Sequence[Record], ready: Ready, plan: FloorPlan, world_from_map: Pose | None
-) -> list[Picture]:
+def _pictures(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_from_map: Pose | None) -> list[Picture]:
     """The delivery at its fullest, the map half made, and the moment after the last box."""
     seen = [record for record in records if isinstance(record, Seen)]
     mapping = [record for record in seen if not len(record.particles)]
@@ -68,10 +67,11 @@ def _pictures(
     walls = NO_POINTS.reshape(0, 2, 2) if world_from_map is None else _true_walls(plan, world_from_map.inverse)
     body = ready.environment.pilot.body
 
-    def picture(moment: Seen, grid: OccupancyGrid, caption: str) -> Picture:
+    def picture(moment: Seen, grid: OccupancyGrid, caption: str, around_robot: float | None = None) -> Picture:
         scene = Scene(grid, warehouse, walls, body.radius, body.box_radius)
         driven = np.array([(record.pose.x, record.pose.y) for record in seen if record.time <= moment.time])
-        return Picture(draw(scene, moment, driven, _plan_at(records, moment.time), label=caption), caption)
+        goals = _plan_at(records, moment.time)
+        return Picture(draw(scene, moment, driven, goals, label=caption, around_robot=around_robot), caption)
 
     pictures = []
     if localized:
@@ -82,6 +82,8 @@ def _pictures(
             "it is, and the cells that it means to drive through."
         )
         pictures.append(picture(moment, ready.grid, caption))
+        caption = "The same instant close by: the cloud of particles, the fork and what is in it."
+        pictures.append(picture(moment, ready.grid, caption, around_robot=CLOSE_BY))
     if mapping:
         moment = mapping[len(mapping) // 3]
         grids = [record for record in records if isinstance(record, Explored) and record.time <= moment.time]

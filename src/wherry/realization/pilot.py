@@ -214,6 +214,7 @@ class Pilot:
             Seen(
                 time=self.time,
                 pose=self.pose,
+                lidar=lidar,
                 points=lidar.transform(scan.points()).astype(np.float32),
                 particles=self.tracker.corrector.particles.astype(np.float32),
                 path=self._path.astype(np.float32),

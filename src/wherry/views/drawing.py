@@ -17,7 +17,7 @@ from wherry.trace import Seen
 
 MARGIN = 0.3  # m of paper around the mapped area
 MOST_PARTICLES = 600  # drawn; more only make the picture heavy
-PIXELS_PER_METRE = 64
+PIXELS_ACROSS = 700  # of a picture's longer side, where nothing else says how large it is
 
 # Shades of grey of the map's picture: occupied, free, unknown. Unknown is transparent, so that both themes show it.
 OCCUPIED_GREY, FREE_GREY = 45, 250
@@ -42,7 +42,9 @@ class Scene:
     box_radius: float
 
 
-def draw(scene: Scene, seen: Seen, driven: Floats, goals: Floats, *, label: str) -> str:
+def draw(
+    scene: Scene, seen: Seen, driven: Floats, goals: Floats, *, label: str, around_robot: float | None = None
+) -> str:
     """Draw one instant of a run.
 
     Args:
@@ -51,12 +53,14 @@ def draw(scene: Scene, seen: Seen, driven: Floats, goals: Floats, *, label: str)
         driven: [D, 2] m, map frame: the way it came.
         goals: [G, 2] m, map frame: the cells that it means to drive through; may be empty.
         label: What the picture shows, in words, for those who cannot see it.
+        around_robot: m to each side of the robot that are shown; None for the whole map.
 
     Returns:
         An SVG element; its colours are CSS variables with defaults, so that it also stands alone.
     """
-    west, south, east, north = _extent(scene)
+    west, south, east, north = _extent(scene) if around_robot is None else _surroundings(seen.pose, around_robot)
     width, height = east - west, north - south
+    scale = PIXELS_ACROSS / max(width, height)
     layers = [
         _map_image(scene.grid),
         _polygons(scene.warehouse, "warehouse"),
@@ -65,15 +69,16 @@ def draw(scene: Scene, seen: Seen, driven: Floats, goals: Floats, *, label: str)
         _laser(seen),
         _line(goals, "plan"),
         _line(seen.path, "path"),
-        _particles(seen.particles),
         *(_circle(x, y, scene.box_radius, "box") for x, y in seen.boxes),
         _robot(seen.pose, scene.robot_radius, scene.box_radius, loaded=seen.loaded),
+        _circle(seen.lidar.x, seen.lidar.y, 0.035, "lidar"),
+        _particles(seen.particles),
     ]
     # SVG's y axis points down: everything is drawn in map coordinates and mirrored once.
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{label}" '
-        f'viewBox="0 0 {width:.3f} {height:.3f}" width="{width * PIXELS_PER_METRE:.0f}" '
-        f'height="{height * PIXELS_PER_METRE:.0f}">{STYLE}'
+        f'viewBox="0 0 {width:.3f} {height:.3f}" width="{width * scale:.0f}" '
+        f'height="{height * scale:.0f}">{STYLE}'
         f'<rect class="paper" width="{width:.3f}" height="{height:.3f}"/>'
         f'<g transform="translate({-west:.3f} {north:.3f}) scale(1 -1)">' + "".join(layers) + "</g></svg>"
     )
@@ -87,7 +92,7 @@ STYLE = """<style>
 .laser{fill:#1f6feb}.beam{stroke:#1f6feb;stroke-width:.006;opacity:.22}
 .plan{fill:none;stroke:#1a9c4b;stroke-width:.05;stroke-dasharray:.12 .08;opacity:.85}
 .path{fill:none;stroke:#1a9c4b;stroke-width:.06}
-.particle{stroke:#d1242f;stroke-width:.018;opacity:.55}
+.particle{stroke:#d1242f;stroke-width:.008;opacity:.5}
 .box{fill:#a0622d;stroke:#5d3716;stroke-width:.02}
 .robot{fill:#fff;fill-opacity:.85;stroke:#111;stroke-width:.025}
 .fork{stroke:#111;stroke-width:.05;stroke-linecap:round}
@@ -105,6 +110,11 @@ def _extent(scene: Scene) -> tuple[float, float, float, float]:
     west, south = points.min(axis=0) - MARGIN
     east, north = points.max(axis=0) + MARGIN
     return float(west), float(south), float(east), float(north)
+
+
+def _surroundings(pose: Pose, reach: float) -> tuple[float, float, float, float]:
+    """West, south, east, north edge of a square around the robot, m, map frame."""
+    return pose.x - reach, pose.y - reach, pose.x + reach, pose.y + reach
 
 
 def _map_image(grid: OccupancyGrid) -> str:
@@ -149,7 +159,7 @@ def _circle(x: float, y: float, radius: float, style: str) -> str:
 def _laser(seen: Seen) -> str:
     """Beams as hairlines, with a dot where each one ended."""
     beams = "".join(
-        f'<line class="beam" x1="{seen.pose.x:.3f}" y1="{seen.pose.y:.3f}" x2="{x:.3f}" y2="{y:.3f}"/>'
+        f'<line class="beam" x1="{seen.lidar.x:.3f}" y1="{seen.lidar.y:.3f}" x2="{x:.3f}" y2="{y:.3f}"/>'
         for x, y in seen.points
     )
     return beams + "".join(_circle(x, y, 0.022, "laser") for x, y in seen.points)
@@ -177,6 +187,5 @@ def _robot(pose: Pose, radius: float, box_radius: float, *, loaded: bool) -> str
             for side in (-prong, prong)
         )
         + load
-        + _circle(-0.75 * radius, 0.0, 0.035, "lidar")
         + "</g>"
     )
