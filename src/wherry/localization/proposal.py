@@ -2,8 +2,8 @@
 
 After a long motion the particles are so far apart that hardly one of them is where the scan fits. A share of them is
 then drawn around a match of the scan with the map, as in gmapping (Grisetti et al., 2007) and Mixture-MCL (Thrun et
-al., 2001). Every particle gets the weight p(x | motion) / q(x), where q is the mixture that it was drawn from (the balance
-heuristic; Veach and Guibas, 1995): the belief is the same as without, only better sampled.
+al., 2001). Every particle gets the weight p(x | motion) / q(x), where q is the mixture that it was drawn from (the
+balance heuristic; Veach and Guibas, 1995): the belief is the same as without, only better sampled.
 """
 
 from __future__ import annotations

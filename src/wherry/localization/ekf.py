@@ -1,0 +1,81 @@
+"""EKF localization: one Gaussian, moved by odometry and corrected by matching each scan to the map.
+
+Probabilistic Robotics, table 7.2, with a scan match (`refinement.match_scan`) in the landmarks' place: the match
+measures the pose itself, so that H is the identity. It is what the paper's section 5.A calls the Kalman filter.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.localization.parameters import AmclParameters
+from wherry.localization.refinement import match_scan
+from wherry.localization.sensor import choose_beams
+from wherry.robot import Odometry, Scan
+from wherry.space.distance_field import DistanceField
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+
+Floats = NDArray[np.float64]
+
+MATCHED_BEAMS = 360
+
+
+class EkfLocalization:
+    """A Gaussian belief over poses on a known map.
+
+    Args:
+        grid: The map.
+        lidar: The lidar's pose, base_link frame.
+        parameters: alpha1 to alpha4, the range limits and sigma_hit count.
+    """
+
+    def __init__(self, grid: OccupancyGrid, lidar: Pose, parameters: AmclParameters) -> None:
+        self._field = DistanceField.of(grid, parameters.laser_likelihood_max_dist)
+        self._lidar = lidar
+        self._parameters = parameters
+        self._odometry: Pose | None = None
+        self.initialize(parameters.initial_pose, np.diag(parameters.initial_covariance))
+
+    @property
+    def memory(self) -> int:
+        """Bytes that the belief takes: a mean and a covariance."""
+        return self._covariance.nbytes + self._pose.as_array().nbytes
+
+    def initialize(self, pose: Pose, covariance: Floats) -> None:
+        """Believe that the robot is about here: base_link in the map frame; [3, 3] m, m, rad."""
+        self._pose = pose
+        self._covariance = covariance.copy()
+
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        """Take in one scan, and the odometry of the same instant; base_link in the map frame then."""
+        motion = Pose() if self._odometry is None else odometry.pose.relative_to(self._odometry)
+        self._odometry = odometry.pose
+        self._predict(motion)
+        ends = choose_beams(scan, self._lidar, self._parameters, MATCHED_BEAMS).ends
+        if len(ends):
+            match = match_scan(self._field, ends, self._pose, self._covariance, self._parameters.sigma_hit)
+            if match.accepted:
+                self._pose, self._covariance = match.pose, match.covariance
+        return self._pose
+
+    def _predict(self, motion: Pose) -> None:
+        """Move the mean, and the covariance by the motion's Jacobians G and V and noise M (table 7.2, lines 3 to 7)."""
+        p = self._parameters
+        translation = math.hypot(motion.x, motion.y)
+        turn = abs(motion.theta)
+        bearing = self._pose.theta + math.atan2(motion.y, motion.x)
+        moved = self._pose @ motion
+        jacobian = np.eye(3)
+        jacobian[0, 2] = -(moved.y - self._pose.y)
+        jacobian[1, 2] = moved.x - self._pose.x
+        along = p.alpha3 * translation**2 + p.alpha4 * turn**2
+        turned = p.alpha1 * turn**2 + p.alpha2 * translation**2
+        cos, sin = math.cos(bearing), math.sin(bearing)
+        spread = np.array([[cos, 0.0], [sin, 0.0], [0.0, 1.0]])
+        noise = spread @ np.diag([along, turned]) @ spread.T
+        self._covariance = jacobian @ self._covariance @ jacobian.T + noise
+        self._pose = moved

@@ -1,0 +1,166 @@
+"""Grid Markov localization: the probability of every cell of a grid over positions and headings (Fox et al., 1999).
+
+The paper's section 5.A compares Monte Carlo localization with it. It can find a robot anywhere, at the price of holding
+and updating every cell, however improbable, and it can say no more than which cell the robot is in.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from wherry.localization.parameters import AmclParameters
+from wherry.localization.sensor import SENSOR_MODELS, choose_beams
+from wherry.robot import Odometry, Scan
+from wherry.space.distance_field import DistanceField
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+
+Floats = NDArray[np.float64]
+
+CELL = 0.25  # m
+HEADINGS = 72  # of 5°
+NEGLIGIBLE = 1e-4  # of the most probable cell; less is not weighed, as in Fox's selective updating
+LEAST = 1e-12  # probability that no cell falls below, so that a kidnapped robot can be found again
+
+
+class GridMarkov:
+    """A histogram over poses on a known map.
+
+    Args:
+        grid: The map.
+        lidar: The lidar's pose, base_link frame.
+        parameters: The motion and sensor models' count.
+        cell: m, side of the belief's cells.
+        headings: How many directions are told apart.
+    """
+
+    def __init__(
+        self,
+        grid: OccupancyGrid,
+        lidar: Pose,
+        parameters: AmclParameters,
+        cell: float = CELL,
+        headings: int = HEADINGS,
+    ) -> None:
+        self._parameters = parameters
+        self._lidar = lidar
+        self._origin = grid.origin
+        self._cell = cell
+        field = DistanceField.of(grid, parameters.laser_likelihood_max_dist)
+        self._sensor = SENSOR_MODELS[parameters.laser_model_type](field, parameters)
+        height, width = (math.ceil(side * grid.resolution / cell) for side in grid.probability.shape)
+        self._headings = np.arange(headings) * math.tau / headings
+        free_rows, free_columns = np.nonzero(grid.free)
+        self._free = np.zeros((height, width), np.bool_)
+        ratio = grid.resolution / cell
+        self._free[(free_rows * ratio).astype(int), (free_columns * ratio).astype(int)] = True
+        self._belief = np.zeros((headings, height, width), np.float32)
+        self._pending = Pose()
+        self._odometry: Pose | None = None
+        self._fresh = True
+        self.initialize_globally()
+
+    @property
+    def memory(self) -> int:
+        """Bytes that the belief takes."""
+        return self._belief.nbytes
+
+    def initialize_globally(self) -> None:
+        """Believe that the robot may be anywhere on the map's free space."""
+        self._belief[:] = self._free
+        self._belief /= max(float(self._belief.sum()), 1.0)
+        self._fresh = True
+
+    def initialize(self, pose: Pose, covariance: Floats) -> None:
+        """Believe that the robot is about here: base_link in the map frame; [3, 3] m, m, rad."""
+        offset = self._poses(np.arange(self._belief.size)) - pose.as_array()
+        offset[:, 2] = np.remainder(offset[:, 2] + math.pi, math.tau) - math.pi
+        widened = covariance + np.diag([self._cell**2, self._cell**2, (math.tau / len(self._headings)) ** 2]) / 4.0
+        distance = np.einsum("ni,ij,nj->n", offset, np.linalg.inv(widened), offset)
+        self._belief[:] = np.exp(-0.5 * distance).reshape(self._belief.shape)
+        self._fresh = True
+        self._normalize()
+
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        """Take in one scan, and the odometry of the same instant; the mean around the most probable cell.
+
+        Scans are kept back until the robot has moved by a cell, or what is shifted would be lost in rounding.
+        """
+        motion = Pose() if self._odometry is None else odometry.pose.relative_to(self._odometry)
+        self._odometry = odometry.pose
+        self._pending = self._pending @ motion
+        turned = abs(self._pending.theta) >= math.tau / len(self._headings)
+        if self._fresh or turned or math.hypot(self._pending.x, self._pending.y) >= self._cell:
+            self._predict(self._pending)
+            self._correct(scan)
+            self._pending = Pose()
+            self._fresh = False
+        return self._mean()
+
+    def _predict(self, motion: Pose) -> None:
+        """Bel'(x) = Σ p(x | u, x') Bel(x'): every heading's layer is shifted its own way, then all are blurred."""
+        moved = np.empty_like(self._belief)
+        _, rows, columns = np.indices((1, *self._free.shape))
+        for index, heading in enumerate(self._headings):
+            angle = heading - self._origin.theta
+            dx = (math.cos(angle) * motion.x - math.sin(angle) * motion.y) / self._cell
+            dy = (math.sin(angle) * motion.x + math.cos(angle) * motion.y) / self._cell
+            moved[index] = map_coordinates(self._belief[index], [rows[0] - dy, columns[0] - dx], order=1)
+        turned = motion.theta * len(self._headings) / math.tau
+        whole = math.floor(turned)
+        share = turned - whole
+        moved = (1.0 - share) * np.roll(moved, whole, axis=0) + share * np.roll(moved, whole + 1, axis=0)
+        p = self._parameters
+        length, turn = math.hypot(motion.x, motion.y), abs(motion.theta)
+        blur = math.sqrt(p.alpha3 * length**2 + p.alpha4 * turn**2) / self._cell
+        twist = math.sqrt(p.alpha1 * turn**2 + p.alpha2 * length**2) * len(self._headings) / math.tau
+        self._belief[:] = gaussian_filter(
+            moved, (twist, blur, blur), mode=("wrap", "constant", "constant"), truncate=3.0
+        )
+        self._normalize()
+
+    def _correct(self, scan: Scan) -> None:
+        """Bel(x) ∝ p(z | x, m) Bel'(x), where the belief is not negligible."""
+        beams = choose_beams(scan, self._lidar, self._parameters)
+        if not len(beams):
+            return
+        flat = self._belief.ravel()
+        weighed = np.flatnonzero(flat > NEGLIGIBLE * flat.max())
+        log_likelihood = np.zeros(len(weighed))
+        self._sensor.add_log_likelihood(self._poses(weighed), beams, log_likelihood)
+        log_likelihood *= min(1.0, self._parameters.independent_beams / len(beams))
+        flat[weighed] *= np.exp(log_likelihood - log_likelihood.max())
+        self._normalize()
+
+    def _poses(self, cells: NDArray[np.int64]) -> Floats:
+        """[N, 3] m, m, rad, map frame: the middles of cells."""
+        heading, row, column = np.unravel_index(cells, self._belief.shape)
+        places = self._origin.transform((np.column_stack([column, row]) + 0.5) * self._cell)
+        return np.column_stack([places, self._headings[heading]])
+
+    def _normalize(self) -> None:
+        self._belief *= self._free
+        self._belief /= max(float(self._belief.sum()), 1e-30)
+        self._belief += np.float32(LEAST) * self._free
+
+    def _mean(self) -> Pose:
+        """The belief's mean over the cells around the most probable one."""
+        peak = np.unravel_index(int(self._belief.argmax()), self._belief.shape)
+        ranges = [(np.arange(i - 2, i + 3)) for i in peak]
+        heading = ranges[0] % self._belief.shape[0]
+        row = np.clip(ranges[1], 0, self._belief.shape[1] - 1)
+        column = np.clip(ranges[2], 0, self._belief.shape[2] - 1)
+        cells = np.ravel_multi_index(np.ix_(heading, row, column), self._belief.shape).ravel()
+        cells = np.unique(cells)
+        weights = self._belief.ravel()[cells].astype(np.float64)
+        weights /= weights.sum()
+        poses = self._poses(cells)
+        x, y = weights @ poses[:, :2]
+        return (
+            Pose(float(x), float(y), math.atan2(weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2])))
+            @ self._pending
+        )
