@@ -69,7 +69,7 @@ def correlate(submap: Submap, points: Floats, window: Window, *, rivalry: float 
     reach = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), ANGLE_QUANTILE))
     step = min(math.atan2(RESOLUTION, max(reach, RESOLUTION)), COARSEST_STEP)
     steps = math.ceil(window.angle / step)
-    angles = window.centre.theta + step * np.arange(-steps, steps + 1)
+    angles = window.centre.theta + step * np.arange(-steps, steps + 1, dtype=np.float64)
     cells = math.ceil(window.distance / RESOLUTION)
     best, response, rival = _search(
         submap.likelihood,

@@ -20,7 +20,7 @@ from wherry.mapping.pose_graph import PoseGraph, optimized
 from wherry.mapping.refinement import Refinement
 from wherry.mapping.scan_matching import find_scan, track_scan
 from wherry.mapping.slam import NO_DISCS
-from wherry.mapping.uncertainty import carried, relative_covariances, turned
+from wherry.mapping.uncertainty import carried, inverse, relative_covariances, turned
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
@@ -80,6 +80,7 @@ class GraphSlam:
         closures: Every loop closure that was tried.
         edges: What was measured between keyscans.
         pieces: The submaps, in the order of their beginnings.
+        ways: What is known between pieces, numbered as in ``pieces``.
         front: Where the robot is on the last of them.
         passed: Of every scan its time, the keyscan before it, and base_link in that keyscan's frame.
     """
@@ -94,7 +95,7 @@ class GraphSlam:
         self.pieces: list[Piece] = []
         self.front: Front | None = None
         self.passed: list[tuple[float, int, Pose]] = []
-        self._ways: list[Edge] = []  # between pieces
+        self.ways: list[Edge] = []
         self._pending = 0  # closures that are not worked in yet
         self._drawing = MapDrawing(
             lidar, self.settings.resolution, self.settings.range_limit, self.settings.empty_range
@@ -176,14 +177,14 @@ class GraphSlam:
         self.nodes = np.vstack([self.nodes, (self._node(origin) @ placed).as_array()])
         information = np.zeros((3, 3)) if match is None else turned(match.information, -placed.theta)
         if match is not None:
-            self.edges.append(Edge(origin, key, placed, _inverse(information) + _roughness(placed)))
+            self.edges.append(Edge(origin, key, placed, _covariance(information) + _roughness(placed)))
         noise = STEADY_MOTION
         if front.key_odometry is not None and odometry is not None:
             noise, since = ODOMETRY, odometry.pose.relative_to(front.key_odometry.pose)
-            self.edges.append(Edge(front.key, key, since, np.linalg.inv(noise.information(since))))
+            self.edges.append(Edge(front.key, key, since, noise.covariance(since)))
         elif match is None:
             since = placed.relative_to(front.key_pose)
-            self.edges.append(Edge(front.key, key, since, np.linalg.inv(noise.information(since))))
+            self.edges.append(Edge(front.key, key, since, noise.covariance(since)))
         front = front.moved(scan.time, placed, odometry).with_key(key, noise, information)
         return self._grow(front, cloud)
 
@@ -196,7 +197,7 @@ class GraphSlam:
             successor.add(front.key, cloud, front.key_pose.relative_to(successor.start))
             if len(tracked.members) >= self.settings.submap_scans:
                 covariance = successor.start_covariance + WAY_DOUBT * _roughness(successor.start)
-                self._ways.append(Edge(front.piece, front.piece + 1, successor.start, covariance))
+                self.ways.append(Edge(front.piece, front.piece + 1, successor.start, covariance))
                 return front.on_next(successor.start)
         elif len(tracked.members) >= self.settings.submap_scans // 2:
             self.pieces.append(Piece(front.key, front.key_pose, front.covariance))
@@ -227,10 +228,10 @@ class GraphSlam:
 
     def _close(self, front: Front, piece: int, closure: Closure) -> None:
         """Take a closure of the last keyscan into the graph."""
-        covariance = _inverse(turned(closure.information, -closure.measured.theta)) + CLOSURE_COVARIANCE
+        covariance = _covariance(turned(closure.information, -closure.measured.theta)) + CLOSURE_COVARIANCE
         self.edges.append(Edge(closure.target, closure.node, closure.measured, covariance, robust=True))
         way = closure.measured @ front.key_pose.inverse
-        self._ways.append(Edge(piece, front.piece, way, carried(covariance, front.key_pose)))
+        self.ways.append(Edge(piece, front.piece, way, carried(covariance, front.key_pose)))
         self._pending += 1
 
     def _candidates(self, front: Front) -> list[tuple[int, Floats]]:
@@ -240,9 +241,9 @@ class GraphSlam:
         covariances = relative_covariances(
             front.piece,
             len(self.pieces),
-            np.array([[way.first, way.second] for way in self._ways]),
-            np.array([way.measured.as_array() for way in self._ways]),
-            np.array([way.covariance for way in self._ways]),
+            np.array([[way.first, way.second] for way in self.ways]),
+            np.array([way.measured.as_array() for way in self.ways]),
+            np.array([way.covariance for way in self.ways]),
         )
         found = []
         for number, piece in enumerate(self.pieces[: front.piece - 1]):
@@ -290,7 +291,6 @@ def _roughness(placed: Pose) -> Floats:
     return np.diag([distance**2, distance**2, angle**2])
 
 
-def _inverse(information: Floats) -> Floats:
+def _covariance(information: Floats) -> Floats:
     """Covariance of an information matrix [3, 3] in which a direction may be empty."""
-    inverse: Floats = np.linalg.inv(information + np.eye(3))
-    return inverse
+    return inverse(information + np.eye(3))

@@ -38,8 +38,13 @@ class MotionNoise:
             math.hypot(self.angle, self.angle_per_angle * turn, self.angle_per_distance * way),
         )
 
+    def covariance(self, movement: Pose) -> Floats:
+        """[3, 3] of the pose after a movement, m, m, rad; the same in every frame's axes."""
+        distance, angle = self.deviations(movement)
+        return np.diag([distance**2, distance**2, angle**2])
+
     def information(self, movement: Pose) -> Floats:
-        """[3, 3] inverse covariance of the pose after a movement; the same in every frame's axes."""
+        """[3, 3] inverse of `covariance`."""
         distance, angle = self.deviations(movement)
         return np.diag([distance**-2, distance**-2, angle**-2])
 

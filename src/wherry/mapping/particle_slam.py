@@ -71,9 +71,7 @@ class ParticleSlam:
         draws: How often the particles were drawn again.
     """
 
-    def __init__(
-        self, lidar: Pose, rng: np.random.Generator, settings: ParticleSlamSettings | None = None
-    ) -> None:
+    def __init__(self, lidar: Pose, rng: np.random.Generator, settings: ParticleSlamSettings | None = None) -> None:
         self.settings = settings or ParticleSlamSettings()
         self.poses = np.zeros((self.settings.particles, 3))
         self.log_weights = np.zeros(self.settings.particles)
@@ -221,47 +219,63 @@ def _propose(
         [N, 3] and [N].
     """
     count = len(expected)
-    poses, gains = np.empty((count, 3)), np.empty(count)
-    temper = INDEPENDENT / max(len(points), 1)
+    poses, gains = starts.copy(), np.zeros(count)
+    if len(points) < LEAST_POINTS:
+        return poses, gains
+    temper = INDEPENDENT / len(points)
     for n in range(count):
-        best = starts[n].copy()
-        if len(points) < LEAST_POINTS:
-            poses[n], gains[n] = best, 0.0
-            continue
-        highest = _posterior(index[n], tiles, corner, points, best, expected[n], deviations, logs, temper)
-        step = np.array([CLIMB_STEP, CLIMB_STEP, CLIMB_ANGLE])
-        for _ in range(CLIMB_HALVINGS):
-            climbing = True
-            while climbing:
-                climbing = False
-                for axis in range(3):
-                    for sign in (-1.0, 1.0):
-                        tried = best.copy()
-                        tried[axis] += sign * step[axis]
-                        value = _posterior(
-                            index[n], tiles, corner, points, tried, expected[n], deviations, logs, temper
-                        )
-                        if value > highest:
-                            best, highest, climbing = tried, value, True
-            step = step / 2.0
+        highest = _climb(index[n], tiles, corner, points, poses[n], expected[n], deviations, logs, temper)
         # The proposal is a Gaussian with the moments of a lattice around the best pose (equations 15 to 17).
         total, mean, second = 0.0, np.zeros(3), np.zeros((3, 3))
-        for i in range(-1, 2):
-            for j in range(-1, 2):
-                for k in range(-1, 2):
-                    offset = np.array([i * LATTICE_STEP, j * LATTICE_STEP, k * LATTICE_ANGLE])
-                    value = _posterior(
-                        index[n], tiles, corner, points, best + offset, expected[n], deviations, logs, temper
-                    )
-                    weight = math.exp(value - highest)
-                    total += weight
-                    mean += weight * offset
-                    second += weight * np.outer(offset, offset)
+        for node in range(27):
+            offset = np.array(
+                [
+                    (node % 3 - 1) * LATTICE_STEP,
+                    (node // 3 % 3 - 1) * LATTICE_STEP,
+                    (node // 9 - 1) * LATTICE_ANGLE,
+                ]
+            )
+            value = _posterior(
+                index[n], tiles, corner, points, poses[n] + offset, expected[n], deviations, logs, temper
+            )
+            weight = math.exp(value - highest)
+            total += weight
+            mean += weight * offset
+            second += weight * np.outer(offset, offset)
         mean /= total
         covariance = second / total - np.outer(mean, mean) + np.diag(np.array([1e-8, 1e-8, 1e-9]))
-        poses[n] = best + mean + np.linalg.cholesky(covariance) @ noise[n]
+        poses[n] += mean + np.linalg.cholesky(covariance) @ noise[n]
         gains[n] = highest + math.log(total)
     return poses, gains
+
+
+@kernel
+def _climb(
+    index: NDArray[np.int32],
+    tiles: NDArray[np.uint8],
+    corner: NDArray[np.int64],
+    points: Floats,
+    pose: Floats,
+    expected: Floats,
+    deviations: Floats,
+    logs: Floats,
+    temper: float,
+) -> float:
+    """Move a pose [3] uphill, axis by axis with halving steps, to the nearest peak; return its height."""
+    highest = _posterior(index, tiles, corner, points, pose, expected, deviations, logs, temper)
+    step = np.array([CLIMB_STEP, CLIMB_STEP, CLIMB_ANGLE])
+    for _ in range(CLIMB_HALVINGS):
+        climbing = True
+        while climbing:
+            climbing = False
+            for side in range(6):
+                tried = pose.copy()
+                tried[side // 2] += step[side // 2] * (1.0 if side % 2 == 0 else -1.0)
+                value = _posterior(index, tiles, corner, points, tried, expected, deviations, logs, temper)
+                if value > highest:
+                    pose[:], highest, climbing = tried, value, True
+        step = step / 2.0
+    return highest
 
 
 @kernel
@@ -280,4 +294,4 @@ def _posterior(
     seen = log_likelihood(index, tiles, corner, points, pose[0], pose[1], pose[2], logs)
     off = pose - expected
     off[2] -= math.tau * np.round(off[2] / math.tau)
-    return temper * seen - 0.5 * ((off / deviations) ** 2).sum()
+    return temper * seen - 0.5 * float(((off / deviations) ** 2).sum())

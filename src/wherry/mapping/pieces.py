@@ -1,4 +1,4 @@
-"""What graph SLAM remembers between two scans: pieces of map, what was measured between them, and where the robot is."""
+"""What graph SLAM remembers between scans: pieces of map, what was measured between them, and where the robot is."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from wherry.mapping.cloud import Cloud
 from wherry.mapping.motion_prior import ODOMETRY, STEADY_MOTION, MotionNoise
 from wherry.mapping.submap import Submap
-from wherry.mapping.uncertainty import carried
+from wherry.mapping.uncertainty import carried, inverse
 from wherry.robot import Odometry
 from wherry.space.pose import IDENTITY, Floats, Pose
 
@@ -118,13 +118,12 @@ class Front:
             information: [3, 3] what its match says about the pose, in the base_link frame.
         """
         movement = self.pose.relative_to(self.key_pose)
-        added = np.linalg.inv(noise.information(movement))
+        added = noise.covariance(movement)
 
         def spread(covariance: Floats) -> Floats:
             # As in a Kalman filter: the movement adds what is uncertain, the match takes away.
             expected = carried(covariance, movement.inverse) + added
-            spread: Floats = np.linalg.inv(np.linalg.inv(expected) + information) + LEAST_COVARIANCE
-            return spread
+            return inverse(inverse(expected) + information) + LEAST_COVARIANCE
 
         return replace(
             self,

@@ -1,7 +1,7 @@
 """Exact scan matching: Gauss–Newton on the distances from points to surfaces (Chen & Medioni 1991).
 
-A surface is the moving average of the surfels around a point (implicit moving least squares, as in Deschaud 2018): noise
-cancels in it, where the nearest surfel alone would always lie conveniently near.
+A surface is the moving average of the surfels around a point (implicit moving least squares, as in Deschaud 2018):
+noise cancels in it, where the nearest surfel alone would always lie conveniently near.
 """
 
 from __future__ import annotations
@@ -92,34 +92,11 @@ def _refine(
             turned_x, turned_y = cos * points[n, 0] - sin * points[n, 1], sin * points[n, 0] + cos * points[n, 1]
             facing_x, facing_y = cos * normals[n, 0] - sin * normals[n, 1], sin * normals[n, 0] + cos * normals[n, 1]
             x, y = pose[0] + turned_x, pose[1] + turned_y
-            column, row = math.floor(x / RESOLUTION) - corner[0], math.floor(y / RESOLUTION) - corner[1]
-            total, along, normal_x, normal_y = 0.0, 0.0, 0.0, 0.0
-            for i in range(max(row - SEARCH, 0), min(row + SEARCH + 1, surfel_at.shape[0])):
-                for j in range(max(column - SEARCH, 0), min(column + SEARCH + 1, surfel_at.shape[1])):
-                    surfel = surfel_at[i, j]
-                    if surfel < 0:
-                        continue
-                    number, sum_x, sum_y = surfels[surfel, 4], surfels[surfel, 2], surfels[surfel, 3]
-                    gap_x, gap_y = x - surfels[surfel, 0] / number, y - surfels[surfel, 1] / number
-                    near = 1.0 - (gap_x * gap_x + gap_y * gap_y) / (WIDTH * WIDTH)
-                    if near <= 0.0:
-                        continue
-                    length = math.sqrt(sum_x * sum_x + sum_y * sum_y)
-                    if facing_x * sum_x + facing_y * sum_y < SAME_SURFACE * length:
-                        continue
-                    # Σ wᵢ nᵢ·(x − pᵢ) / Σ wᵢ is the distance from the surface that the surfels have in common.
-                    near *= near * number / length
-                    total += near * length
-                    along += near * (sum_x * gap_x + sum_y * gap_y)
-                    normal_x += near * sum_x
-                    normal_y += near * sum_y
-            if total == 0.0:
+            found, residual, normal_x, normal_y = _surface(surfel_at, surfels, corner, x, y, facing_x, facing_y)
+            if not found:
                 continue
             matched += 1
-            residual = along / total
             squared += residual * residual
-            length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
-            normal_x, normal_y = normal_x / length, normal_y / length
             lever = normal_y * turned_x - normal_x * turned_y
             weight = 1.0 / ((1.0 + (residual / OUTLIER) ** 2) * POINT_NOISE * POINT_NOISE)
             information[0, 0] += weight * normal_x * normal_x
@@ -145,6 +122,42 @@ def _refine(
         if abs(step[0]) < CONVERGED and abs(step[1]) < CONVERGED and abs(step[2]) < CONVERGED:
             break
     return pose, information, matched / max(surfaces, 1), math.sqrt(squared / max(matched, 1))
+
+
+@kernel
+def _surface(
+    surfel_at: NDArray[np.int32],
+    surfels: Floats,
+    corner: NDArray[np.int64],
+    x: float,
+    y: float,
+    facing_x: float,
+    facing_y: float,
+) -> tuple[bool, float, float, float]:
+    """Whether there is a surface around a point that faces its way; how far before it the point lies, m; its normal."""
+    column, row = math.floor(x / RESOLUTION) - corner[0], math.floor(y / RESOLUTION) - corner[1]
+    total, along, normal_x, normal_y = 0.0, 0.0, 0.0, 0.0
+    for i in range(max(row - SEARCH, 0), min(row + SEARCH + 1, surfel_at.shape[0])):
+        for j in range(max(column - SEARCH, 0), min(column + SEARCH + 1, surfel_at.shape[1])):
+            surfel = surfel_at[i, j]
+            if surfel < 0:
+                continue
+            number, sum_x, sum_y = surfels[surfel, 4], surfels[surfel, 2], surfels[surfel, 3]
+            gap_x, gap_y = x - surfels[surfel, 0] / number, y - surfels[surfel, 1] / number
+            near = 1.0 - (gap_x * gap_x + gap_y * gap_y) / (WIDTH * WIDTH)
+            length = math.sqrt(sum_x * sum_x + sum_y * sum_y)
+            if near <= 0.0 or facing_x * sum_x + facing_y * sum_y < SAME_SURFACE * length:
+                continue
+            # Σ wᵢ nᵢ·(x − pᵢ) / Σ wᵢ is the distance from the surface that the surfels have in common.
+            near *= near * number / length
+            total += near * length
+            along += near * (sum_x * gap_x + sum_y * gap_y)
+            normal_x += near * sum_x
+            normal_y += near * sum_y
+    if total == 0.0:
+        return False, 0.0, 0.0, 0.0
+    length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
+    return True, along / total, normal_x / length, normal_y / length
 
 
 @kernel

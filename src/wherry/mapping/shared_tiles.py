@@ -42,7 +42,9 @@ class SharedTiles:
         self._make_room(cells)
         offset = self.corner * TILE
         low, high = (cells - offset - REACH) >> TILE_BITS, (cells - offset + REACH) >> TILE_BITS
-        corners = np.vstack([low, high, np.column_stack([low[:, 0], high[:, 1]]), np.column_stack([high[:, 0], low[:, 1]])])
+        corners = np.vstack(
+            [low, high, np.column_stack([low[:, 0], high[:, 1]]), np.column_stack([high[:, 0], low[:, 1]])]
+        )
         touched = np.zeros(self.index.shape[1:], np.bool_)
         touched[corners[:, 1], corners[:, 0]] = True
         self._own(particle, *np.nonzero(touched))

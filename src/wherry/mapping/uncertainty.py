@@ -40,6 +40,12 @@ def carried(covariance: Floats, pose: Pose) -> Floats:
     return adjoint @ covariance @ adjoint.T
 
 
+def inverse(matrix: Floats) -> Floats:
+    """The inverse of a covariance or an information [3, 3]."""
+    inverted: Floats = np.linalg.inv(matrix).astype(np.float64)
+    return inverted
+
+
 def turned(matrix: Floats, angle: float) -> Floats:
     """A covariance or information [3, 3] with its axes turned: as seen in axes that are turned back by ``angle``."""
     return carried(matrix, Pose(theta=angle))

@@ -1,0 +1,246 @@
+"""A map of a recorded log, scored by relations where there are some (paper, section 5)."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from wherry.errors import InputError
+from wherry.files import write_atomically
+from wherry.logs import LidarLog, read_log, read_odometry
+from wherry.mapping.backends import BACKENDS, MapSettings
+from wherry.mapping.graph_slam import GraphSlam
+from wherry.mapping.metric import RelationErrors, Relations, load_relations, relation_errors
+from wherry.mapping.saved_graph import save_graph
+from wherry.mapping.slam import Slam
+from wherry.space.map_files import save_map
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Floats
+from wherry.space.trajectory import Trajectory, save_tum
+
+TRAJECTORY_COLOUR = (31, 84, 196)
+ACCEPTED_COLOUR = (24, 140, 60)
+REFUSED_COLOUR = (214, 120, 110)
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What to map, and how.
+
+    Attributes:
+        log: The lidar log.
+        odometry: Denser odometry (``t x y θ``), to interpolate poses with.
+        relations: True relations to score the trajectory by.
+        backend: A key of `BACKENDS`.
+        out: The folder for map, picture, trajectory and pose graph; None to write nothing.
+        seed: Of what is random in the method.
+        resolution: m, a grid cell's side.
+        lenient: Whether broken lines of the log are left out.
+    """
+
+    log: Path
+    odometry: Path | None = None
+    relations: Path | None = None
+    backend: str = "graph"
+    out: Path | None = None
+    seed: int = 0
+    resolution: float = 0.05
+    lenient: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What came of it; the errors are None without relations.
+
+    Attributes:
+        translational_error_m: Mean length of the relations' translational errors.
+        translational_sd_m: Its standard deviation.
+        rotational_error_deg: Mean absolute rotational error.
+        rotational_sd_deg: Its standard deviation.
+        relations: How many there were.
+        far_translational_error_m: The first one, over relations more than a minute apart.
+        ms_per_scan_median: Of the time that adding a scan took.
+        ms_per_scan_p99: Likewise, the 99th percentile.
+        seconds: From the first scan to the finished map.
+        closures_accepted: Loops that were closed.
+        closures_refused: Loops that were tried and refused.
+        scans: How many were mapped.
+        skipped: Lines of the log that were left out.
+        backend: The method.
+        log: The file.
+    """
+
+    translational_error_m: float | None
+    translational_sd_m: float | None
+    rotational_error_deg: float | None
+    rotational_sd_deg: float | None
+    relations: int
+    far_translational_error_m: float | None
+    ms_per_scan_median: float
+    ms_per_scan_p99: float
+    seconds: float
+    closures_accepted: int
+    closures_refused: int
+    scans: int
+    skipped: int
+    backend: str
+    log: str
+
+
+def prepare(settings: Settings) -> MappingRun:
+    """Read and check everything that a user has given, before anything is done.
+
+    Raises:
+        InputError: A file, the backend, the resolution or the folder cannot be used.
+    """
+    if settings.backend not in BACKENDS:
+        raise InputError("--backend", settings.backend, f"is none of {', '.join(BACKENDS)}")
+    if not 0.005 <= settings.resolution <= 1.0:
+        raise InputError("--resolution", str(settings.resolution), "must lie between 0.005 and 1 m")
+    log = read_log(settings.log, lenient=settings.lenient)
+    relations = None if settings.relations is None else load_relations(settings.relations)
+    odometry = log.odometry
+    if settings.odometry is not None:
+        odometry = merged_odometry(log.odometry, read_odometry(settings.odometry))
+    if settings.out is not None:
+        try:
+            settings.out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(settings.out, "", f"cannot be made: {error.strerror}") from error
+    return MappingRun(settings, log, relations, odometry)
+
+
+def merged_odometry(own: Trajectory, dense: Trajectory) -> Trajectory:
+    """A log's own odometry and denser odometry in the same frame as one; at equal times the log's own counts."""
+    times = np.concatenate([own.times, dense.times])
+    poses = np.vstack([own.poses, dense.poses])
+    _, first = np.unique(times, return_index=True)
+    return Trajectory(times[first], poses[first])
+
+
+class MappingRun:
+    """A log that is being mapped.
+
+    Args:
+        settings: What to do.
+        log: The log.
+        relations: To score by, if there are any.
+        odometry: To interpolate poses with.
+
+    Attributes:
+        result: After all `steps`, what came of it.
+    """
+
+    def __init__(self, settings: Settings, log: LidarLog, relations: Relations | None, odometry: Trajectory) -> None:
+        self.settings = settings
+        self.log = log
+        self.result: Result | None = None
+        self._relations = relations
+        self._odometry = odometry
+        common = MapSettings(resolution=settings.resolution, empty_range=0.0)
+        self.slam = BACKENDS[settings.backend](log.lidar, np.random.default_rng(settings.seed), common)
+
+    @property
+    def scans(self) -> int:
+        """How many steps there will be."""
+        return len(self.log.scans)
+
+    def steps(self) -> Iterator[int]:
+        """Map scan by scan, yielding how many are done; then finish the map, score it and write the files."""
+        began = time.perf_counter()
+        taken = np.zeros(self.scans)
+        for number, (scan, odometry) in enumerate(zip(self.log.scans, self.log.scan_odometry, strict=True)):
+            before = time.perf_counter()
+            self.slam.add(scan, odometry)
+            taken[number] = time.perf_counter() - before
+            yield number + 1
+        if isinstance(self.slam, GraphSlam):
+            self.slam.finish()
+        grid = self.slam.grid()
+        seconds = time.perf_counter() - began
+        self.result = self._scored(taken * 1e3, seconds)
+        if self.settings.out is not None:
+            self._write(self.settings.out, grid)
+
+    def _scored(self, milliseconds: Floats, seconds: float) -> Result:
+        """The result."""
+        errors: RelationErrors | None = None
+        if self._relations is not None:
+            errors = relation_errors(self.slam.trajectory, self._relations, self._odometry)
+        closures = self.slam.closures if isinstance(self.slam, GraphSlam) else []
+        accepted = sum(closure.accepted for closure in closures)
+        return Result(
+            translational_error_m=errors.translational_error_m if errors else None,
+            translational_sd_m=errors.translational_sd_m if errors else None,
+            rotational_error_deg=errors.rotational_error_deg if errors else None,
+            rotational_sd_deg=errors.rotational_sd_deg if errors else None,
+            relations=errors.relations if errors else 0,
+            far_translational_error_m=errors.far_translational_error_m if errors else None,
+            ms_per_scan_median=float(np.median(milliseconds)),
+            ms_per_scan_p99=float(np.percentile(milliseconds, 99)),
+            seconds=seconds,
+            closures_accepted=accepted,
+            closures_refused=len(closures) - accepted,
+            scans=self.scans,
+            skipped=len(self.log.skipped),
+            backend=self.settings.backend,
+            log=str(self.settings.log),
+        )
+
+    def _write(self, out: Path, grid: OccupancyGrid) -> None:
+        """Write map.pgm, map.yaml, map.png, trajectory.tum and, of graph SLAM, graph.npz and closures.txt."""
+        save_map(grid, out / "map.yaml")
+        save_tum(self.slam.trajectory, out / "trajectory.tum")
+        write_atomically(out / "map.png", map_picture(grid, self.slam))
+        if isinstance(self.slam, GraphSlam):
+            save_graph(self.slam, out / "graph.npz")
+            lines = [
+                f"{closure.time:.3f} keyscan {closure.node} to {closure.target}: {closure.refused or 'accepted'}"
+                f" (response {closure.response:.2f}, rival {closure.rival:.2f}, window {closure.window:.2f} m)\n"
+                for closure in self.slam.closures
+            ]
+            write_atomically(out / "closures.txt", "".join(lines))
+
+
+def run(settings: Settings) -> Result:
+    """Map a log.
+
+    Raises:
+        InputError: A file, the backend, the resolution or the folder cannot be used.
+    """
+    mapping = prepare(settings)
+    for _ in mapping.steps():
+        pass
+    assert mapping.result is not None  # noqa: S101 - steps() ends by setting it
+    return mapping.result
+
+
+def map_picture(grid: OccupancyGrid, slam: Slam) -> bytes:
+    """A PNG of a map with the way in blue and, of graph SLAM, closed loops in green and refused ones in red.
+
+    Args:
+        grid: The map.
+        slam: What made it.
+    """
+    grey = (255 * (1.0 - grid.probability[::-1])).astype(np.uint8)
+    image = Image.fromarray(grey).convert("RGB")
+    draw = ImageDraw.Draw(image)
+
+    def pixels(points: Floats) -> list[tuple[float, float]]:
+        cells = grid.origin.inverse.transform(points) / grid.resolution
+        return [(float(x), float(grid.shape[0] - y)) for x, y in cells]
+
+    if isinstance(slam, GraphSlam):
+        for closure in sorted(slam.closures, key=lambda closure: closure.accepted):
+            ends = slam.nodes[[closure.target, closure.node], :2]
+            draw.line(pixels(ends), fill=ACCEPTED_COLOUR if closure.accepted else REFUSED_COLOUR)
+    draw.line(pixels(slam.trajectory.poses[:, :2]), fill=TRAJECTORY_COLOUR)
+    buffer = io.BytesIO()
+    image.save(buffer, format="PNG")
+    return buffer.getvalue()
