@@ -1,6 +1,7 @@
 """The command line: parse, call, print. What computes is imported inside the commands, so that --help answers at once.
 
-Exit status: 0 all went well, 1 the run ended without reaching its goal, 2 the input cannot be used, 130 stopped by Ctrl-C.
+Exit status: 0 all went well, 1 the run ended without reaching its goal, 2 the input cannot be used, 130 stopped by
+Ctrl-C.
 """
 
 from __future__ import annotations

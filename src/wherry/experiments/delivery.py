@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from wherry.domains.delivery import DROPOFF, PICKUP, DeliverySteps, all_delivered, boxes_left, delivery_domain, reward
 from wherry.episodes import GoalAgent, Step, run
 from wherry.errors import InputError
+from wherry.experiments.delivery_page import page
 from wherry.experiments.scoring import Result, align, position_errors, root_mean_square, shortest_delivery
 from wherry.files import write_atomically
 from wherry.floorplan import Cell, FloorPlan, find_world, place_boxes
@@ -27,12 +28,11 @@ from wherry.learning.rules import load_rules, save_rules
 from wherry.oomdp.objects import State
 from wherry.realization.mission import Mission, Order, Ready
 from wherry.simulation import BoxPlace, Simulation, build
-from wherry.space.map_files import load_map, save_map
 from wherry.space.frame import CellFrame
+from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Floats, Pose
+from wherry.space.pose import Pose
 from wherry.trace import Record, Said, Seen, Sink, Stepped
-from wherry.experiments.delivery_page import page
 
 ANYWHERE = (-1_000_000, 1_000_000)  # bounds of a cell's column or row
 MOST_STEPS = 5000  # actions after which a robot that has not delivered everything gives up
@@ -164,8 +164,8 @@ class DeliveryRun:
             watch(record)
 
         try:
-            self._get_ready(sink)
-            self._deliver(sink)
+            self._ready = self._get_ready(sink)
+            self._deliver(self._ready, sink)
             stopped = False
         except KeyboardInterrupt:
             stopped = True
@@ -173,20 +173,19 @@ class DeliveryRun:
         self._write(result)
         return result
 
-    def _get_ready(self, sink: Sink) -> None:
+    def _get_ready(self, sink: Sink) -> Ready:
         """Map or localize; the robot is told only where the warehouse is, as seen from where it starts."""
         mission = Mission(self._simulation.robot, order_of(self.plan), sink, self._rng)
-        self._ready = mission.explore() if self._grid is None else mission.find_itself(self._grid)
+        return mission.explore() if self._grid is None else mission.find_itself(self._grid)
 
     @property
     def rules(self) -> tuple[str, ...]:
         """What was learnt, in words."""
         return self._learner.sentences()
 
-    def _deliver(self, sink: Sink) -> None:
+    def _deliver(self, ready: Ready, sink: Sink) -> None:
         """The agent loop on the robot."""
-        assert self._ready is not None
-        environment, frame = self._ready.environment, self._ready.frame
+        environment, frame = ready.environment, ready.frame
         agent = GoalAgent(self._learner, boxes_left, DeliverySteps())
         self._marks.append(self._mark())
         if not environment.remaining:
@@ -219,7 +218,7 @@ class DeliveryRun:
         on_floor = tuple(_cell_of(box.position, size) for box in truths if box.place is BoxPlace.FLOOR)
         loaded = any(box.place is BoxPlace.HELD for box in truths)
         pose = referee.pose
-        return Mark(_cell_of(np.array([pose.x, pose.y]), size), on_floor, loaded, len(referee.trajectory))
+        return Mark(_cell_of((pose.x, pose.y), size), on_floor, loaded, len(referee.trajectory))
 
     def _score(self, wall_seconds: float, *, stopped: bool) -> Result:
         """Everything in it but the steps comes from the referee."""
@@ -295,8 +294,13 @@ def _stretches(flags: Sequence[bool]) -> Iterator[tuple[int, int]]:
 
 
 def order_of(plan: FloorPlan) -> Order:
-    """What the robot is told: where the warehouse's cells are as seen from its start, and how large cells are."""
-    assert plan.start is not None
+    """What the robot is told: where the warehouse's cells are as seen from its start, and how large cells are.
+
+    Raises:
+        InputError: The plan has no robot.
+    """
+    if plan.start is None:
+        raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
     size = plan.cell_size
     start = Pose(*_middle(plan.start, size), math.atan2(plan.heading.dy, plan.heading.dx))
     cells = np.array([_middle(cell, size) for cell in sorted(plan.warehouse)])
@@ -307,7 +311,7 @@ def _middle(cell: Cell, size: float) -> tuple[float, float]:
     return (cell.x + 0.5) * size, (cell.y + 0.5) * size
 
 
-def _cell_of(position: Floats, size: float) -> Cell:
+def _cell_of(position: tuple[float, float], size: float) -> Cell:
     return Cell(int(position[0] // size), int(position[1] // size))
 
 

@@ -27,7 +27,8 @@ class Result:
         collisions: Contacts of the robot or its load with a wall, an obstacle or another box.
         learning_steps: Actions whose outcome the robot could not predict.
         actions: All actions.
-        path_ratio: Cells driven while following a complete plan ÷ the fewest on the true plan that do as much of the job.
+        path_ratio: Cells driven while following a complete plan ÷ the fewest on the true plan that do as much of the
+            job.
         localization_rmse_m: m, of all poses after the map was finished, against the true ones.
         map_error_m: m, median distance of mapped wall points to the true walls.
         sim_seconds: s in the simulated world.

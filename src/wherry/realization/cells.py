@@ -1,4 +1,4 @@
-"""From a map in metres to a floor plan in cells, and from a live scan to the four touch relations (paper, section 7)."""
+"""From a map in metres to a floor plan in cells, from a live scan to the touch relations (paper, section 7)."""
 
 from __future__ import annotations
 

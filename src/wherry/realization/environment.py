@@ -1,4 +1,4 @@
-"""The robot's world as an Environment: States come up from the scans, Actions go down to the wheels (paper, section 7)."""
+"""The robot's world as an Environment: States come up from scans, Actions go down to the wheels (paper, section 7)."""
 
 from __future__ import annotations
 

@@ -202,7 +202,9 @@ class Mission:
             grid = slam.grid()
             costmap = self._costmap(grid, pilot, watch.boxes)
             if goal is None or visible_unknown(grid, goal) < WORTHWHILE:
-                viewpoint = next_viewpoint(grid, costmap, pilot.pose, np.array(looked).reshape(-1, 2), least_gain=WORTHWHILE)
+                viewpoint = next_viewpoint(
+                    grid, costmap, pilot.pose, np.array(looked).reshape(-1, 2), least_gain=WORTHWHILE
+                )
                 if viewpoint is None:
                     break
                 goal = viewpoint.position

@@ -182,10 +182,10 @@ class Pilot:
 
     def go_to(self, goal: Pose, *, reverse: bool = False) -> bool:
         """Go straight to a pose that is near, and turn to its heading there."""
-        return self._drive(lambda pose: go_to(pose, goal, self.body, reverse=reverse))
+        return self._drive(lambda pose: go_to(pose, goal, self.body, reverse=reverse)) is Ride.ARRIVED
 
-    def _drive(self, steer: Steering, *, ignore: Floats = NO_DISCS, until: Callable[[], bool] = lambda: False) -> bool:
-        """Command what the steering says until it has arrived (True), or the laser or ``until`` stops it (False)."""
+    def _drive(self, steer: Steering, *, ignore: Floats = NO_DISCS, until: Callable[[], bool] = lambda: False) -> Ride:
+        """Command what the steering says until it has arrived, or the laser or ``until`` stops it."""
         held_up = 0
         while held_up < PATIENCE:
             if until():

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace import Seen
+
+Coordinates = NDArray[np.floating[Any]]  # traces keep single precision
 
 MARGIN = 0.3  # m of paper around the mapped area
 MOST_PARTICLES = 600  # drawn; more only make the picture heavy
@@ -76,7 +81,7 @@ def draw(
     ]
     # SVG's y axis points down: everything is drawn in map coordinates and mirrored once.
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{label}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{html.escape(label)}" '
         f'viewBox="0 0 {width:.3f} {height:.3f}" width="{width * scale:.0f}" '
         f'height="{height * scale:.0f}">{STYLE}'
         f'<rect class="paper" width="{width:.3f}" height="{height:.3f}"/>'
@@ -138,7 +143,7 @@ def _points(points: Iterable[Sequence[float]]) -> str:
     return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)
 
 
-def _line(points: Floats, style: str) -> str:
+def _line(points: Coordinates, style: str) -> str:
     return f'<polyline class="{style}" points="{_points(points)}"/>' if len(points) > 1 else ""
 
 
@@ -165,7 +170,7 @@ def _laser(seen: Seen) -> str:
     return beams + "".join(_circle(x, y, 0.022, "laser") for x, y in seen.points)
 
 
-def _particles(particles: Floats) -> str:
+def _particles(particles: Coordinates) -> str:
     """Each particle as a short stroke in the direction that it looks."""
     drawn = particles[:: max(1, math.ceil(len(particles) / MOST_PARTICLES))]
     return "".join(
