@@ -1,0 +1,60 @@
+"""What the commands share: options that mean the same everywhere, and where to print."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress, Task
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, as the last line.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]
+
+
+def console_for(*, as_json: bool) -> Console:
+    """Where people read: standard output, or standard error when standard output is for JSON."""
+    from rich.console import Console
+
+    return Console(stderr=as_json)
+
+
+def print_json(result: Mapping[str, object]) -> None:
+    """Print one JSON object on a line of its own, figures rounded to what they can be trusted for."""
+    rounded = {name: round(value, 6) if isinstance(value, float) else value for name, value in result.items()}
+    typer.echo(json.dumps(rounded, allow_nan=False))
+
+
+def progress_bar(console: Console, unit: str) -> Progress:
+    """A bar with a rate and the time that is left; nothing where the console is not a terminal."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class RateColumn(ProgressColumn):
+        """How many are done in a second."""
+
+        def render(self, task: Task) -> Text:
+            return Text(f"{task.speed:,.0f} {unit}/s" if task.speed else "")
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        RateColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        disable=not console.is_terminal,
+    )
+
+
+def shown(value: object) -> str:
+    """A figure for people."""
+    if value is None:
+        return "not measured"
+    if isinstance(value, list | tuple):
+        return ", ".join(shown(item) for item in value) or "none"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,43 @@
+"""``wherry deliver``: the whole way from knowing nothing to everything delivered."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wherry.commands.common import JsonOption, SeedOption, console_for, print_json
+
+
+def deliver(
+    world: Annotated[str, typer.Option(help="A built-in world's name, or a world file.")] = "rooms",
+    boxes: Annotated[int | None, typer.Option(help="How many boxes; without it, what the world says.")] = None,
+    seed: SeedOption = 0,
+    map_file: Annotated[Path | None, typer.Option("--map", help="A map.yaml to use instead of exploring.")] = None,
+    rules: Annotated[Path | None, typer.Option(help="Learnt rules to start with.")] = None,
+    learner: Annotated[str, typer.Option(help="How the robot learns: bayes or doormax.")] = "bayes",
+    out: Annotated[
+        Path | None, typer.Option(help="Where to write report, map and rules; without it, runs/WORLD-seedN.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
+    from wherry.experiments import delivery
+    from wherry.views.terminal import DeliveryProgress, print_rules, print_table
+
+    settings = delivery.Settings(
+        world=world, boxes=boxes, seed=seed, map_file=map_file, rules_file=rules, learner=learner, out=out
+    )
+    run = delivery.prepare(settings)
+    console = console_for(as_json=as_json)
+    for cell in run.unreachable:
+        console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from below cannot be reached by any robot.")
+    with DeliveryProgress(console, len(run.plan.boxes)) as progress:
+        result = run(progress)
+    print_rules(console, run.rules)
+    print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.status}", result.figures)
+    console.print(f"Pictures, map and rules: {run.out / 'report.html'}")
+    if as_json:
+        print_json(result.as_json())
+    raise typer.Exit(result.exit_status)

@@ -1,0 +1,52 @@
+"""``wherry localize``: where a robot was on a map, from its log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wherry.commands.common import JsonOption, SeedOption, console_for, print_json, progress_bar, shown
+
+
+def localize(
+    log: Annotated[Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped.")],
+    map_file: Annotated[Path, typer.Option("--map", help="A map.yaml, a saved pose graph, or Wean Hall's wean.dat.")],
+    params: Annotated[Path | None, typer.Option(help="An amcl.yaml, of nav2 or of ROS 1.")] = None,
+    reference: Annotated[Path | None, typer.Option(help="A trajectory in TUM format to compare with.")] = None,
+    everywhere: Annotated[bool, typer.Option("--global", help="Begin without knowing where the robot is.")] = False,
+    seed: SeedOption = 0,
+    lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Where to write trajectory and picture.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Find the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
+    from wherry.experiments import localization
+    from wherry.views.terminal import print_table
+
+    run = localization.prepare(
+        localization.Settings(
+            log=log,
+            map_file=map_file,
+            params=params,
+            reference=reference,
+            everywhere=everywhere,
+            seed=seed,
+            lenient=lenient,
+        )
+    )
+    console = console_for(as_json=as_json)
+    with progress_bar(console, "scans") as progress:
+        task = progress.add_task("localizing", total=len(run))
+        for located in run.steps():
+            progress.update(task, completed=located.index + 1)
+    result = run.result()
+    if result.unknown_parameters:
+        console.print(f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")
+    figures = result.as_dict()
+    print_table(console, f"{log.name} on {map_file.name}", {name: shown(value) for name, value in figures.items()})
+    if out is not None:
+        console.print("Written: " + ", ".join(str(path) for path in run.save(out)))
+    if as_json:
+        print_json(figures)
