@@ -22,12 +22,13 @@ Floats = NDArray[np.float64]
 
 ALARM = 0.9  # probability of being lost at which a new start is made
 SUSPICION = 0.5  # probability of being lost from which on scans are kept, to find the new place with
+CONVERGED = 0.8  # share of the belief that must be at one place for that place to be judged
 SPACING = 0.5  # s from one kept scan to the next
 CONFIRMING_SCANS = 3  # that must agree on a new place
 MARGIN = 0.2  # of mean log likelihood, by which a new place must explain them better
 COMPARED_BEAMS = 180
 DOUBT = 0.5  # share of the new belief that is spread over all hypotheses alike, in case the scan misleads
-UNSEEN = 0.5  # share of the first belief that is spread over the whole map, likewise
+UNSEEN = 0.5  # share of the first belief that is spread over the whole map, if the scan is ambiguous
 KEPT = 0.5  # share of the belief that a new start leaves as it was: the next scans decide
 LEAST_DEVIATION = (0.05, 0.05, 0.02)  # m, m, rad, of particles around a hypothesis
 
@@ -116,23 +117,27 @@ class Localizer:
         agreement = compare(self._field, ends, self._lidar, estimate.pose)
         if not estimate.problem:
             self._detector.observe(scan.time, agreement)
-            self._watch(scan.time, odometry.pose, ends, agreement)
+            self._watch(scan.time, odometry.pose, ends, agreement, estimate.weight)
         if self._detector.probability > ALARM and len(self._suspicious) >= CONFIRMING_SCANS:
             hypotheses = self._start_anew(scan, odometry.pose)
         wrong = 1.0 - estimate.weight * (1.0 - self._detector.probability)
         return Localization(estimate, min(max(wrong, 0.0), 1.0), agreement, hypotheses)
 
     def _start(self, scan: Scan) -> tuple[Hypothesis, ...]:
-        """Believe in the places that explain the first scan, and a little in all others."""
+        """Believe in the places that explain the first scan; if there are too many to list them, in all places."""
         found = self._relocalizer.search(scan)
         if found.hypotheses:
-            self.amcl.initialize_at(_spread(found.hypotheses), elsewhere=UNSEEN if found.ambiguous else 0.0)
+            if found.complete:
+                self.amcl.initialize_at(_spread(found.hypotheses), elsewhere=UNSEEN if found.ambiguous else 0.0)
             self._started = True
         return found.hypotheses
 
-    def _watch(self, time: float, odometry: Pose, ends: Floats, agreement: Agreement) -> None:
-        """Remember the scans since the robot has seemed to be lost; what was seen before may be of another place."""
-        if self._detector.probability < SUSPICION:
+    def _watch(self, time: float, odometry: Pose, ends: Floats, agreement: Agreement, weight: float) -> None:
+        """Remember the scans since the robot has seemed to be lost; what was seen before may be of another place.
+
+        A belief in several places at once is not lost but still searching, and best left to the filter.
+        """
+        if self._detector.probability < SUSPICION or weight < CONVERGED:
             self._suspicious.clear()
         elif not self._suspicious or time - self._suspicious[-1].time >= SPACING:
             self._suspicious.append(SuspiciousScan(time, odometry, ends, agreement))
@@ -143,7 +148,12 @@ class Localizer:
         earlier = [(seen.odometry.relative_to(odometry), seen.ends) for seen in self._suspicious]
         self._suspicious.clear()
         found = self._relocalizer.confirm(self._relocalizer.search(scan).hypotheses, earlier)
-        better = tuple(h for h in found if h.agreement.log_likelihood > here.log_likelihood + MARGIN)
+        better = tuple(
+            h
+            for h in found
+            if h.agreement.log_likelihood > here.log_likelihood + MARGIN
+            and self._detector.model.evidence(h.agreement) < 0.0
+        )
         if better:
             self.amcl.initialize_at(_spread(better), kept=KEPT)
             self._detector.reset()

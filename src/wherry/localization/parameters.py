@@ -97,7 +97,7 @@ class AmclParameters:
     initial_pose: Pose = AT_ORIGIN
     initial_covariance: tuple[float, float, float] = (0.25, 0.25, (math.pi / 12) ** 2)
     independent_beams: float = 15.0
-    least_effective: float = 0.1
+    least_effective: float = 0.3
     refine: bool = True
     refine_sigma: float = 0.05
     robot_radius: float = 0.0
