@@ -65,7 +65,7 @@ def lay_cells(walls: Floats, cell_size: float) -> CellFrame:
         cell_size: m.
 
     Returns:
-        A frame turned by less than 45° against the map, in which every wall point has non-negative cells.
+        A frame turned by no more than 45.5° against the map, in which every wall point has non-negative cells.
     """
     # The points that go furthest decide how finely angles can be told apart; the middle makes the search symmetric.
     middle = (walls.min(axis=0) + walls.max(axis=0)) / 2

@@ -1,0 +1,195 @@
+"""Finding boxes: exact scans first, then with seeded noise; and what is round but no box."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from buildings import Eye, centre, frame_of, perfect_map
+from wherry.floorplan import Cell, FloorPlan, Wall, find_world, parse_world
+from wherry.realization.boxes import (
+    FEWEST_SIGHTINGS,
+    Box,
+    look_for_boxes,
+    round_things,
+    standing_free,
+    without_boxes,
+)
+from wherry.realization.cells import plan_of_map
+from wherry.robot import Scan
+from wherry.simulation.model import BODY
+from wherry.space.pose import Floats, Pose
+
+RADIUS = BODY.box_radius
+HALL = parse_world(
+    "wherry-world: 1\nname: hall\n\n"
+    + "+---+---+---+---+---+---+---+---+\n"
+    + "|   |                        ###|\n"
+    + "+   +   +   +   +   +   +   +   +\n"
+    + "|   |                           |\n"
+    + "+   +   +---+---+   +---+---+   +\n"
+    + "|     >                         |\n"
+    + "+   +   +   +   +   +   +   +   +\n"
+    + "| w                             |\n"
+    + "+---+---+---+---+---+---+---+---+\n",
+    source="hall",
+)
+EXACT, NOISY = Eye(HALL), Eye(HALL, noise=0.01)
+PLACES = [(2.1, 0.35), (2.4, 0.9), (1.9, 0.3), (2.9, 0.6), (0.3, 0.9)]
+HEADINGS = [0.0, 1.0, 2.5, -2.0]
+
+
+def found(eye: Eye, base: Pose, boxes: Floats) -> Floats:
+    """[K, 2] m, world frame."""
+    return (base @ BODY.lidar).transform(round_things(eye.scan(base, boxes), RADIUS))
+
+
+@pytest.mark.parametrize("heading", HEADINGS)
+@pytest.mark.parametrize("place", PLACES)
+def test_an_exact_scan_gives_a_box_to_a_millimetre(place: tuple[float, float], heading: float) -> None:
+    middles = found(EXACT, Pose(1.2, 0.9, heading), np.array([place]))
+    assert middles.shape == (1, 2)
+    np.testing.assert_allclose(middles[0], place, atol=0.001)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_noisy_scan_gives_a_box_to_one_and_a_half_centimetres(place: tuple[float, float]) -> None:
+    errors = []
+    for heading in np.linspace(-3.0, 3.0, 20):
+        middles = found(NOISY, Pose(1.2, 0.9, heading), np.array([place]))
+        errors += np.hypot(*(middles - place).T).tolist()
+    assert len(errors) >= 12  # noise at the rim hides one now and then
+    assert np.median(errors) < 0.007
+    assert np.quantile(errors, 0.95) < 0.015
+
+
+def test_several_boxes_are_told_apart() -> None:
+    boxes = np.array([(2.1, 0.35), (2.4, 0.9), (0.3, 0.9)])
+    middles = found(EXACT, Pose(1.2, 0.9, 0.4), boxes)
+    assert len(middles) == 3
+    np.testing.assert_allclose(middles[np.argsort(middles[:, 0])], boxes[np.argsort(boxes[:, 0])], atol=0.001)
+
+
+def test_a_box_that_beam_0_hits_is_found_whole() -> None:
+    # Beam 0 looks backwards: the run of beams on this box goes on from the last one to the first.
+    base = Pose(1.8, 0.9, 0.0)
+    behind = np.array([[base.x - 1.0, base.y]])
+    scan = EXACT.scan(base, behind)
+    assert scan.ranges[0] < 1.0
+    assert scan.ranges[-1] < 1.0
+    np.testing.assert_allclose(found(EXACT, base, behind), behind, atol=0.001)
+
+
+@pytest.mark.parametrize("name", ["small", "rooms", "taxi", "taxi10"])
+def test_walls_jambs_and_obstacles_seldom_look_round_and_never_become_boxes(name: str) -> None:
+    plan = find_world(name)
+    plan = plan.with_boxes(())
+    eye, rng = Eye(plan, noise=0.01), np.random.default_rng(1)
+    grid = perfect_map(plan)
+    boxes: tuple[Box, ...] = ()
+    cells = sorted(plan.cells())[:: max(1, len(list(plan.cells())) // 60)]
+    for cell in cells:
+        for _ in range(4):
+            x, y = centre(plan, cell)
+            pose = Pose(x, y, rng.uniform(-math.pi, math.pi))
+            boxes = look_for_boxes(boxes, eye.scan(pose), pose, BODY)
+    assert standing_free(boxes, grid, RADIUS) == ()
+
+
+def test_in_an_empty_hall_only_a_walls_end_may_look_round_and_from_few_places() -> None:
+    grid = perfect_map(HALL)
+    seen = []
+    for cell in HALL.cells():
+        x, y = centre(HALL, cell)
+        seen += found(EXACT, Pose(x, y, 0.3), np.empty((0, 2))).tolist()
+    assert len(seen) <= 1
+    alleged = [Box(number, x, y, 99, 99) for number, (x, y) in enumerate(seen)]
+    assert standing_free(alleged, grid, RADIUS) == ()
+
+
+def test_a_scan_without_a_single_reading_shows_nothing() -> None:
+    for value in (math.nan, math.inf):
+        scan = Scan(0.0, np.full(360, value), -math.pi, math.tau / 360, 0.02, 12.0)
+        assert round_things(scan, RADIUS).shape == (0, 2)
+
+
+def test_too_far_a_box_is_not_guessed_at() -> None:
+    base = Pose(0.9, 0.9, 0.0)
+    assert found(EXACT, base, np.array([[4.3, 0.5]])).shape == (0, 2)
+
+
+def looks(eye: Eye, base: Pose, boxes: Floats, times: int, before: tuple[Box, ...] = ()) -> tuple[Box, ...]:
+    """What is believed after some scans."""
+    for _ in range(times):
+        before = look_for_boxes(before, eye.scan(base, boxes), base, BODY)
+    return before
+
+
+def test_a_box_is_believed_after_several_sightings_and_keeps_its_number() -> None:
+    base, place = Pose(1.2, 0.9, 0.2), np.array([[2.4, 0.9]])
+    few = looks(NOISY, base, place, FEWEST_SIGHTINGS - 1)
+    assert [box.certain for box in few] == [False]
+    (box,) = looks(NOISY, base, place, 1, few)
+    assert box.certain
+    assert box.number == few[0].number == 0
+    (box,) = looks(NOISY, base, place, 30, (box,))
+    assert math.hypot(box.x - 2.4, box.y - 0.9) < 0.008
+    both = looks(NOISY, base, np.array([[2.4, 0.9], [0.3, 0.9]]), 1, (box,))
+    assert [box.number for box in both] == [0, 1]
+
+
+def test_a_place_seen_empty_counts_against_a_box() -> None:
+    base, place = Pose(1.2, 0.9, 0.2), np.array([[2.4, 0.9]])
+    (box,) = looks(EXACT, base, place, FEWEST_SIGHTINGS)
+    (gone,) = looks(EXACT, base, np.empty((0, 2)), FEWEST_SIGHTINGS + 1, (box,))
+    assert (gone.sightings, gone.looks) == (FEWEST_SIGHTINGS, 2 * FEWEST_SIGHTINGS + 1)
+    assert not gone.certain
+
+
+def test_a_box_behind_another_is_neither_seen_nor_doubted() -> None:
+    base = Pose(1.0, 0.9, 0.0)
+    (box,) = looks(EXACT, base, np.array([[2.6, 0.9]]), FEWEST_SIGHTINGS)
+    after = looks(EXACT, base, np.array([[2.6, 0.9], [1.8, 0.9]]), 3, (box,))
+    assert after[0] == box
+    assert after[1].certain is False
+
+
+@pytest.mark.parametrize("theta", [0.0, 0.5])
+def test_what_stands_free_is_a_box_and_what_goes_on_is_not(theta: float) -> None:
+    map_from_world = Pose(3.0, -1.0, theta)
+    grid = perfect_map(HALL, map_from_world)
+    free, jamb = (1.5, 0.9), (1.2, 1.2)  # in the middle of a cell; at the end of a wall
+    boxes = [
+        Box(number, *map_from_world.transform(np.array([place]))[0].tolist(), FEWEST_SIGHTINGS, FEWEST_SIGHTINGS)
+        for number, place in enumerate((free, jamb))
+    ]
+    assert standing_free(boxes, grid, RADIUS) == (boxes[0],)
+    assert standing_free([replace(boxes[0], sightings=1)], grid, RADIUS) == ()
+
+
+def test_a_map_without_its_boxes_is_the_map_of_the_building() -> None:
+    plan = find_world("rooms")
+    cells = [cell for cell in plan.cells() if cell not in plan.warehouse][5::40]
+    empty = perfect_map(plan)
+    boxes = [Box(i, *centre(plan, cell).tolist(), 9, 9) for i, cell in enumerate(cells)]
+    probability = empty.probability.copy()
+    points = empty.centres(np.argwhere(np.ones(empty.shape, np.bool_)))
+    for box in boxes:
+        rim = np.abs(np.hypot(points[:, 0] - box.x, points[:, 1] - box.y) - RADIUS) < 0.03
+        probability.reshape(-1)[rim] = 1.0
+    with_boxes = replace(empty, probability=probability)
+    assert with_boxes.occupied.sum() > empty.occupied.sum()
+    cleared = without_boxes(with_boxes, boxes, RADIUS)
+    np.testing.assert_array_equal(cleared.occupied, empty.occupied)
+    assert open_ways(plan_of_map(cleared, frame_of(plan), BODY.radius)) == open_ways(plan)
+
+
+def open_ways(plan: FloorPlan) -> tuple[set[Cell], frozenset[Wall]]:
+    """The open cells, and the walls between two of them."""
+    cells = set(plan.cells())
+    walls = {wall for wall in plan.walls if wall.cell in cells}
+    beyond = {wall: Cell(wall.cell.x + (not wall.north), wall.cell.y + wall.north) for wall in walls}
+    return cells, frozenset(wall for wall in walls if beyond[wall] in cells)
