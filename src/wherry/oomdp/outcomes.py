@@ -210,7 +210,9 @@ class Grounded:
 
     def answer(self, state: State, action: Action) -> Answer:
         """What the model says of this one state."""
-        return Answer(((Fixed(self.model.predict(state, action)), 1.0),))
+        prediction = self.model.predict(state, action)
+        branches = (prediction, *prediction.otherwise)
+        return Answer(tuple((Fixed(replace(branch, otherwise=())), branch.probability) for branch in branches))
 
 
 @dataclass(frozen=True, slots=True)
