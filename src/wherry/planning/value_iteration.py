@@ -67,7 +67,8 @@ class ValueIteration:
 
     def value(self, state: State) -> float:
         """V(s), the discounted sum of rewards that the best policy can expect."""
-        return float(self._values[self._solve(state)])
+        number = self._solve(state)
+        return float(self._values[number])
 
     def _tables(self) -> tuple[Integers, Integers, Floats, Integers, Floats, Floats, float, float]:
         """What the kernels look up."""
