@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from buildings import Eye, centre, frame_of, perfect_map
+from perfect_worlds import Eye, centre, frame_of, perfect_map
 from wherry.floorplan import Cell, FloorPlan, Wall, find_world, parse_world
 from wherry.realization.boxes import (
     FEWEST_SIGHTINGS,

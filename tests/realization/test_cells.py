@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from buildings import Eye, centre, frame_of, perfect_map
+from perfect_worlds import Eye, centre, frame_of, perfect_map
 from wherry.floorplan import Cell, Direction, FloorPlan, built_in_worlds, find_world
 from wherry.realization.cells import aligned, occupied_cells, plan_of_map, ways_seen
 from wherry.realization.pilot import without_load

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from buildings import is_solid, perfect_map
+from perfect_worlds import is_solid, perfect_map
 from wherry.floorplan import built_in_worlds, find_world
 from wherry.simulation.solids import Solids
 from wherry.space.frame import CellFrame, lay_cells
