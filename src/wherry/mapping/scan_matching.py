@@ -18,7 +18,8 @@ LEAST_RESPONSE = 0.25  # of a search; below, odometry is believed
 LEAST_MATCHED = 0.5  # of surfaces, where a scan is tracked from odometry alone
 SEARCHED = 3.0  # σ of odometry that are searched
 POINTS = 180  # of a scan, for finding its place
-MOST_LOSS = 0.02  # of response that refining a match may cost
+REFINED, REFINED_ANGLE = 0.06, math.radians(1.5)  # m and rad; refining a match by more must not make it worse
+MOST_LOSS = 0.02  # of response that it may cost
 SEARCH_NOISE, SEARCH_NOISE_ANGLE = 0.05, math.radians(0.7)  # m and rad, σ of a match that was not refined
 
 
@@ -43,6 +44,9 @@ def find_scan(submap: Submap, cloud: Cloud, expected: Pose, movement: Pose, nois
     if found.response < LEAST_RESPONSE:
         return None
     match = refine(submap, cloud, found.pose, expected=expected, prior=noise.information(movement))
+    moved = match.pose.relative_to(found.pose)
+    if math.hypot(moved.x, moved.y) < REFINED and abs(moved.theta) < REFINED_ANGLE:
+        return match
     loss = response_at(submap, cloud.points, found.pose) - response_at(submap, cloud.points, match.pose)
     if loss <= MOST_LOSS:
         return match

@@ -1,0 +1,190 @@
+"""Clouds, submaps, correlation and refinement: exactly without noise, then with it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
+from wherry.mapping.cloud import SPACING, Cloud, merged
+from wherry.mapping.correlative import Window, correlate, response_at
+from wherry.mapping.motion_prior import ODOMETRY
+from wherry.mapping.refinement import refine
+from wherry.mapping.scan_matching import find_scan, track_scan
+from wherry.mapping.submap import FULL, LEVELS, Submap
+from wherry.mapping.submap import RESOLUTION as CELL
+from wherry.robot import Scan
+from wherry.space.pose import Pose
+from wherry.space.raycast import cast_rays
+
+HERE = Pose(2.4, 2.0, 0.4)
+
+
+def scan_at(pose: Pose, beams: int = 360, fov: float = math.tau, noise: float = 0.0, seed: int = 0) -> Scan:
+    angles = -fov / 2 + fov / beams * np.arange(beams)
+    ranges = cast_rays(building(), RESOLUTION, Pose(), (pose @ LIDAR).as_array()[None], angles, RANGE_MAX)[0]
+    ranges = ranges + np.random.default_rng(seed).normal(0, 1, beams) * noise
+    return Scan(0.0, ranges, -fov / 2, fov / beams, 0.05, RANGE_MAX)
+
+
+def cloud_at(pose: Pose, **kwargs: float) -> Cloud:
+    return Cloud.of(scan_at(pose, **kwargs), LIDAR)  # type: ignore[arg-type]
+
+
+def submap_at(*poses: Pose, noise: float = 0.0) -> Submap:
+    submap = Submap()
+    for number, pose in enumerate(poses):
+        submap.add(cloud_at(pose, noise=noise, seed=number + 100).seen_from(pose.relative_to(HERE)))
+    return submap
+
+
+def test_points_lie_on_walls_and_normals_face_the_lidar() -> None:
+    cloud = cloud_at(HERE)
+    world = cloud.seen_from(HERE)
+    known = np.hypot(*cloud.normals.T) > 0
+    assert known.mean() > 0.8
+    np.testing.assert_allclose(np.hypot(*cloud.normals[known].T), 1.0, atol=1e-9)
+    towards = LIDAR.as_array()[:2] - cloud.points
+    assert ((towards * cloud.normals).sum(axis=1)[known] > 0).all()
+    on_left_wall = known & (world.points[:, 0] < 0.061) & (world.points[:, 1] > 0.5) & (world.points[:, 1] < 3.0)
+    assert on_left_wall.sum() > 10
+    np.testing.assert_allclose(world.normals[on_left_wall], [[1.0, 0.0]] * int(on_left_wall.sum()), atol=1e-6)
+
+
+def test_invalid_and_far_readings_are_left_out_and_near_ones_thinned() -> None:
+    scan = scan_at(HERE, beams=1440)
+    ranges = scan.ranges.copy()
+    ranges[::3], ranges[1::3] = np.nan, np.inf
+    broken = Scan(0.0, ranges, scan.angle_min, scan.angle_increment, 0.05, RANGE_MAX)
+    cloud = Cloud.of(broken, Pose(), range_limit=2.0)
+    assert 0 < len(cloud.points) < 480
+    assert np.hypot(*cloud.points.T).max() <= 2.0
+    steps = np.hypot(*np.diff(Cloud.of(scan, Pose()).points, axis=0).T)
+    assert steps.min() >= SPACING - 1e-9
+    nothing = Scan(0.0, np.full(10, np.nan), 0.0, 0.1, 0.05, RANGE_MAX)
+    assert Cloud.of(nothing, Pose()).points.shape == (0, 2)
+
+
+def test_merging_keeps_one_point_a_square() -> None:
+    cloud = cloud_at(HERE)
+    both = merged([cloud, cloud], 0.1)
+    assert len(both.points) == len(np.unique(np.floor(cloud.points / 0.1), axis=0))
+
+
+def test_levels_bound_what_lies_below_them_exactly() -> None:
+    submap = submap_at(HERE)
+    finest = submap.likelihood[0]
+    assert finest.max() == FULL
+    for number, level in enumerate(LEVELS):
+        windows = np.lib.stride_tricks.sliding_window_view(finest, (level, level)).max(axis=(2, 3))
+        np.testing.assert_array_equal(submap.likelihood[number][: len(windows), : windows.shape[1]], windows)
+
+
+def test_adding_in_pieces_or_grown_is_the_same_map() -> None:
+    far = Pose(9.4, 2.0, 1.0)
+    grown = submap_at(HERE, far)
+    columns, rows = (submap_at(far).corner - grown.corner).tolist()
+    alone = submap_at(far).likelihood[0]
+    part = grown.likelihood[0][rows : rows + alone.shape[0], columns : columns + alone.shape[1]]
+    assert (part >= alone).all()
+
+
+@given(x=st.floats(-0.4, 0.4), y=st.floats(-0.4, 0.4), theta=st.floats(-0.3, 0.3))
+@settings(max_examples=25, deadline=None)
+def test_a_scan_is_found_wherever_it_is_in_the_window(x: float, y: float, theta: float) -> None:
+    cloud = cloud_at(HERE)
+    found = correlate(submap_at(HERE), cloud.points, Window(Pose(x, y, theta), 0.5, 0.4))
+    assert found.response > 0.85  # half a cell off costs some
+    assert math.hypot(found.pose.x, found.pose.y) <= CELL * math.sqrt(0.5) + 1e-9
+    assert abs(found.pose.theta) < math.radians(1.0)
+
+
+def test_branch_and_bound_finds_what_an_exhaustive_search_finds() -> None:
+    submap, cloud = submap_at(HERE), cloud_at(HERE @ Pose(0.12, -0.07, 0.05)).thinned(60)
+    window = Window(Pose(0.05, 0.0, 0.0), 0.2, 0.0)
+    found = correlate(submap, cloud.points, window)
+    steps = np.arange(-4, 5) * CELL
+    responses = {
+        (x, y): response_at(submap, cloud.points, Pose(0.05 + x, y, 0.0))
+        for x in steps.tolist()
+        for y in steps.tolist()
+    }
+    best = max(responses.values())
+    assert found.response == pytest.approx(response_at(submap, cloud.points, found.pose))
+    assert found.response > best - 0.03  # the prior may prefer one that is a little nearer
+
+
+def test_a_corridor_is_ambiguous_and_a_room_is_not() -> None:
+    x = np.arange(-8.0, 8.0, 0.05)
+    corridor = Cloud(
+        np.vstack([np.column_stack([x, np.full_like(x, side)]) for side in (-0.8, 0.8)]),
+        np.vstack([np.tile([0.0, -side], (len(x), 1)) for side in (-1.0, 1.0)]),
+    )
+    submap = Submap()
+    submap.add(corridor)
+    part = np.abs(corridor.points[:, 0]) < 3.0
+    along = correlate(submap, corridor.points[part], Window(Pose(), 2.0, 0.05), rivalry=0.9)
+    assert along.rival > 0.9 * along.response
+    inside = correlate(submap_at(HERE), cloud_at(HERE).points, Window(Pose(), 2.0, 0.3), rivalry=0.9)
+    assert inside.rival < 0.9 * inside.response
+
+
+@given(x=st.floats(-0.03, 0.03), y=st.floats(-0.03, 0.03), theta=st.floats(-0.02, 0.02))
+@settings(max_examples=25, deadline=None)
+def test_refining_without_noise_is_exact(x: float, y: float, theta: float) -> None:
+    match = refine(submap_at(HERE), cloud_at(HERE), Pose(x, y, theta))
+    assert math.hypot(match.pose.x, match.pose.y) < 0.003
+    assert abs(match.pose.theta) < 0.002
+    assert match.matched > 0.95
+
+
+def test_refining_with_noise_is_as_exact_as_it_says() -> None:
+    around = [HERE @ Pose(0.05 * n, 0.02 * n, 0.05 * n) for n in range(5)]
+    submap = submap_at(*around, noise=0.02)
+    errors = []
+    for seed in range(20):
+        match = refine(submap, cloud_at(HERE @ Pose(0.1, 0.0, 0.1), noise=0.02, seed=seed), Pose(0.11, 0.01, 0.11))
+        errors.append(match.pose.relative_to(Pose(0.1, 0.0, 0.1)).as_array())
+    deviations = np.sqrt(np.diag(np.linalg.inv(match.information)))
+    assert np.sqrt((np.array(errors) ** 2).mean(axis=0)) == pytest.approx([0, 0, 0], abs=0.01)
+    assert (np.std(errors, axis=0) < 3.0 * deviations).all()
+
+
+def test_a_bare_corridor_says_nothing_along_it() -> None:
+    x = np.arange(-8.0, 8.0, 0.05)
+    rng = np.random.default_rng(0)
+    walls = np.vstack([np.column_stack([x, np.full_like(x, side)]) for side in (-0.8, 0.8)])
+    tilt = rng.normal(0.0, math.radians(3.0), len(walls))
+    normals = np.column_stack([np.sin(tilt), -np.sign(walls[:, 1]) * np.cos(tilt)])
+    submap = Submap()
+    submap.add(Cloud(walls, normals))
+    match = refine(submap, Cloud(walls[::3], normals[::3]), Pose(0.1, 0.02, 0.01), expected=Pose(0.1, 0.0, 0.0))
+    assert match.information[0, 0] < 1e-3 * match.information[1, 1]
+    assert match.pose.x == pytest.approx(0.1, abs=1e-3), "odometry alone tells how far along"
+    assert match.pose.y == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize(("beams", "fov"), [(180, math.pi), (361, math.pi), (360, math.tau), (1081, 1.5 * math.pi)])
+def test_any_lidar_is_placed(beams: int, fov: float) -> None:
+    submap = Submap()
+    submap.add(cloud_at(HERE, beams=beams, fov=fov))
+    there = Pose(0.3, 0.1, 0.2)
+    match = find_scan(submap, cloud_at(HERE @ there, beams=beams, fov=fov), Pose(0.4, 0.0, 0.1), Pose(0.4), ODOMETRY)
+    assert match is not None
+    assert match.pose.distance_to(there) < 0.02
+    assert abs(match.pose.theta - there.theta) < 0.01
+
+
+def test_what_fits_nowhere_is_not_placed() -> None:
+    submap = submap_at(HERE)
+    assert find_scan(submap, cloud_at(Pose(9.4, 7.0, 2.0)), Pose(), Pose(0.1), ODOMETRY) is None
+    few = Cloud(np.ones((5, 2)), np.zeros((5, 2)))
+    assert find_scan(submap, few, Pose(), Pose(0.1), ODOMETRY) is None
+    assert track_scan(submap, few, Pose(), Pose(0.1), ODOMETRY) is None
+    tracked = track_scan(submap, cloud_at(HERE @ Pose(0.02)), Pose(0.03), Pose(0.03), ODOMETRY)
+    assert tracked is not None
+    assert tracked.pose.x == pytest.approx(0.02, abs=0.005)
