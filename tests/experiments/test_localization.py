@@ -1,0 +1,92 @@
+"""Localization on a log: figures against a reference, the same bytes from the same seed, and bad input named."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wherry.errors import InputError
+from wherry.experiments.localization import Settings, prepare
+from wherry.space.map_files import save_map
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+from wherry.space.raycast import cast_rays
+
+ORIGIN = Pose(-1.0, -2.0)
+
+
+def room() -> OccupancyGrid:
+    """6 × 4 m with a pillar and a recess, so that no two places look alike."""
+    probability = np.full((80, 120), 0.02, np.float32)
+    probability[[0, -1]] = probability[:, [0, -1]] = 0.98
+    probability[30:36, 80:88] = 0.98
+    probability[60:, 20:26] = 0.98
+    return OccupancyGrid(probability, 0.05, ORIGIN)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Settings:
+    """A log of a drive around the room, its map, and where the robot truly was."""
+    grid = room()
+    times = np.arange(60) * 0.5
+    truth = np.array([[0.6 + 1.5 * math.sin(t / 8), 0.2 * math.cos(t / 5) - 0.8, t / 10 - 1.0] for t in times])
+    angles = np.radians(np.arange(180) - 90.0)
+    ranges = cast_rays(grid.occupied, grid.resolution, grid.origin, truth, angles, 50.0)
+    lines, reference = [], []
+    for time, pose, scan in zip(times, truth, ranges, strict=True):
+        x, y, theta = (Pose(7.0, 3.0, 2.0) @ Pose.from_array(pose)).as_array()  # odometry's own frame
+        beams = " ".join(f"{r:.3f}" for r in scan)
+        odometry = f"{x:.5f} {y:.5f} {theta:.6f}"
+        lines.append(f"FLASER 180 {beams} {odometry} {odometry} {time:.3f} nohost {time:.3f}")
+        reference.append(f"{time:.3f} {pose[0]:.5f} {pose[1]:.5f} {pose[2]:.6f}")
+    (tmp_path / "log.clf").write_text("\n".join(lines) + "\n")
+    (tmp_path / "truth.txt").write_text("\n".join(reference) + "\n")
+    return Settings(tmp_path / "log.clf", save_map(grid, tmp_path / "map.yaml"), reference=tmp_path / "truth.txt")
+
+
+@pytest.mark.parametrize("everywhere", [False, True])
+def test_a_drive_around_a_room(files: Settings, tmp_path: Path, everywhere: bool) -> None:
+    run = prepare(Settings(files.log, files.map_file, reference=files.reference, everywhere=everywhere))
+    assert len(list(run.steps())) == len(run) == 60
+    result = run.result()
+    assert result.median_m is not None
+    assert result.median_m < 0.05  # the rays end on the cells' faces, half a cell before where a map has its walls
+    assert result.lost_fraction < 0.1
+    assert json.loads(json.dumps(result.as_dict(), allow_nan=False))["scans"] == 60
+    tum, picture = run.save(tmp_path / "out")
+    assert np.loadtxt(tum).shape == (60, 8)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_same_seed_gives_the_same_bytes(files: Settings) -> None:
+    trajectories = []
+    for _ in range(2):
+        run = prepare(files)
+        list(run.steps())
+        trajectories.append(run.trajectory.as_tum())
+    assert trajectories[0] == trajectories[1]
+
+
+def test_without_a_reference_there_are_no_errors(files: Settings) -> None:
+    run = prepare(Settings(files.log, files.map_file))
+    list(run.steps())
+    assert run.result().rmse_m is None
+
+
+def test_unknown_parameters_are_named(files: Settings, tmp_path: Path) -> None:
+    (tmp_path / "amcl.yaml").write_text("amcl: {alpha1: 0.1, sigma_hitt: 0.3}")
+    run = prepare(Settings(files.log, files.map_file, params=tmp_path / "amcl.yaml", reference=files.reference))
+    list(run.steps())
+    assert run.result().unknown_parameters == ("sigma_hitt",)
+
+
+def test_a_reference_of_another_time_is_refused(files: Settings, tmp_path: Path) -> None:
+    (tmp_path / "other.txt").write_text("1000 0 0 0\n1001 0 0 0\n")
+    run = prepare(Settings(files.log, files.map_file, reference=tmp_path / "other.txt"))
+    list(run.steps())
+    with pytest.raises(InputError, match="no pose at the time"):
+        run.result()

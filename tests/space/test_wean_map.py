@@ -1,0 +1,50 @@
+"""Wean Hall's map format: read as it is meant, refused where it is broken."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wherry.errors import InputError
+from wherry.space.wean_map import load_wean_map
+
+HEADER = "robot_specifications->resolution   10\n\nglobal_map[0]: 3 2\n"
+
+
+def test_the_first_index_is_x_and_values_are_free_space(tmp_path: Path) -> None:
+    path = tmp_path / "map.dat.gz"
+    path.write_bytes(gzip.compress(HEADER.encode() + b"1.0 0.0\n-1.0 0.25\n0.5 1.0\n"))
+    grid = load_wean_map(path)
+    np.testing.assert_allclose(grid.probability, [[0.0, 0.5, 0.5], [1.0, 0.75, 0.0]])
+    assert grid.resolution == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("", "is missing"),
+        ("global_map[0]: 3 2\n", "line 1: does not give"),
+        (HEADER + "1 1\n1 1\n", "line 6: has 0 values, not 2"),
+        (HEADER + "1 1\n1 x\n1 1\n", "line 5: has a word"),
+        (HEADER + "1 1\n1 7\n1 1\n", "neither probabilities"),
+        (HEADER + "1 1\n1 nan\n1 1\n", "neither probabilities"),
+        (HEADER.replace("3 2", "0 2"), "impossible size"),
+        (HEADER.replace("10", "x"), "does not give"),
+    ],
+)
+def test_broken_maps_are_refused(tmp_path: Path, text: str, named: str) -> None:
+    path = tmp_path / "map.dat"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_wean_map(path)
+    assert named in str(caught.value)
+
+
+def test_half_a_gzip_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "map.dat.gz"
+    path.write_bytes(gzip.compress(HEADER.encode() * 50)[:-20])
+    with pytest.raises(InputError, match="whole gzip"):
+        load_wean_map(path)
