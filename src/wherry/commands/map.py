@@ -16,9 +16,7 @@ def map_log(
     odometry: Annotated[
         Path | None, typer.Option(help="Denser odometry, t x y θ a line, to interpolate poses with.")
     ] = None,
-    relations: Annotated[
-        Path | None, typer.Option(help="True relations between poses, to score the result by.")
-    ] = None,
+    relations: Annotated[Path | None, typer.Option(help="True relations between poses, to score by.")] = None,
     backend: Annotated[str, typer.Option(help="The method: graph or particles.")] = "graph",
     out: Annotated[Path | None, typer.Option(help="Where to write map, picture, trajectory and pose graph.")] = None,
     seed: SeedOption = 0,
@@ -47,6 +45,7 @@ def map_log(
         task = progress.add_task("mapping", total=run.scans)
         for done in run.steps():
             progress.update(task, completed=done)
+    assert run.result is not None, "all steps are done"
     figures = asdict(run.result)
     print_table(console, f"Map of {log.name}", {name: shown(value) for name, value in figures.items()})
     if out is not None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from wherry.domains.delivery import DROPOFF, PICKUP, DeliverySteps, all_delivered, boxes_left, delivery_domain, reward
 from wherry.episodes import GoalAgent, Step, run
 from wherry.errors import InputError
-from wherry.experiments.delivery_page import page
+from wherry.experiments.delivery_page import page, pictures_of
 from wherry.experiments.scoring import Result, align, position_errors, root_mean_square, shortest_delivery
 from wherry.files import write_atomically
 from wherry.floorplan import Cell, FloorPlan, find_world, place_boxes
@@ -281,8 +281,10 @@ class DeliveryRun:
             return
         save_map(self._ready.grid, self.out / "map.yaml")
         world_from_map, _ = self._localization()
-        html = page(result, self._records, self._learner.sentences(), self._ready, self.plan, world_from_map)
-        write_atomically(self.out / "report.html", html)
+        pictures = pictures_of(self._records, self._ready, self.plan, world_from_map)
+        if pictures:
+            write_atomically(self.out / "delivery.svg", pictures[0].svg)
+            write_atomically(self.out / "report.html", page(result, pictures, self.rules, self._records))
 
 
 def _stretches(flags: Sequence[bool]) -> Iterator[tuple[int, int]]:

@@ -19,23 +19,14 @@ CLOSE_BY = 0.8  # m shown to each side of the robot in the close-up
 NO_POINTS = np.empty((0, 2))
 
 
-def page(
-    result: Result,
-    records: Sequence[Record],
-    rules: Sequence[str],
-    ready: Ready,
-    plan: FloorPlan,
-    world_from_map: Pose | None,
-) -> str:
+def page(result: Result, pictures: Sequence[Picture], rules: Sequence[str], records: Sequence[Record]) -> str:
     """The page as HTML.
 
     Args:
         result: What the referee says.
-        records: The run's trace.
+        pictures: From `pictures_of`.
         rules: What was learnt, in words.
-        ready: The robot's map and cells.
-        plan: The true plan, shown faintly under the map.
-        world_from_map: The map's frame in the world; None where nothing can be said of the truth.
+        records: The run's trace.
     """
     good = result.status == "delivered"
     verdict = {"delivered": "All delivered", "not delivered": "Not all delivered", "stopped": "Stopped"}[result.status]
@@ -49,7 +40,7 @@ def page(
             verdict=verdict,
             good=good,
             lead=lead,
-            pictures=_pictures(records, ready, plan, world_from_map),
+            pictures=pictures,
             figures=result.figures,
             rules=rules,
             log=[record for record in records if isinstance(record, Said)],
@@ -57,8 +48,15 @@ def page(
     )
 
 
-def _pictures(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_from_map: Pose | None) -> list[Picture]:
-    """The delivery at its fullest, the map half made, and the moment after the last box."""
+def pictures_of(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_from_map: Pose | None) -> list[Picture]:
+    """The delivery at its fullest, from afar and close by; the map half made; and the moment after the last box.
+
+    Args:
+        records: The run's trace.
+        ready: The robot's map and cells.
+        plan: The true plan, shown faintly under the map.
+        world_from_map: The map's frame in the world; None where nothing can be said of the truth.
+    """
     seen = [record for record in records if isinstance(record, Seen)]
     mapping = [record for record in seen if not len(record.particles)]
     localized = [record for record in seen if len(record.particles)]

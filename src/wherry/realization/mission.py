@@ -7,7 +7,6 @@ mission ends with a `RobotEnvironment`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,10 +22,11 @@ from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.slam import Slam
 from wherry.navigation.exploration import frontier_cells, next_viewpoint, visible_unknown
 from wherry.navigation.path import Costmap, shortest_path
-from wherry.realization.boxes import FARTHEST, FEWEST_SIGHTINGS, Box, look_for_boxes, standing_free, without_boxes
+from wherry.realization.box_watch import BoxWatch, SeenCells
+from wherry.realization.boxes import Box, standing_free, without_boxes
 from wherry.realization.cells import occupied_cells, plan_of_map
 from wherry.realization.environment import RobotEnvironment
-from wherry.realization.pilot import Load, Pilot, Ride
+from wherry.realization.pilot import Pilot, Ride
 from wherry.realization.tracking import PoseTracker
 from wherry.robot import Odometry, Robot, Scan
 from wherry.space.frame import CellFrame, lay_cells
@@ -39,8 +39,6 @@ OWN_PLACE = 0.35  # m around itself that a robot knows to be free although its l
 START_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad² of a pose that SLAM just gave
 SURE, SURE_SCANS = 0.1, 10  # probability of being lost that a robot accepts, in so many scans in a row
 LONGEST_LEG, MOST_LEGS = 1.5, 30  # m, and how many such legs a robot drives to find out where it is
-LOOK_EVERY = 3  # scans between two that are searched for boxes
-ENOUGH_LOOKS = 2 * FEWEST_SIGHTINGS  # after which a box in a cell would be certain
 WORTHWHILE = 0.15  # m² of the unknown, less than half a cell, for which the robot drives to see them
 BEHIND_FRONTIER = 1.0  # m of unknown that are expected behind a frontier, to tell how far a map has come
 
@@ -131,46 +129,6 @@ class Searcher:
     def particles(self) -> NDArray[np.float64]:
         """None that would fit into the odom frame."""
         return np.empty((0, 3))
-
-
-class BoxWatch:
-    """Searches every few scans for boxes, and keeps what was looked at, so that nothing is overlooked."""
-
-    def __init__(self, pilot: Pilot) -> None:
-        self.boxes: tuple[Box, ...] = ()
-        self.looks: list[tuple[Pose, Scan]] = []
-        self._pilot = pilot
-        self._scans = 0
-        pilot.watchers.append(self)
-
-    def __call__(self, scan: Scan, pose: Pose) -> None:
-        """Take in a scan."""
-        self._scans += 1
-        if self._scans % LOOK_EVERY:
-            return
-        body = self._pilot.body
-        self.boxes = look_for_boxes(self.boxes, scan, pose, body)
-        self.looks.append((pose @ body.lidar, scan))
-        certain = [(box.x, box.y) for box in self.boxes if box.certain]
-        self._pilot.load = Load(np.array(certain).reshape(-1, 2), held=False)
-
-    def seen_cells(self, frame: CellFrame, cells: Iterable[Cell]) -> set[Cell]:
-        """The cells in which a box would have been seen several times: near enough, and with nothing in between."""
-        places = list(cells)
-        centres = np.array([frame.centre(cell.x, cell.y) for cell in places])
-        looks = np.zeros(len(places), dtype=np.int64)
-        for lidar, scan in self.looks:
-            away = lidar.inverse.transform(centres)
-            distances = np.hypot(away[:, 0], away[:, 1])
-            bearings = np.arctan2(away[:, 1], away[:, 0])
-            beams = np.round((bearings - scan.angle_min) / scan.angle_increment).astype(np.int64) % len(scan.ranges)
-            reached = np.where(np.isnan(scan.ranges), 0.0, scan.ranges)[beams]
-            looks += (distances < FARTHEST) & (reached > distances - 2 * self._pilot.body.box_radius)
-        return {cell for cell, count in zip(places, looks, strict=True) if count >= ENOUGH_LOOKS}
-
-    def stop(self) -> None:
-        """Watch no longer."""
-        self._pilot.watchers.remove(self)
 
 
 class Mission:
@@ -294,6 +252,7 @@ class Mission:
     def _search(self, pilot: Pilot, watch: BoxWatch, grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan) -> None:
         """Drive to where boxes may stand that were never looked at from nearby."""
         occupied = occupied_cells(grid, frame, plan)
+        seen = SeenCells(watch, frame, plan)
         given_up: set[Cell] = set()
         announced = False
         while True:
@@ -301,7 +260,7 @@ class Mission:
             steps = plan.distances(here)
             suspects = {cell for cell in occupied if any(cell.towards(way) in steps for way in Direction)}
             candidates = suspects | set(steps)
-            unseen = candidates - given_up - watch.seen_cells(frame, candidates)
+            unseen = candidates - given_up - seen.cells()
             if not unseen:
                 return
             if not announced:

@@ -1,0 +1,80 @@
+"""Looking out for boxes while driving, and knowing where one has not looked yet."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wherry.floorplan import Cell, FloorPlan
+from wherry.realization.boxes import FARTHEST, FEWEST_SIGHTINGS, Box, look_for_boxes
+from wherry.realization.pilot import Load, Pilot
+from wherry.robot import Scan
+from wherry.space.frame import CellFrame
+from wherry.space.pose import Pose
+
+LOOK_EVERY = 3  # scans between two that are searched for boxes
+ENOUGH_LOOKS = FEWEST_SIGHTINGS + 2  # after which a box in a cell would be certain
+
+
+class BoxWatch:
+    """Searches every few scans for boxes, and keeps them for `SeenCells`.
+
+    Attributes:
+        boxes: What is believed to be a box.
+        looks: Every scan that was searched, with the lidar's pose in the map frame when it was taken.
+    """
+
+    def __init__(self, pilot: Pilot) -> None:
+        self.boxes: tuple[Box, ...] = ()
+        self.looks: list[tuple[Pose, Scan]] = []
+        self.box_radius = pilot.body.box_radius
+        self._pilot = pilot
+        self._scans = 0
+        pilot.watchers.append(self)
+
+    def __call__(self, scan: Scan, pose: Pose) -> None:
+        """Take in a scan."""
+        self._scans += 1
+        if self._scans % LOOK_EVERY:
+            return
+        body = self._pilot.body
+        self.boxes = look_for_boxes(self.boxes, scan, pose, body)
+        self.looks.append((pose @ body.lidar, scan))
+        certain = [(box.x, box.y) for box in self.boxes if box.certain]
+        self._pilot.load = Load(np.array(certain).reshape(-1, 2), held=False)
+
+    def stop(self) -> None:
+        """Watch no longer."""
+        self._pilot.watchers.remove(self)
+
+
+class SeenCells:
+    """In which cells a box would have been seen by now.
+
+    Args:
+        watch: What was looked at; it may go on looking.
+        frame: Where the cells lie.
+        plan: Which cells there are.
+    """
+
+    def __init__(self, watch: BoxWatch, frame: CellFrame, plan: FloorPlan) -> None:
+        self._watch = watch
+        self._cells = [Cell(x, y) for y in range(plan.height) for x in range(plan.width)]
+        self._centres = np.array([frame.centre(cell.x, cell.y) for cell in self._cells])
+        self._counts = np.zeros(len(self._cells), dtype=np.int64)
+        self._counted = 0
+
+    def cells(self) -> set[Cell]:
+        """The cells that were looked into several times, from near enough and with nothing in between."""
+        for lidar, scan in self._watch.looks[self._counted :]:
+            self._counts += self._looked_into(lidar, scan)
+        self._counted = len(self._watch.looks)
+        return {cell for cell, count in zip(self._cells, self._counts, strict=True) if count >= ENOUGH_LOOKS}
+
+    def _looked_into(self, lidar: Pose, scan: Scan) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """[C] the cells into whose middle a scan looked."""
+        away = lidar.inverse.transform(self._centres)
+        distances = np.hypot(away[:, 0], away[:, 1])
+        bearings = np.arctan2(away[:, 1], away[:, 0])
+        beams = np.round((bearings - scan.angle_min) / scan.angle_increment).astype(np.int64) % len(scan.ranges)
+        reached = np.where(np.isnan(scan.ranges), 0.0, scan.ranges)[beams]
+        return (distances < FARTHEST) & (reached > distances - 2 * self._watch.box_radius)
