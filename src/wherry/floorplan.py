@@ -485,11 +485,23 @@ def format_world(plan: FloorPlan) -> str:
     if not plan.boxes or plan.box_count != DEFAULT_BOX_COUNT:
         fields["boxes"] = str(plan.box_count)
     lines = [f"{key}: {value}" for key, value in fields.items()] + [""]
+    return "\n".join([*lines, drawing(plan, lambda cell: _symbols(plan, cell))])
+
+
+def drawing(plan: FloorPlan, symbols: Callable[[Cell], str]) -> str:
+    """Draw a plan's walls as text, and in every cell what stands in it.
+
+    Args:
+        plan: The plan.
+        symbols: At most three characters for a cell.
+    """
+    lines = []
     for y in reversed(range(plan.height)):
         row = [Cell(x, y) for x in range(plan.width)]
         lines.append("+" + "".join(("---" if _walled(plan, cell, Direction.NORTH) else "   ") + "+" for cell in row))
-        cells = ((_symbols(plan, cell), "|" if _walled(plan, cell, Direction.EAST) else " ") for cell in row)
-        lines.append("|" + "".join(symbols + edge for symbols, edge in cells))
+        edges = ("|" if _walled(plan, cell, Direction.EAST) else " " for cell in row)
+        cells = (symbols(cell).center(CELL_COLUMNS - 1) for cell in row)
+        lines.append("|" + "".join(cell + edge for cell, edge in zip(cells, edges, strict=True)))
     lines.append("+" + "---+" * plan.width)
     return "\n".join(lines) + "\n"
 
@@ -507,7 +519,7 @@ def _symbols(plan: FloorPlan, cell: Cell) -> str:
     symbols += "w" if cell in plan.warehouse else ""
     symbols += "o" if cell in plan.boxes else ""
     symbols += "".join(mark for mark, marked in plan.marks.items() if marked == cell)
-    return symbols.center(CELL_COLUMNS - 1)
+    return symbols
 
 
 def _read_fields(lines: list[str], source: str) -> dict[str, str]:

@@ -1,0 +1,156 @@
+"""Any deterministic domain on a grid as a Gymnasium environment, and the two that are registered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from wherry.domains.delivery import delivery_grid
+from wherry.domains.taxi import taxi_grid
+from wherry.environments.observations import Observation, Observer
+from wherry.environments.pictures import Figure, in_colour, in_text
+from wherry.errors import InputError
+from wherry.floorplan import Cell, FloorPlan, find_world
+from wherry.oomdp.mdp import DeterministicMdp
+from wherry.oomdp.objects import Object, State
+
+RED, GREEN, BLUE, YELLOW, BROWN = (209, 36, 47), (26, 156, 75), (31, 111, 235), (244, 196, 48), (160, 98, 45)
+
+Figures = Callable[[State], list[Figure]]
+"""What stands where in a state, the topmost last."""
+
+
+class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
+    """An OO-MDP as a Gymnasium environment.
+
+    Observations show all objects by name and attribute; `gymnasium.wrappers.FlattenObservation` makes a vector of
+    them. Actions are numbered in the domain's order. ``info`` has ``action_mask`` [A], 1 for the actions that would
+    change something, as Gymnasium's own Taxi has it, and ``terms`` [n], 1 for the terms that hold, in the order of
+    ``domain.term_names``.
+
+    Args:
+        mdp: What is true. All of its episodes have the same objects, and these never become more.
+        plan: The floor that pictures show.
+        figures: What pictures show on it.
+        render_mode: "ansi", "rgb_array", or None for no pictures.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - as Gymnasium has it
+
+    def __init__(
+        self, mdp: DeterministicMdp, plan: FloorPlan, figures: Figures, *, render_mode: str | None = None
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise InputError("render_mode", render_mode, f"is not one of {', '.join(self.metadata['render_modes'])}")
+        self.render_mode = render_mode
+        self.mdp = mdp
+        self.domain = mdp.domain
+        self.plan = plan
+        self.figures = figures
+        example = mdp.start(np.random.default_rng(0))
+        self.actions = mdp.domain.ground_actions(example)
+        self.state: State | None = None
+        self._observer = Observer(example)
+        self.observation_space = self._observer.space
+        self.action_space = spaces.Discrete(len(self.actions))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode in a random first state."""
+        super().reset(seed=seed)
+        self.state = self.mdp.reset(self.np_random)
+        return self._observer.observe(self.state), self._info(self.state)
+
+    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Do an action, given by its number."""
+        done = self.mdp.step(self.actions[action])
+        self.state = done.next_state
+        return self._observer.observe(self.state), done.reward, done.terminated, False, self._info(self.state)
+
+    def render(self) -> str | NDArray[np.uint8] | None:
+        """The present state as text or as a picture [H, W, 3], whichever the render mode says."""
+        if self.render_mode is None or self.state is None:
+            return None
+        figures = self.figures(self.state)
+        return in_text(self.plan, figures) if self.render_mode == "ansi" else in_colour(self.plan, figures)
+
+    def _info(self, state: State) -> dict[str, Any]:
+        """Which actions would change something, and which terms hold."""
+        condition = self.domain.cond(state)
+        return {
+            "action_mask": np.array(
+                [not self.mdp.transition(state, action).failed for action in self.actions], np.int8
+            ),
+            "terms": np.array([condition.value >> bit & 1 for bit in range(condition.size)], np.int8),
+        }
+
+
+class TaxiEnvironment(ObjectEnvironment):
+    """Taxi: bring a passenger to a destination, in as few steps as possible.
+
+    Args:
+        size: 5 or 10, the side of the published grids.
+        render_mode: "ansi", "rgb_array", or None for no pictures.
+
+    Raises:
+        InputError: There is no published grid of that size.
+    """
+
+    def __init__(self, size: int = 5, *, render_mode: str | None = None) -> None:
+        try:
+            grid = taxi_grid(size)
+        except KeyError:
+            raise InputError("wherry/Taxi-v0", "size", f"must be 5 or 10, not {size}") from None
+        plan = replace(grid.plan, warehouse=frozenset())  # which Taxi has none of
+        super().__init__(grid, plan, taxi_figures, render_mode=render_mode)
+
+
+class DeliveryEnvironment(ObjectEnvironment):
+    """Delivery: bring every box to the warehouse.
+
+    Args:
+        world: A world that comes with wherry, or a world file.
+        boxes: How many boxes to put at random places; None for those of the world.
+        render_mode: "ansi", "rgb_array", or None for no pictures.
+
+    Raises:
+        InputError: There is no such world, it has no robot or no warehouse, or no room for so many boxes.
+    """
+
+    def __init__(
+        self, world: str | Path = "small", boxes: int | None = None, *, render_mode: str | None = None
+    ) -> None:
+        plan = find_world(world)
+        super().__init__(delivery_grid(plan, boxes), plan, delivery_figures, render_mode=render_mode)
+
+
+def taxi_figures(state: State) -> list[Figure]:
+    """T is the taxi, d the destination, p the passenger, who may ride in the taxi."""
+    taxi, passenger = state["taxi"], state["passenger"]
+    return [
+        Figure(_cell(state["destination"]), "d", GREEN, 0.9, round=False),
+        Figure(_cell(taxi), "T", YELLOW, 0.7),
+        Figure(_cell(taxi if passenger.in_taxi else passenger), "p", BLUE, 0.35),
+    ]
+
+
+def delivery_figures(state: State) -> list[Figure]:
+    """R is the robot, o a box, which the robot may hold."""
+    (robot,) = state.of_class("Robot")
+    boxes = state.of_class("Box")
+    return [
+        Figure(_cell(robot), "R", RED, 0.7),
+        *(Figure(_cell(robot if box.in_bot else box), "o", BROWN, 0.35) for box in boxes),
+    ]
+
+
+def _cell(item: Object) -> Cell:
+    return Cell(item.x, item.y)

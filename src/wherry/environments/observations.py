@@ -1,0 +1,76 @@
+"""States as observations: a dictionary of objects, each a dictionary of its attributes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from wherry.oomdp.objects import EXISTS, Attribute, Kind, Object, State, Value
+
+Observation = dict[str, dict[str, Any]]
+"""By the object's name and the attribute's: a whole number, or an array [1] of a real one."""
+
+
+class Observer:
+    """Turns states into observations of one space, whichever of their objects are still there.
+
+    What never changes, such as walls, is not observed; what they do is in the terms.
+
+    Args:
+        state: A state with all objects that there will ever be.
+
+    Raises:
+        ValueError: An attribute has no bounds, so that no space holds all of its values.
+    """
+
+    def __init__(self, state: State) -> None:
+        self.objects: Mapping[str, Object] = {item.name: item for item in state.objects}
+        self.space: spaces.Space[Any] = spaces.Dict(
+            {
+                name: spaces.Dict({attribute.name: _space(attribute) for attribute in item.object_class.changeable})
+                for name, item in self.objects.items()
+            }
+        )
+
+    def observe(self, state: State) -> Observation:
+        """What is seen of a state; an object that has left shows its attributes' first values, and ``exists`` 0."""
+        present = {item.name: item for item in state.objects}
+        return {
+            name: {attribute.name: _seen(attribute, present.get(name)) for attribute in item.object_class.changeable}
+            for name, item in self.objects.items()
+        }
+
+
+def _space(attribute: Attribute) -> spaces.Space[Any]:
+    """The space of an attribute's values."""
+    match attribute.kind:
+        case Kind.BOOLEAN:
+            return spaces.Discrete(2)
+        case Kind.ENUMERATION:
+            return spaces.Discrete(len(attribute.choices))
+    if not (math.isfinite(attribute.minimum) and math.isfinite(attribute.maximum)):
+        raise ValueError(f"attribute {attribute.name} needs bounds to be observed")
+    if attribute.kind is Kind.INTEGER:
+        lowest, highest = int(attribute.minimum), int(attribute.maximum)
+        return spaces.Discrete(highest - lowest + 1, start=lowest)
+    return spaces.Box(attribute.minimum, attribute.maximum, (1,), np.float64)
+
+
+def _seen(attribute: Attribute, item: Object | None) -> Any:
+    """An attribute's value as an element of its space."""
+    if attribute.name == EXISTS:
+        return np.int64(item is not None)
+    value: Value | None = None if item is None else getattr(item, attribute.name)
+    match attribute.kind:
+        case Kind.BOOLEAN:
+            return np.int64(value is True)
+        case Kind.ENUMERATION:
+            return np.int64(0 if value is None else attribute.choices.index(str(value)))
+        case Kind.INTEGER:
+            return np.int64(attribute.minimum if value is None else value)
+        case Kind.REAL:
+            return np.array([attribute.minimum if value is None else value], np.float64)

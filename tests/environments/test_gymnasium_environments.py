@@ -1,0 +1,205 @@
+"""Every registered environment is one by Gymnasium's own checks, and tells the truth about its domain."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import wherry.environments
+from wherry.domains.taxi import taxi_grid
+from wherry.environments.grids import DeliveryEnvironment, ObjectEnvironment, TaxiEnvironment
+from wherry.environments.observations import Observer
+from wherry.errors import InputError
+from wherry.oomdp.domain import Action
+from wherry.oomdp.objects import ObjectClass, State, enumeration, integer, real
+from wherry.oomdp.outcomes import Grounded
+from wherry.planning.value_iteration import ValueIteration
+
+VARIANTS = [
+    ("wherry/Taxi-v0", {}),
+    ("wherry/Taxi-v0", {"size": 10}),
+    ("wherry/Delivery-v0", {}),
+    ("wherry/Delivery-v0", {"world": "rooms", "boxes": 3}),
+]
+IDS = ["taxi", "taxi10", "delivery", "rooms"]
+
+gymnasium.register_envs(wherry.environments)
+
+
+def unwrapped(name: str, **settings: object) -> ObjectEnvironment:
+    environment = gymnasium.make(name, **settings).unwrapped
+    assert isinstance(environment, ObjectEnvironment)
+    return environment
+
+
+@pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
+def test_passes_gymnasiums_checks_without_a_warning(name: str, settings: dict) -> None:
+    check_env(unwrapped(name, **settings))
+
+
+def test_a_module_in_the_name_registers_it() -> None:
+    program = "import gymnasium; print(gymnasium.make('wherry.environments:wherry/Taxi-v0').spec.id)"
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "wherry/Taxi-v0"
+
+
+@pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
+def test_many_at_once(name: str, settings: dict) -> None:
+    environments = gymnasium.make_vec(name, num_envs=3, vectorization_mode="sync", **settings)
+    observations, info = environments.reset(seed=4)
+    assert observations in environments.observation_space
+    assert info["action_mask"].shape == (3, 6)
+    assert info["terms"].shape == (3, 7)
+    environments.action_space.seed(4)
+    for _ in range(20):
+        observations, rewards, *_ = environments.step(environments.action_space.sample())
+        assert observations in environments.observation_space
+        assert rewards.shape == (3,)
+    environments.close()
+
+
+def test_many_in_processes_of_their_own() -> None:
+    environments = gymnasium.make_vec("wherry.environments:wherry/Taxi-v0", num_envs=2, vectorization_mode="async")
+    observations, _ = environments.reset(seed=4)
+    assert observations in environments.observation_space
+    environments.close()
+
+
+@pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
+def test_the_mask_and_the_terms_are_true(name: str, settings: dict) -> None:
+    environment = unwrapped(name, **settings)
+    environment.action_space.seed(1)
+    _, info = environment.reset(seed=1)
+    tried = 0
+    for _ in range(300):
+        before, mask = environment.state, info["action_mask"]
+        assert "".join(map(str, info["terms"])) == str(environment.domain.cond(before))
+        action = environment.action_space.sample()
+        _, _, terminated, _, info = environment.step(action)
+        assert mask[action] == (environment.state != before)
+        tried += int(mask[action])
+        if terminated:
+            _, info = environment.reset()
+    assert 20 < tried < 280
+
+
+def test_observations_show_the_objects() -> None:
+    environment = unwrapped("wherry/Taxi-v0")
+    observation, _ = environment.reset(seed=2)
+    taxi, passenger = environment.state["taxi"], environment.state["passenger"]
+    assert observation["taxi"] == {"x": taxi.x, "y": taxi.y}
+    assert observation["passenger"] == {"x": passenger.x, "y": passenger.y, "in_taxi": 0}
+
+
+def test_a_box_that_has_left_no_longer_exists() -> None:
+    environment = unwrapped("wherry/Delivery-v0", boxes=2)
+    observation, _ = environment.reset(seed=0)
+    assert [observation[name]["exists"] for name in ("box1", "box2")] == [1, 1]
+    left = environment._observer.observe(environment.state.without("box1"))
+    assert left["box1"] == {"x": 0, "y": 0, "in_bot": 0, "exists": 0}
+    assert left in environment.observation_space
+
+
+def test_enumerations_and_reals_are_observed() -> None:
+    lamp = ObjectClass("Lamp", (enumeration("colour", "red", "green"), real("height", 0, 2)))
+    state = State((lamp("lamp", colour="green", height=1.5),))
+    observer = Observer(state)
+    seen = observer.observe(state)
+    assert seen in observer.space
+    assert (seen["lamp"]["colour"], seen["lamp"]["height"].tolist()) == (1, [1.5])
+
+
+def test_what_has_no_bounds_cannot_be_observed() -> None:
+    item = ObjectClass("Item", (integer("x"),))
+    with pytest.raises(ValueError, match="x needs bounds"):
+        Observer(State((item("item", x=0),)))
+
+
+def test_an_optimal_policy_ends_the_episode_with_the_optimal_return() -> None:
+    environment = unwrapped("wherry/Taxi-v0")
+    grid = taxi_grid(5)
+    planner = ValueIteration(Grounded(grid.domain, grid), discount=0.99)
+    environment.reset(seed=5)
+    state, total = environment.state, 0.0
+    for _ in range(40):
+        action = planner.policy(environment.state)
+        _, reward, terminated, _, _ = environment.step(np.int64(environment.actions.index(action)))
+        total += reward
+        if terminated:
+            break
+    assert terminated
+    steps = 1
+    while not (done := grid.transition(state, planner.policy(state))).terminated:
+        state, steps = done.next_state, steps + 1
+    assert total == 20 - (steps - 1)
+
+
+def test_text() -> None:
+    environment = TaxiEnvironment(render_mode="ansi")
+    assert environment.render() is None
+    environment.reset(seed=0)
+    environment.state = taxi_grid(5).state_of((2, 2), "Y", "R")
+    assert (
+        environment.render()
+        == """\
++---+---+---+---+---+
+| dR    |         G |
++   +   +   +   +   +
+|       |           |
++   +   +   +   +   +
+|         T         |
++   +   +   +   +   +
+|   |       |       |
++   +   +   +   +   +
+| pY|       | B     |
++---+---+---+---+---+
+"""
+    )
+    environment.state = environment.state.replace("passenger", in_taxi=True)
+    assert " Tp" in environment.render()
+
+
+def test_pictures_change_where_the_robot_moves() -> None:
+    environment = DeliveryEnvironment("small", render_mode="rgb_array")
+    environment.reset(seed=0)
+    before = environment.render()
+    east = environment.actions.index(Action("E"))
+    environment.step(np.int64(east))
+    after = environment.render()
+    assert before.shape == after.shape == (6 * 48, 8 * 48, 3)
+    assert before.dtype == np.uint8
+    changed = np.argwhere((before != after).any(axis=2))
+    assert changed.min(axis=0).tolist() >= [0, 0]
+    assert changed.max(axis=0).tolist() <= [48, 96]  # the two cells in the north-west
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "field"),
+    [
+        ("wherry/Taxi-v0", {"size": 7}, "size"),
+        ("wherry/Delivery-v0", {"world": "nowhere"}, "nowhere"),
+        ("wherry/Delivery-v0", {"boxes": 10_000}, "boxes"),
+    ],
+)
+def test_bad_settings_are_named(name: str, settings: dict, field: str) -> None:
+    with pytest.raises(InputError, match=field):
+        gymnasium.make(name, **settings)
+
+
+def test_a_render_mode_that_does_not_exist() -> None:
+    with pytest.raises(InputError, match="is not one of ansi, rgb_array"):
+        TaxiEnvironment(render_mode="hologram")
+
+
+def test_stable_baselines3_trains_on_the_flattened_observation() -> None:
+    sb3 = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
+    environment = gymnasium.wrappers.FlattenObservation(gymnasium.make("wherry/Taxi-v0"))
+    model = sb3.PPO("MlpPolicy", environment, n_steps=64, batch_size=32, n_epochs=1, seed=0, device="cpu")
+    model.learn(128)
+    action, _ = model.predict(environment.reset(seed=0)[0], deterministic=True)
+    assert environment.action_space.contains(np.int64(action))
