@@ -1,0 +1,1 @@
+"""Environments that others have made, seen as OO-MDPs: what they are stays as it is, only the view is ours."""
