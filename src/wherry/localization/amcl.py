@@ -123,7 +123,7 @@ class Amcl:
         _check_belief(pose, covariance)
         count = self.parameters.max_particles
         drawn = self._rng.multivariate_normal(pose.as_array(), covariance, count, method="eigh")
-        self._believe(drawn, pose)
+        self._believe(drawn, pose, weight=1.0)
 
     def initialize_at(
         self, places: Sequence[tuple[Pose, Floats, float]], elsewhere: float = 0.0, kept: float = 0.0
@@ -150,12 +150,10 @@ class Amcl:
         ]
         remembered = np.empty((old, 3))
         low_variance(self._buffers[0][: self._count], self.weights, self._rng.random(), remembered)
-        pose = (
-            self._estimate.pose
-            if kept > float(shares.max()) * (1.0 - kept - elsewhere)
-            else places[int(shares.argmax())][0]
-        )
-        self._believe(np.vstack([remembered, *drawn, self._anywhere(random)]), pose)
+        heaviest = float(shares.max() / shares.sum()) * (1.0 - kept - elsewhere)
+        pose = self._estimate.pose if kept > heaviest else places[int(shares.argmax())][0]
+        together = np.vstack([remembered, *drawn, self._anywhere(random)])
+        self._believe(together, pose, weight=max(kept, heaviest))
 
     def initialize_globally(self) -> None:
         """Believe that the robot may be anywhere on the map's free space.
@@ -166,7 +164,7 @@ class Amcl:
         if not len(self._free):
             raise InputError("map", "", "has no free space, so the robot can be nowhere on it")
         drawn = self._anywhere(self.parameters.max_particles)
-        self._believe(drawn, Pose.from_array(drawn[0]))
+        self._believe(drawn, Pose.from_array(drawn[0]), weight=0.0)
 
     def request_update(self) -> None:
         """Weigh the next scan even if the robot has not moved (nav2's request_nomotion_update)."""
@@ -341,8 +339,8 @@ class Amcl:
         self._seen = odometry
         return f"the odometry jumped by {jump:.2f} m"
 
-    def _believe(self, particles: Floats, pose: Pose) -> None:
-        """Replace the belief by equally likely particles."""
+    def _believe(self, particles: Floats, pose: Pose, weight: float) -> None:
+        """Replace the belief by equally likely particles, of which a share lies around a pose."""
         self._count = len(particles)
         self._buffers[0][: self._count] = particles
         self._buffers[0][: self._count, 2] = np.remainder(particles[:, 2] + math.pi, math.tau) - math.pi
@@ -353,7 +351,7 @@ class Amcl:
         self._updates = 0
         self._recovery.reset()
         self._forced = True
-        self._estimate = Estimate(self._time, pose, np.cov(particles.T), 1.0, self._count, 0.0, updated=False)
+        self._estimate = Estimate(self._time, pose, np.cov(particles.T), weight, self._count, 0.0, updated=False)
 
     def _anywhere(self, count: int) -> Floats:
         """[count, 3] poses drawn uniformly from the map's free space."""
