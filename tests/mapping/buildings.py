@@ -32,7 +32,7 @@ def building() -> NDArray[np.bool_]:
     for row, column in ((160, 100), (160, 450), (237, 200), (237, 500)):  # doors
         blocked[row : row + 3, column : column + 50] = False
     blocked[60:90, 60:100], blocked[300:340, 120:145], blocked[40:60, 400:470] = True, True, True  # furniture
-    blocked[90:120, 540:], blocked[330:360, 500:520] = True, True
+    blocked[90:120, 540:], blocked[330:360, 550:570] = True, True
     return blocked
 
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from buildings import LIDAR, RESOLUTION, Drive, building, drive, shared_data
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from buildings import LIDAR, RESOLUTION, Drive, building, drive, shared_data
 from wherry.experiments.slam import merged_odometry
 from wherry.logs import read_log, read_odometry
 from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings

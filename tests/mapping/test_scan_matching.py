@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 from wherry.mapping.cloud import SPACING, Cloud, merged
 from wherry.mapping.correlative import Window, correlate, response_at
 from wherry.mapping.motion_prior import ODOMETRY
@@ -98,7 +98,7 @@ def test_adding_in_pieces_or_grown_is_the_same_map() -> None:
 def test_a_scan_is_found_wherever_it_is_in_the_window(x: float, y: float, theta: float) -> None:
     cloud = cloud_at(HERE)
     found = correlate(submap_at(HERE), cloud.points, Window(Pose(x, y, theta), 0.5, 0.4))
-    assert found.response > 0.85  # half a cell off costs some
+    assert found.response > 0.75  # half a cell and half a step off cost some
     assert math.hypot(found.pose.x, found.pose.y) <= CELL * math.sqrt(0.5) + 1e-9
     assert abs(found.pose.theta) < math.radians(1.0)
 

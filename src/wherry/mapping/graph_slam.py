@@ -82,6 +82,7 @@ class GraphSlam:
         pieces: The submaps, in the order of their beginnings.
         ways: What is known between pieces, numbered as in ``pieces``.
         front: Where the robot is on the last of them.
+        pending: How many accepted closures are not worked in yet.
         passed: Of every scan its time, the keyscan before it, and base_link in that keyscan's frame.
     """
 
@@ -96,7 +97,7 @@ class GraphSlam:
         self.front: Front | None = None
         self.passed: list[tuple[float, int, Pose]] = []
         self.ways: list[Edge] = []
-        self._pending = 0  # closures that are not worked in yet
+        self.pending = 0
         self._drawing = MapDrawing(
             lidar, self.settings.resolution, self.settings.range_limit, self.settings.empty_range
         )
@@ -148,7 +149,7 @@ class GraphSlam:
 
     def finish(self) -> None:
         """Work in what has been measured and not yet been worked in; scans may be added afterwards."""
-        if self._pending:
+        if self.pending:
             self._optimize()
 
     def _begin(self, scan: Scan, odometry: Odometry | None) -> Pose:
@@ -223,7 +224,7 @@ class GraphSlam:
             if closure.accepted:
                 self._close(front, number, closure)
                 moved = closure.measured.relative_to(expected)
-                if self._pending >= PENDING or not _is_within(moved, SURPRISE, SURPRISE_ANGLE):
+                if self.pending >= PENDING or not _is_within(moved, SURPRISE, SURPRISE_ANGLE):
                     self._optimize()
 
     def _close(self, front: Front, piece: int, closure: Closure) -> None:
@@ -232,7 +233,7 @@ class GraphSlam:
         self.edges.append(Edge(closure.target, closure.node, closure.measured, covariance, robust=True))
         way = closure.measured @ front.key_pose.inverse
         self.ways.append(Edge(piece, front.piece, way, carried(covariance, front.key_pose)))
-        self._pending += 1
+        self.pending += 1
 
     def _candidates(self, front: Front) -> list[tuple[int, Floats]]:
         """The pieces that the last keyscan may lie in, nearest first, with the covariance [3, 3] of its pose there."""
@@ -259,7 +260,7 @@ class GraphSlam:
 
     def _optimize(self) -> None:
         """Bend the map so that it agrees best with everything that was measured."""
-        self._pending = 0
+        self.pending = 0
         self.nodes = optimized(self.graph).poses
 
     @property

@@ -25,13 +25,13 @@ from wherry.space.pose import IDENTITY, Floats, Pose, compose
 from wherry.space.trajectory import Trajectory
 
 POINTS = 120  # of a scan
-INDEPENDENT = 25.0  # points; neighbours on one wall say the same, so a scan counts as so many
+INDEPENDENT = 50.0  # points; neighbours on one wall say the same, so a scan counts as so many
 FLOOR = 0.05  # likelihood of a point that lies nowhere
 CLIMB_STEP, CLIMB_ANGLE = 0.08, math.radians(2.0)  # m and rad, first steps of the climb to the best pose
 CLIMB_HALVINGS = 5
 LATTICE_STEP, LATTICE_ANGLE = 0.02, math.radians(0.4)  # m and rad between the poses that the proposal is made of
 LEAST_POINTS = 20
-MOTION = MotionNoise(0.02, 0.08, 0.03, math.radians(0.7), 0.08, math.radians(2.0))
+MOTION = MotionNoise(0.03, 0.15, 0.05, math.radians(1.0), 0.12, math.radians(3.0))
 
 
 @dataclass(frozen=True, slots=True)

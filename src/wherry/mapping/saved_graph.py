@@ -114,6 +114,7 @@ def save_graph(slam: GraphSlam, path: str | Path) -> None:
         "front": {"piece": front.piece, "time": front.time, "key": front.key},
         "odometry": _odometry_fields(front.odometry),
         "key_odometry": _odometry_fields(front.key_odometry),
+        "pending": slam.pending,
         "refused": [closure.refused for closure in closures],
     }
     arrays = {name: _shaped(values[name], *ARRAYS[name]) for name in ARRAYS}
@@ -145,6 +146,7 @@ def _restored(head: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Gr
         scan = Scan(time, ranges, angle_min, step, range_min, range_max)
         slam.keyscans.append(Keyscan(scan, Cloud.of(scan, slam.lidar, slam.settings.range_limit)))
     slam.nodes = arrays["nodes"]
+    slam.pending = int(head["pending"])
     slam.edges = _edges("edge", arrays, arrays["edge_robust"])
     slam.ways = _edges("way", arrays, np.zeros(len(arrays["way_ends"]), np.bool_))
     for origin, start, covariance in zip(

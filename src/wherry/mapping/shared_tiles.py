@@ -38,6 +38,8 @@ class SharedTiles:
 
     def add(self, particle: int, points: Floats) -> None:
         """Smear points, [N, 2] m, map frame, into one particle's map."""
+        if len(points) == 0:
+            return
         cells = np.floor(points / RESOLUTION).astype(np.int64)
         self._make_room(cells)
         offset = self.corner * TILE

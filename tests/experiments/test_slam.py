@@ -1,0 +1,90 @@
+"""The mapping experiment: files, numbers, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from wherry.errors import InputError
+from wherry.experiments.slam import Settings, prepare, run
+from wherry.logs import read_odometry
+from wherry.mapping.saved_graph import load_graph
+from wherry.space.map_files import load_map
+from wherry.space.pose import Pose
+from wherry.space.raycast import cast_rays
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive of 3 m through a room of 6 × 4 m, as a CARMEN log."""
+    room = np.pad(np.zeros((80, 120), np.bool_), 1, constant_values=True)
+    room[30:40, 60:70] = True
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 181)
+    lines = []
+    for n in range(16):
+        pose = np.array([[1.0 + 0.1 * n, 1.0 + 0.05 * n, 0.05 * n]])
+        ranges = cast_rays(room, 0.05, Pose(), pose, angles, 20.0)[0]
+        place = " ".join(f"{value:.6f}" for value in pose[0])
+        lines.append(f"FLASER 181 {' '.join(f'{r:.3f}' for r in ranges)} {place} {place} {n}.0 host {n}.0\n")
+    path = tmp_path_factory.mktemp("log") / "room.clf"
+    path.write_text("".join(lines))
+    (path.parent / "room.relations").write_text("0 15 1.5 0.75 0 0 0 0.75\n2 8 0.626952 0.238601 0 0 0 0.3\n")
+    return path
+
+
+@pytest.mark.parametrize(("backend", "tolerance"), [("graph", 0.05), ("particles", 0.08)])
+def test_a_log_becomes_a_map(log: Path, tmp_path: Path, backend: str, tolerance: float) -> None:
+    settings = Settings(log, relations=log.parent / "room.relations", backend=backend, out=tmp_path / "out")
+    mapping = prepare(settings)
+    assert list(mapping.steps()) == list(range(1, 17))
+    result = mapping.result
+    assert result is not None
+    assert (result.scans, result.relations, result.skipped) == (16, 2, 0)
+    assert result.translational_error_m is not None
+    assert result.translational_error_m < tolerance
+    assert result.far_translational_error_m is None or math.isnan(result.far_translational_error_m)
+    assert result.seconds > 0.0
+    assert result.ms_per_scan_median <= result.ms_per_scan_p99
+    grid = load_map(tmp_path / "out" / "map.yaml")
+    assert grid.occupied.sum() > 100
+    assert len(read_odometry(tmp_path / "out" / "trajectory.tum").times) == 16
+    with Image.open(tmp_path / "out" / "map.png") as picture:
+        assert picture.size == grid.shape[::-1]
+    if backend == "graph":
+        assert len(load_graph(tmp_path / "out" / "graph.npz").keyscans) > 3
+
+
+@pytest.mark.parametrize("backend", ["graph", "particles"])
+def test_the_same_seed_gives_the_same_bytes(log: Path, tmp_path: Path, backend: str) -> None:
+    for name in ("a", "b"):
+        run(Settings(log, backend=backend, out=tmp_path / name, seed=3))
+    files = sorted(path.name for path in (tmp_path / "a").iterdir())
+    assert "map.pgm" in files
+    for name in files:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+
+
+def test_nothing_is_scored_or_written_unasked(log: Path) -> None:
+    result = run(Settings(log))
+    assert result.translational_error_m is None
+    assert result.relations == 0
+
+
+def test_bad_settings_are_named(log: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for settings, source in (
+        (Settings(log, backend="magic"), "--backend"),
+        (Settings(log, resolution=0.0), "--resolution"),
+        (Settings(log, resolution=math.nan), "--resolution"),
+        (Settings(tmp_path / "none.log"), "none.log"),
+        (Settings(log, relations=log), "room.clf"),
+        (Settings(log, odometry=log), "room.clf"),
+        (Settings(log, out=tmp_path / "file" / "out"), "out"),
+    ):
+        with pytest.raises(InputError) as caught:
+            prepare(settings)
+        assert source in caught.value.source

@@ -1,0 +1,97 @@
+"""Saved pose graphs: mapping goes on as if it had never stopped, and broken files are named."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from buildings import LIDAR, Drive, drive
+
+from wherry.errors import InputError
+from wherry.mapping.graph_slam import GraphSlam
+from wherry.mapping.saved_graph import load_graph, save_graph
+
+
+@pytest.fixture(scope="module")
+def driven() -> Drive:
+    return drive(noise=0.01, drift=0.03, spacing=0.2)
+
+
+def add(slam: GraphSlam, driven: Drive, first: int, last: int) -> None:
+    for scan, odometry in zip(driven.scans[first:last], driven.odometry[first:last], strict=True):
+        slam.add(scan, odometry)
+
+
+@pytest.fixture(scope="module")
+def half(driven: Drive, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    slam = GraphSlam(LIDAR)
+    add(slam, driven, 0, len(driven.scans) // 2)
+    path = tmp_path_factory.mktemp("graph") / "graph.npz"
+    save_graph(slam, path)
+    return path
+
+
+def test_mapping_goes_on_to_the_same_bytes(driven: Drive, half: Path, tmp_path: Path) -> None:
+    at_once, in_halves = GraphSlam(LIDAR), load_graph(half)
+    add(at_once, driven, 0, len(driven.scans))
+    add(in_halves, driven, len(driven.scans) // 2, len(driven.scans))
+    assert any(closure.accepted for closure in at_once.closures)
+    for number, slam in enumerate((at_once, in_halves)):
+        slam.finish()
+        save_graph(slam, tmp_path / f"{number}.npz")
+    assert (tmp_path / "0.npz").read_bytes() == (tmp_path / "1.npz").read_bytes()
+    np.testing.assert_array_equal(at_once.grid().probability, in_halves.grid().probability)
+
+
+def test_nothing_is_not_saved(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="nothing"):
+        save_graph(GraphSlam(), tmp_path / "graph.npz")
+
+
+def changed(half: Path, out: Path, **arrays: object) -> Path:
+    with np.load(half) as archive:
+        whole = {name: archive[name] for name in archive.files}
+    for name, value in arrays.items():
+        if value is None:
+            del whole[name]
+        else:
+            whole[name] = np.asarray(value)
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **whole)
+    out.write_bytes(buffer.getvalue())
+    return out
+
+
+def test_every_missing_misshapen_or_dangling_array_is_named(half: Path, tmp_path: Path) -> None:
+    out = tmp_path / "broken.npz"
+    with np.load(half) as archive:
+        nodes, ends = archive["nodes"], archive["edge_ends"]
+        head = json.loads(archive["head"].tobytes())
+    cases = {
+        "nodes": [None, nodes[:, :2], nodes.astype(np.int64), nodes * np.nan, nodes[:-1]],
+        "edge_ends": [ends + 10_000, ends - 10_000, ends[:-1]],
+    }
+    for name, values in cases.items():
+        for value in values:
+            with pytest.raises(InputError) as caught:
+                load_graph(changed(half, out, **{name: value}))
+            assert caught.value.field == name
+    for broken in ({**head, "wherry-graph": 99}, {**head, "settings": {"speed": 1}}, [1]):
+        with pytest.raises(InputError):
+            load_graph(changed(half, out, head=np.frombuffer(json.dumps(broken).encode(), np.uint8)))
+
+
+def test_what_is_no_archive_is_refused(half: Path, tmp_path: Path) -> None:
+    path = tmp_path / "graph.npz"
+    for content in (b"", b"nonsense", half.read_bytes()[:-200]):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="saved pose graph"):
+            load_graph(path)
+    np.savez(path, nodes=np.array([{}], dtype=object), head=np.zeros(2, np.uint8))
+    with pytest.raises(InputError):
+        load_graph(path)
+    with pytest.raises(InputError):
+        load_graph(tmp_path / "missing.npz")
