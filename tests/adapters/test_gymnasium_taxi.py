@@ -1,0 +1,113 @@
+"""Learners solve Gymnasium's Taxi as it comes; its own table of transitions says what is optimal."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.envs.toy_text.taxi import TaxiEnv
+
+from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi, delivered, reward
+from wherry.episodes import PolicyAgent, run
+from wherry.errors import InputError
+from wherry.learning.learners import LEARNERS
+from wherry.oomdp.domain import Action
+from wherry.planning.value_iteration import ValueIteration
+
+TASK = {"reward": reward, "terminated": delivered}
+
+
+def optimal_steps(taxi: TaxiEnv) -> np.ndarray:
+    """[500] steps to the end from every number, by Gymnasium's own table."""
+    after = np.array([[taxi.P[state][action][0][1] for action in range(6)] for state in range(500)])
+    end = np.array([[taxi.P[state][action][0][3] for action in range(6)] for state in range(500)])
+    steps = np.full(500, np.inf)
+    for _ in range(60):
+        steps = 1 + np.where(end, 0, steps[after]).min(axis=1)
+    return steps
+
+
+def test_states_say_what_the_numbers_say() -> None:
+    view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
+    taxi = view.environment.unwrapped
+    state = view.state(taxi.encode(0, 3, 1, 2))  # row 0 from the top, column 3; passenger at G, destination Y
+    assert (state["taxi"].x, state["taxi"].y) == (3, 4)
+    assert (state["passenger"].x, state["passenger"].y, state["passenger"].in_taxi) == (4, 4, False)
+    assert (state["destination"].x, state["destination"].y) == (0, 0)
+    riding = view.state(taxi.encode(2, 1, 4, 2))
+    assert (riding["passenger"].x, riding["passenger"].y, riding["passenger"].in_taxi) == (1, 2, True)
+    assert len({view.state(number) for number in range(500)}) == 500
+
+
+def test_conditions_see_the_walls_that_gymnasium_drew() -> None:
+    """touch_D holds exactly where Gymnasium's action mask says that a move would do nothing."""
+    view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
+    for number in range(500):
+        mask = view.environment.unwrapped.action_mask(number)
+        bits = view.domain.cond(view.state(number)).value
+        for bit, direction in enumerate("NSEW"):
+            assert (bits >> bit & 1) == 1 - mask[ACTIONS.index(direction)]
+
+
+@pytest.mark.parametrize(
+    ("name", "task"),
+    [("doormax", {}), ("doormax", TASK), ("bayes", TASK)],
+    ids=["doormax", "doormax told", "bayes told"],
+)
+def test_learners_solve_it(name: str, task: dict) -> None:
+    """After 30 episodes the greedy policy is optimal from every start; rewards are learnt, or told."""
+    view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
+    taxi = view.environment.unwrapped
+    learner, rng = LEARNERS[name](view.domain, **task), np.random.default_rng(0)
+    agent = PolicyAgent(learner, ValueIteration(learner))
+    for _ in range(30):
+        steps = list(run(view, agent, rng, max_steps=2000))
+        assert steps[-1].transition.terminated
+    assert learner.violations == ()
+    planner = ValueIteration(learner, optimistic=False)
+    optimal = optimal_steps(taxi)
+    for start in np.flatnonzero(taxi.initial_state_distrib):
+        number, taken, end = int(start), 0, False
+        while not end and taken <= optimal[start]:
+            action = planner.policy(view.state(number))
+            _, number, _, end = taxi.P[number][ACTIONS.index(action.name)][0]
+            taken += 1
+        assert end
+        assert taken == optimal[start]
+
+
+def test_the_task_that_can_be_told_is_gymnasiums() -> None:
+    """On every number and action, reward and end are those of Gymnasium's own table."""
+    view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
+    taxi = view.environment.unwrapped
+    for number in range(500):
+        state = view.state(number)
+        if delivered(state):
+            continue  # Gymnasium never goes on from there
+        for at, name in enumerate(ACTIONS):
+            _, after, paid, end = taxi.P[number][at][0]
+            assert (reward(state, Action(name), view.state(after)), delivered(view.state(after))) == (paid, end)
+
+
+def test_the_same_seed_gives_the_same_episode() -> None:
+    first, second = (GymnasiumTaxi(gymnasium.make("Taxi-v4")) for _ in range(2))
+    assert first.reset(np.random.default_rng(3)) == second.reset(np.random.default_rng(3))
+    assert first.step(Action("N")) == second.step(Action("N"))
+
+
+def test_a_step_before_the_first_reset_is_refused() -> None:
+    with pytest.raises(RuntimeError, match="reset"):
+        GymnasiumTaxi(gymnasium.make("Taxi-v4")).step(Action("N"))
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "reason"),
+    [
+        ("CartPole-v1", {}, "not Gymnasium's Taxi"),
+        ("Taxi-v4", {"is_rainy": True}, "not deterministic"),
+        ("Taxi-v4", {"fickle_passenger": True}, "not deterministic"),
+    ],
+)
+def test_other_environments_are_refused(name: str, settings: dict, reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        GymnasiumTaxi(gymnasium.make(name, **settings))
