@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
+from wherry.bags import is_bag, read_bag
 from wherry.errors import InputError
 from wherry.files import write_atomically
 from wherry.logs import LidarLog, read_log, read_odometry
@@ -103,7 +104,8 @@ def prepare(settings: Settings) -> MappingRun:
         raise InputError("--backend", settings.backend, f"is none of {', '.join(BACKENDS)}")
     if not 0.005 <= settings.resolution <= 1.0:
         raise InputError("--resolution", str(settings.resolution), "must lie between 0.005 and 1 m")
-    log = read_log(settings.log, lenient=settings.lenient)
+    read = read_bag if is_bag(settings.log) else read_log
+    log = read(settings.log, lenient=settings.lenient)
     relations = None if settings.relations is None else load_relations(settings.relations)
     odometry = log.odometry
     if settings.odometry is not None:
@@ -142,7 +144,7 @@ class MappingRun:
         self.log = log
         self.result: Result | None = None
         self._relations = relations
-        self._odometry = odometry
+        self._interpolation = odometry if len(odometry.times) > 1 else None
         common = MapSettings(resolution=settings.resolution, empty_range=0.0)
         self.slam = BACKENDS[settings.backend](log.lidar, np.random.default_rng(settings.seed), common)
 
@@ -172,7 +174,7 @@ class MappingRun:
         """The result."""
         errors: RelationErrors | None = None
         if self._relations is not None:
-            errors = relation_errors(self.slam.trajectory, self._relations, self._odometry)
+            errors = relation_errors(self.slam.trajectory, self._relations, self._interpolation)
         closures = self.slam.closures if isinstance(self.slam, GraphSlam) else []
         accepted = sum(closure.accepted for closure in closures)
         return Result(
