@@ -61,6 +61,7 @@ class RobotEnvironment:
         self.pilot = pilot
         self.frame = frame
         self.site = site
+        self._mapped = site
         self.delivered = 0
         self._scans = 0
         self._boxes = tuple(KnownBox(f"box{number}", box) for number, box in enumerate(boxes, start=1))
@@ -89,10 +90,24 @@ class RobotEnvironment:
     def step(self, action: Action) -> Transition:
         """Do an action with wheels and latch, and perceive what came of it.
 
+        An action on which the robot got lost says nothing of what actions do: it is done anew from wherever the robot
+        finds itself.
+
         Raises:
             ValueError: There is no such action.
         """
-        before = self._perceive()
+        while True:
+            times_lost = self.pilot.times_lost
+            before = self._perceive()
+            self._do(action)
+            after = self._perceive()
+            if self.pilot.times_lost == times_lost:
+                reached = not after.of_class("Box")
+                return Transition(before, action, after, reward(before, action, after), reached)
+            self.site = self._mapped  # what was seen from a wrong place is forgotten
+            self._centre()
+
+    def _do(self, action: Action) -> None:
         if action in MOVES:
             self._move(COMPASS[MOVES[action]])
         elif action == PICKUP:
@@ -101,8 +116,12 @@ class RobotEnvironment:
             self._drop_off()
         else:
             raise ValueError(f"the robot has no action {action}")
-        after = self._perceive()
-        return Transition(before, action, after, reward(before, action, after), not after.of_class("Box"))
+
+    def _centre(self) -> None:
+        """Drive to the middle of the cell that the robot is in."""
+        middle = self.frame.centre(self.cell.x, self.cell.y)
+        full = any(box.held for box in self._boxes)
+        self.pilot.go_to(Pose(float(middle[0]), float(middle[1]), self.pilot.pose.theta), reverse=full)
 
     def _move(self, direction: Direction) -> None:
         here, there = self.cell, self.cell.towards(direction)
@@ -137,7 +156,8 @@ class RobotEnvironment:
     def _perceive(self) -> State:
         """Look, correct what is known of the four ways out of this cell, and say it in objects."""
         scan = self.pilot.look()
-        self._correct_walls(scan)
+        if not self.pilot.tracker.lost:
+            self._correct_walls(scan)
         boxes = (Box(box.name, self._cell_of(box), box.held) for box in self._boxes)
         return self.site.state(self.cell, boxes)
 

@@ -31,6 +31,7 @@ def move(pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: 
     Returns:
         Whether the robot got there.
     """
+    times_lost = pilot.times_lost
     heading = math.atan2(goal[1] - pilot.pose.y, goal[0] - pilot.pose.x) + (math.pi if fork_full else 0.0)
     pilot.turn(heading)
     if pilot.approach(
@@ -42,6 +43,8 @@ def move(pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: 
         return True
     if math.hypot(goal[0] - pilot.pose.x, goal[1] - pilot.pose.y) < NEAR_ENOUGH:
         return True  # between close walls the laser may stop it just before the middle of the cell
+    if pilot.times_lost > times_lost:
+        return False  # the way back is not known
     # Back the way it came; a box that it had in its fork and did not hold stands there still.
     waiting = fork_full and not held
     pilot.approach(

@@ -37,6 +37,7 @@ from wherry.trace import Explored, Said, Sink
 REPLAN = 1.5  # s of driving after which the growing map is looked at again
 OWN_PLACE = 0.35  # m around itself that a robot knows to be free although its lidar cannot see it
 START_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad² of a pose that SLAM just gave
+UNSURE = 0.5  # probability of being lost from which on a robot stops and looks around
 SURE, SURE_SCANS = 0.1, 10  # probability of being lost that a robot accepts, in so many scans in a row
 LONGEST_LEG, MOST_LEGS = 1.5, 30  # m, and how many such legs a robot drives to find out where it is
 WORTHWHILE = 0.15  # m² of the unknown, less than half a cell, for which the robot drives to see them
@@ -88,21 +89,34 @@ class SlamCorrector:
         """None: SLAM here believes in one pose."""
         return np.empty((0, 3))
 
+    @property
+    def lost(self) -> bool:
+        """Never: the map is wherever the robot is."""
+        return False
+
 
 class MapCorrector:
     """Corrects the pose on a finished map."""
 
     def __init__(self, localizer: Localizer) -> None:
         self._localizer = localizer
+        self._lost = False
 
     def correct(self, odometry: Odometry, scan: Scan) -> Pose:
         """As `Corrector.correct`."""
-        return self._localizer.update(odometry, scan).pose
+        found = self._localizer.update(odometry, scan)
+        self._lost = found.lost_probability > (SURE if self._lost else UNSURE)
+        return found.pose
 
     @property
     def particles(self) -> NDArray[np.float64]:
         """[N, 3] x m, y m, θ rad, map frame."""
         return self._localizer.amcl.particles
+
+    @property
+    def lost(self) -> bool:
+        """From when it is more likely lost than not, until it is sure again."""
+        return self._lost
 
 
 class Searcher:
@@ -129,6 +143,11 @@ class Searcher:
     def particles(self) -> NDArray[np.float64]:
         """None that would fit into the odom frame."""
         return np.empty((0, 3))
+
+    @property
+    def lost(self) -> bool:
+        """Never: in the odom frame the robot is where its wheels say."""
+        return False
 
 
 class Mission:

@@ -15,9 +15,11 @@ from wherry.navigation.path import NO_DISCS
 from wherry.realization.tracking import PoseTracker
 from wherry.robot import Body, Odometry, Robot, Scan, Velocity
 from wherry.space.pose import Floats, Pose
-from wherry.trace import Seen, Sink
+from wherry.trace import Said, Seen, Sink
 
 STANDSTILL = Velocity()
+LOOKING_AROUND = Velocity(0.0, 0.6)
+LONGEST_SEARCH = 30.0  # s
 NO_POINTS = np.empty((0, 2))
 SHOWN_EVERY = 0.5  # s between two records of what is seen
 STILL = 0.005  # m/s and rad/s; slower than this, the robot stands
@@ -31,6 +33,7 @@ class Ride(Enum):
     ARRIVED = "arrived"
     HELD_UP = "the laser saw something in the way"
     CUT_SHORT = "there was no more reason to go on"
+    LOST = "the robot no longer knew where it was"
 
 
 Steering = Callable[[Pose], Velocity | None]
@@ -89,6 +92,7 @@ class Pilot:
         self.time = 0.0
         self.load = Load(NO_POINTS, held=False)
         self.watchers: list[Watcher] = []
+        self.times_lost = 0
         self._scan: Scan | None = None
         self._odometry: Odometry | None = None
         self._path = NO_POINTS
@@ -188,6 +192,9 @@ class Pilot:
         """Command what the steering says until it has arrived, or the laser or ``until`` stops it."""
         held_up = 0
         while held_up < PATIENCE:
+            if self.tracker.lost:
+                self._find_again()
+                return Ride.LOST
             if until():
                 return Ride.CUT_SHORT  # whatever comes next may go on without a stop
             wanted = steer(self.pose)
@@ -195,12 +202,25 @@ class Pilot:
                 self.stand()
                 return Ride.ARRIVED
             velocity = safe_velocity(wanted, self.scan, self.body, ignore=self._in_base_frame(ignore))
-            stopped = wanted.linear != 0.0 and velocity.linear == 0.0
+            stopped = wanted.linear != 0.0 and abs(velocity.linear) < STILL  # it only ever creeps up to a wall
             held_up = held_up + 1 if stopped else 0
             self.robot.command(velocity)
             self.receive()
         self.stand()
         return Ride.HELD_UP
+
+    def _find_again(self) -> None:
+        """Stop, and turn slowly for new views until the robot knows again where it is, or has looked long enough."""
+        self.stand()
+        self.times_lost += 1
+        self.sink(Said(self.time, "localize", "I no longer know where I am: I stop and look around."))
+        deadline = self.time + LONGEST_SEARCH
+        while self.tracker.lost and self.time < deadline:
+            self.robot.command(LOOKING_AROUND)
+            self.receive()
+        self.stand()
+        words = "I do not find out where I am." if self.tracker.lost else "Now I know where I am."
+        self.sink(Said(self.time, "localize", words))
 
     def _in_base_frame(self, discs: Floats) -> Floats:
         """[K, 3] m: discs of the map frame, x, y, radius, as seen from the robot."""

@@ -23,6 +23,11 @@ class Corrector(Protocol):
         """[N, 3] x m, y m, θ rad, map frame: the belief as samples; empty where there is only one pose."""
         ...
 
+    @property
+    def lost(self) -> bool:
+        """Whether the pose should not be relied upon."""
+        ...
+
 
 class PoseTracker:
     """Keeps the transform from the map to the odom frame, as ROS's localization nodes do.
@@ -44,6 +49,11 @@ class PoseTracker:
         if self._odometry is None or self._map_from_odom is None:
             return self._start
         return self._map_from_odom @ self._odometry.pose
+
+    @property
+    def lost(self) -> bool:
+        """Whether the pose should not be relied upon."""
+        return self.corrector.lost
 
     @property
     def map_from_odom(self) -> Pose:
