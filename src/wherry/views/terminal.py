@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -51,7 +52,7 @@ class DeliveryProgress:
         match record:
             case Said(time=time, phase=phase, text=text):
                 self._progress.console.print(
-                    f"[dim]{time:7.1f} s[/dim]  [bold]{phase:<8}[/bold] {text}", highlight=False
+                    f"[dim]{time:7.1f} s[/dim]  [bold]{phase:<8}[/bold] {escape(text)}", highlight=False
                 )
             case Explored(fraction=fraction, frontier=frontier):
                 words = f"{fraction:.0%}, {frontier:.1f} m of frontier left"
@@ -80,11 +81,11 @@ class DeliveryProgress:
 
 def print_table(console: Console, title: str, figures: Mapping[str, str]) -> None:
     """Print figures, name and value, as a closing table."""
-    table = Table(title=title, show_header=False, title_justify="left")
+    table = Table(title=escape(title), show_header=False, title_justify="left")
     table.add_column(style="dim")
     table.add_column(justify="right")
     for name, value in figures.items():
-        table.add_row(name, value)
+        table.add_row(escape(name), escape(value))
     console.print(table)
 
 

@@ -1,0 +1,145 @@
+"""The pilot on a robot that moves exactly as commanded: where drives end, and how they say so."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from kinematic import KinematicRobot, Odometric
+
+from perfect_worlds import Eye
+from wherry.floorplan import find_world
+from wherry.realization.pilot import STILL, Pilot, Ride, shows_load, without_load
+from wherry.realization.tracking import PoseTracker
+from wherry.robot import Scan
+from wherry.simulation.model import BODY
+from wherry.space.pose import IDENTITY, Pose
+from wherry.trace import Record, Seen
+
+SMALL = find_world("small").with_boxes(())  # 4.8 × 3.6 m, the robot at (0.3, 3.3) looking east
+START = Pose(0.3, 3.3, 0.0)
+WALL_X = 2.4  # m, of the wall between the two rooms; the doorway leads through y = 1.2 to 2.4
+
+
+def make(odom_from_world: Pose = IDENTITY) -> tuple[Pilot, KinematicRobot, list[Record]]:
+    """A pilot whose map frame is the world."""
+    robot, records = KinematicRobot(SMALL, odom_from_world), []
+    tracker = PoseTracker(Odometric(odom_from_world), START)
+    return Pilot(robot, tracker, records.append), robot, records
+
+
+def test_it_knows_its_pose_whatever_the_odom_frame() -> None:
+    pilot, robot, _ = make(Pose(3.0, -2.0, 1.0))
+    pilot.look()
+    assert pilot.pose.distance_to(robot.pose) < 1e-9
+    assert pilot.follow(np.array([[0.3, 3.3], [1.5, 3.3]])) is Ride.ARRIVED
+    assert pilot.pose.distance_to(robot.pose) < 1e-9
+
+
+def test_looking_waits_for_new_scans_and_tells_the_watchers() -> None:
+    pilot, _, _ = make()
+    seen: list[tuple[Scan, Pose]] = []
+    pilot.watchers.append(lambda scan, pose: seen.append((scan, pose)))
+    first = pilot.look()
+    third = pilot.look(2)
+    assert [scan.time for scan, _ in seen] == pytest.approx([0.1, 0.2, 0.3])
+    assert (first, third) == (seen[0][0], seen[2][0])
+    assert all(pose.distance_to(START) < 1e-9 for _, pose in seen)
+
+
+def test_it_shows_what_it_sees_twice_a_second() -> None:
+    pilot, _, records = make()
+    pilot.look(20)
+    assert all(isinstance(record, Seen) for record in records)
+    assert [record.time for record in records] == pytest.approx([0.1, 0.6, 1.1, 1.6])
+    ahead = np.abs(records[0].points[:, 1] - START.y) < 0.01  # in the map frame
+    assert records[0].points[ahead, 0].max() == pytest.approx(WALL_X - 0.03, abs=1e-6)
+
+
+@pytest.mark.parametrize("heading", [math.pi / 2, math.pi, -2.0, 0.0])
+def test_it_turns_on_the_spot(heading: float) -> None:
+    pilot, robot, _ = make()
+    pilot.turn(heading)
+    assert abs(math.remainder(robot.pose.theta - heading, math.tau)) < math.radians(1.5)
+    assert robot.pose.distance_to(START) < 1e-9
+
+
+def test_it_follows_a_path_round_a_corner_to_its_end() -> None:
+    pilot, robot, records = make()
+    path = np.array([[0.3, 3.3], [0.3, 1.8], [3.3, 1.8]])  # through the doorway
+    assert pilot.follow(path) is Ride.ARRIVED
+    assert math.hypot(robot.pose.x - 3.3, robot.pose.y - 1.8) < 0.02
+    assert robot.nearest_wall > BODY.radius
+    assert pilot.odometry.velocity.linear == 0.0
+    shown = [record for record in records if isinstance(record, Seen) and len(record.path)]
+    np.testing.assert_allclose(shown[0].path, path, atol=1e-6)
+
+
+def test_a_path_through_a_wall_ends_before_the_wall() -> None:
+    pilot, robot, _ = make()
+    assert pilot.follow(np.array([[0.3, 3.3], [3.3, 3.3]])) is Ride.HELD_UP
+    assert BODY.radius < WALL_X - 0.03 - robot.pose.x < BODY.radius + 0.1
+    assert abs(pilot.odometry.velocity.linear) < STILL
+
+
+def test_a_ride_is_cut_short_without_a_stop() -> None:
+    pilot, robot, _ = make()
+    assert pilot.follow(np.array([[0.3, 3.3], [1.5, 3.3]]), until=lambda: robot.time >= 1.0) is Ride.CUT_SHORT
+    assert robot.time == pytest.approx(1.0, abs=0.06)
+    assert pilot.odometry.velocity.linear > 0.1
+    pilot.stand()
+    assert pilot.odometry.velocity.linear == 0.0
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_it_approaches_along_a_line(reverse: bool) -> None:
+    pilot, robot, _ = make()
+    heading = math.pi if reverse else 0.0
+    pilot.turn(heading)
+    assert pilot.approach(Pose(1.5, 3.3, heading), reverse=reverse) is True
+    assert math.hypot(robot.pose.x - 1.5, robot.pose.y - 3.3) < 0.015
+    assert abs(math.remainder(robot.pose.theta - heading, math.tau)) < 0.05
+
+
+def test_what_it_is_told_to_ignore_does_not_stop_it_and_everything_else_does() -> None:
+    for ignored in (True, False):
+        pilot, robot, _ = make()
+        robot.boxes.append(np.array([1.5, 3.3]))
+        discs = np.array([[1.5, 3.3, 0.2]]) if ignored else np.empty((0, 3))
+        arrived = pilot.approach(Pose(1.5, 3.3), reverse=False, ignore=discs, speed=0.3)
+        assert arrived is ignored
+        assert (robot.pose.x < 1.5 - BODY.radius - BODY.box_radius) is not ignored
+
+
+def test_going_to_a_pose_says_whether_it_got_there() -> None:
+    pilot, robot, _ = make()
+    assert pilot.go_to(Pose(1.2, 3.0, math.pi / 2)) is True
+    assert robot.pose.distance_to(Pose(1.2, 3.0)) < 0.02
+    assert robot.pose.theta == pytest.approx(math.pi / 2, abs=0.03)
+    assert pilot.go_to(Pose(3.3, 3.0)) is False  # behind the wall
+    assert robot.nearest_wall > BODY.radius
+
+
+def test_another_tracker_goes_on_where_it_is_told() -> None:
+    pilot, robot, _ = make()
+    pilot.look()
+    # The new map's origin is at the robot's present place.
+    pilot.localize_with(PoseTracker(Odometric(START), Pose()))
+    assert pilot.pose.distance_to(IDENTITY) < 1e-9
+    pilot.go_to(Pose(0.9, 0.0))
+    assert robot.pose.distance_to(Pose(1.2, 3.3)) < 0.02
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.03])
+def test_a_box_in_the_fork_is_known_as_the_load(offset: float) -> None:
+    eye = Eye(SMALL)
+    empty, loaded = eye.scan(START), eye.scan(START, np.array([[START.x + offset, START.y]]))
+    assert not shows_load(empty, BODY)
+    assert without_load(empty, BODY) is empty
+    assert shows_load(loaded, BODY)
+    rest = without_load(loaded, BODY)
+    hidden = np.isnan(rest.ranges)
+    assert 20 < hidden.sum() < 120
+    np.testing.assert_array_equal(rest.ranges[~hidden], empty.ranges[~hidden])
+    assert not shows_load(rest, BODY)
