@@ -40,7 +40,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_log_becomes_a_map(log: Path, tmp_path: Path, backend: str, tolerance: float) -> None:
     settings = Settings(log, relations=log.parent / "room.relations", backend=backend, out=tmp_path / "out")
     mapping = prepare(settings)
-    assert list(mapping.steps()) == list(range(1, 17))
+    assert list(mapping.steps()) == list(range(17))
     result = mapping.result
     assert result is not None
     assert (result.scans, result.relations, result.skipped) == (16, 2, 0)

@@ -66,7 +66,7 @@ def correlate(submap: Submap, points: Floats, window: Window, *, rivalry: float 
             `PRIOR_WEIGHT` at a third of the window, so that what the points leave open is answered as expected.
         rivalry: Share of the best response from which other peaks are to be told; 1 for none.
     """
-    reach = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), ANGLE_QUANTILE))
+    reach = float(np.sort(np.hypot(points[:, 0], points[:, 1]))[int(ANGLE_QUANTILE * (len(points) - 1))])
     step = min(math.atan2(RESOLUTION, max(reach, RESOLUTION)), COARSEST_STEP)
     steps = math.ceil(window.angle / step)
     angles = window.centre.theta + step * np.arange(-steps, steps + 1, dtype=np.float64)

@@ -270,7 +270,7 @@ class GraphSlam:
             self.nodes,
             np.array([[edge.first, edge.second] for edge in self.edges], dtype=np.int64).reshape(-1, 2),
             np.array([edge.measured.as_array() for edge in self.edges]).reshape(-1, 3),
-            np.array([np.linalg.inv(edge.covariance) for edge in self.edges]).reshape(-1, 3, 3),
+            np.linalg.inv(np.array([edge.covariance for edge in self.edges]).reshape(-1, 3, 3)),
             np.array([edge.robust for edge in self.edges], dtype=np.bool_),
         )
 
