@@ -13,6 +13,7 @@ import typer
 
 from wherry import __version__
 from wherry.commands.deliver import deliver
+from wherry.commands.learn import learn
 from wherry.commands.localize import localize
 from wherry.commands.map import map_log
 from wherry.errors import InputError
@@ -30,6 +31,7 @@ app = typer.Typer(
 app.command()(deliver)
 app.command("map")(map_log)
 app.command()(localize)
+app.command()(learn)
 
 
 def main() -> None:
