@@ -20,11 +20,14 @@ from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
 
-ALARM = 0.9  # probability of being lost at which a new start is made
-SUSPICION = 0.5  # probability of being lost from which on scans are kept, to find the new place with
+DOUBTFUL = 0.1  # probability of being lost at which a place is believed in that explains nearly everything, that is
+PERFECT = 0.95  # share of the beams
+ALARM = 0.9  # probability at which any place will do that explains more, though after more scans
+SUSPICION = 0.02  # probability of being lost from which on scans are kept, to judge places with
 CONVERGED = 0.8  # share of the belief that must be at one place for that place to be judged
 SPACING = 0.5  # s from one kept scan to the next
-CONFIRMING_SCANS = 3  # that must agree on a new place
+FEWEST_SCANS = 3  # that must agree on a new place
+MOST_SCANS = 6  # that are kept, and must agree on a place that explains no more than most
 MARGIN = 0.2  # of mean log likelihood, by which a new place must explain them better
 COMPARED_BEAMS = 180
 DOUBT = 0.5  # share of the new belief that is spread over all hypotheses alike, in case the scan misleads
@@ -117,9 +120,9 @@ class Localizer:
         agreement = compare(self._field, ends, self._lidar, estimate.pose)
         if not estimate.problem:
             self._detector.observe(scan.time, agreement)
-            self._watch(scan.time, odometry.pose, ends, agreement, estimate.weight)
-        if self._detector.probability > ALARM and len(self._suspicious) >= CONFIRMING_SCANS:
-            hypotheses = self._start_anew(scan, odometry.pose)
+            kept = self._watch(scan.time, odometry.pose, ends, agreement, estimate.weight)
+            if kept and self._detector.probability > DOUBTFUL and len(self._suspicious) >= FEWEST_SCANS:
+                hypotheses = self._start_anew(scan, odometry.pose)
         wrong = 1.0 - estimate.weight * (1.0 - self._detector.probability)
         return Localization(estimate, min(max(wrong, 0.0), 1.0), agreement, hypotheses)
 
@@ -132,31 +135,38 @@ class Localizer:
             self._started = True
         return found.hypotheses
 
-    def _watch(self, time: float, odometry: Pose, ends: Floats, agreement: Agreement, weight: float) -> None:
+    def _watch(self, time: float, odometry: Pose, ends: Floats, agreement: Agreement, weight: float) -> bool:
         """Remember the scans since the robot has seemed to be lost; what was seen before may be of another place.
 
-        A belief in several places at once is not lost but still searching, and best left to the filter.
+        A belief in several places at once is not lost but still searching, and best left to the filter. Returns whether
+        this scan was kept.
         """
         if self._detector.probability < SUSPICION or weight < CONVERGED:
             self._suspicious.clear()
-        elif not self._suspicious or time - self._suspicious[-1].time >= SPACING:
-            self._suspicious.append(SuspiciousScan(time, odometry, ends, agreement))
+            return False
+        if self._suspicious and time - self._suspicious[-1].time < SPACING:
+            return False
+        self._suspicious.append(SuspiciousScan(time, odometry, ends, agreement))
+        del self._suspicious[:-MOST_SCANS]
+        return True
 
     def _start_anew(self, scan: Scan, odometry: Pose) -> tuple[Hypothesis, ...]:
         """Believe in the places that explain the last scans better than where we seem to be, if there are any."""
         here = mean_agreement([seen.agreement for seen in self._suspicious])
         earlier = [(seen.odometry.relative_to(odometry), seen.ends) for seen in self._suspicious]
-        self._suspicious.clear()
+        lost = self._detector.probability > ALARM and len(self._suspicious) == MOST_SCANS
         found = self._relocalizer.confirm(self._relocalizer.search(scan).hypotheses, earlier)
         better = tuple(
             h
             for h in found
             if h.agreement.log_likelihood > here.log_likelihood + MARGIN
+            and (lost or h.agreement.explained > PERFECT)
             and self._detector.model.evidence(h.agreement) < 0.0
         )
         if better:
             self.amcl.initialize_at(_spread(better), kept=KEPT)
             self._detector.reset()
+            self._suspicious.clear()
         return better
 
 
