@@ -1,4 +1,4 @@
-"""The published Taxi experiment: how many steps a learner needs until its policy is optimal (Diuk et al. 2008, section 5).
+"""The published Taxi experiment: how many steps a learner needs to an optimal policy (Diuk et al. 2008, section 5).
 
 Episodes start at random. After every episode the greedy policy is tried from six probes; a repetition ends when all six
 take the fewest steps possible, and its figure is the number of steps that were taken in the episodes until then.
