@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from wherry.oomdp.objects import Object, State
+from wherry.oomdp.objects import Object, State, Value
 from wherry.oomdp.relations import Relation
 
 Bound = Mapping[str, Object]
@@ -48,6 +48,15 @@ def attribute_holds(class_name: str, attribute: str) -> Term:
         return any(getattr(item, attribute) for item in candidates(class_name, state, bound))
 
     return Term(f"{class_name.lower()}.{attribute}", (class_name,), holds)
+
+
+def attribute_is(class_name: str, attribute: str, value: Value) -> Term:
+    """The term that an attribute of a class has a certain value: ``agent.facing = north``."""
+
+    def holds(state: State, bound: Bound) -> bool:
+        return any(getattr(item, attribute) == value for item in candidates(class_name, state, bound))
+
+    return Term(f"{class_name.lower()}.{attribute} = {value}", (class_name,), holds)
 
 
 def candidates(class_name: str, state: State, bound: Bound) -> tuple[Object, ...]:

@@ -1,0 +1,198 @@
+"""Learners solve MiniGrid as it comes; what is optimal is searched for in MiniGrid itself, without models."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import gymnasium
+import minigrid  # noqa: F401 - registers the environments
+import numpy as np
+import pytest
+from minigrid.core.world_object import Door
+from minigrid.minigrid_env import MiniGridEnv
+
+from wherry.adapters.minigrid import ACTIONS, EFFECT_TYPES, MiniGrid, at_goal
+from wherry.episodes import PolicyAgent, run
+from wherry.errors import InputError
+from wherry.learning.bayes import BayesianLearner
+from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.oomdp.domain import Action
+from wherry.oomdp.effects import Effect, eff_att
+from wherry.oomdp.objects import enumeration
+from wherry.planning.value_iteration import ValueIteration
+
+DOORMAX = {"failure_scope": "attribute", "max_effects": 4}  # the agent looks to four sides
+SETTINGS = {"doormax": DOORMAX, "bayes": {}}
+
+
+def view_of(name: str) -> MiniGrid:
+    return MiniGrid(gymnasium.make(f"MiniGrid-{name}-v0"))
+
+
+def learner_for(view: MiniGrid, name: str) -> RuleLearner:
+    return LEARNERS[name](view.domain, effect_types=EFFECT_TYPES, **SETTINGS[name])
+
+
+def train(view: MiniGrid, learner: RuleLearner, episodes: int) -> None:
+    agent, rng = PolicyAgent(learner, ValueIteration(learner, r_max=1.0)), np.random.default_rng(0)
+    for _ in range(episodes):
+        steps = list(run(view, agent, rng, max_steps=2000))
+        assert steps[-1].transition.terminated
+
+
+def steps_of_the_learnt_policy(view: MiniGrid, learner: RuleLearner, seed: int) -> int:
+    planner = ValueIteration(learner, optimistic=False, r_max=1.0)
+    state = view.reset(np.random.default_rng(seed))
+    for steps in range(1, 200):
+        done = view.step(planner.policy(state))
+        if done.terminated:
+            assert done.reward == 1.0
+            return steps
+        state = done.next_state
+    raise AssertionError
+
+
+def fewest_steps(view: MiniGrid, seed: int) -> int:
+    """Breadth-first through the environment itself, put back before every step; nothing needs to be put down."""
+    view.reset(np.random.default_rng(seed))
+    environment = view.environment.unwrapped
+    assert isinstance(environment, MiniGridEnv)
+    doors = [thing for thing in environment.grid.grid if isinstance(thing, Door)]
+
+    def situation() -> tuple:
+        locks = tuple((door.is_open, door.is_locked) for door in doors)
+        things = tuple(environment.grid.grid)
+        return tuple(environment.agent_pos), environment.agent_dir, environment.carrying, things, locks
+
+    def put_back(kept: tuple) -> None:
+        environment.agent_pos, environment.agent_dir, environment.carrying, things, locks = kept
+        environment.grid.grid = list(things)
+        for door, lock in zip(doors, locks, strict=True):
+            door.is_open, door.is_locked = lock
+
+    steps, queue = {situation(): 0}, deque([situation()])
+    while queue:
+        before = queue.popleft()
+        for action in ("left", "right", "forward", "pickup", "toggle"):
+            put_back(before)
+            _, reward, terminated, _, _ = environment.step(ACTIONS.index(action))
+            if terminated and reward != 0:
+                return steps[before] + 1
+            after = situation()
+            if not terminated and after not in steps:
+                steps[after] = steps[before] + 1
+                queue.append(after)
+    raise AssertionError
+
+
+def test_states_show_what_stands_on_the_grid() -> None:
+    view = view_of("DoorKey-5x5")
+    state = view.reset(np.random.default_rng(0))
+    grid = view.environment.unwrapped
+    agent, (key,), (door,) = state["agent"], state.of_class("Key"), state.of_class("Door")
+    assert (agent.x, 4 - agent.y) == tuple(grid.agent_pos)
+    assert agent.facing == ("east", "south", "west", "north")[grid.agent_dir]
+    assert grid.grid.get(key.x, 4 - key.y).type == "key"
+    assert grid.grid.get(door.x, 4 - door.y).type == "door"
+    assert (key.held, key.colour, door.colour, door.open, door.locked) == (False, "yellow", "yellow", False, True)
+    (goal,) = state.scene.of_class("Goal")
+    assert (goal.x, goal.y) == (3, 1)
+    assert len(state.scene.of_class("Wall")) == 18  # 16 around, 3 between, one of them the door
+
+
+@pytest.mark.parametrize("name", ["Empty-5x5", "DoorKey-6x6", "Unlock", "FourRooms"])
+def test_states_say_all_that_matters(name: str) -> None:
+    """The same action in the same state always leads to the same one, and every change has an effect for it."""
+    view, rng = view_of(name), np.random.default_rng(2)
+    seen = {}
+    state = view.reset(rng)
+    for _ in range(1500):
+        done = view.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
+        before = seen.setdefault((done.state, done.action), (done.next_state, done.reward, done.terminated))
+        assert before == (done.next_state, done.reward, done.terminated)
+        for item in state.objects:
+            after = done.next_state[item.name]
+            for attribute, old, new in zip(item.object_class.attributes, item.values, after.values, strict=True):
+                effects = eff_att(attribute, old, new, EFFECT_TYPES)
+                assert effects
+                assert all(EFFECT_TYPES[effect.type].apply(old, effect.argument) == new for effect in effects)
+        state = view.reset(rng) if done.terminated else done.next_state
+
+
+def test_a_key_that_is_carried_rides_along() -> None:
+    view, rng = view_of("DoorKey-5x5"), np.random.default_rng(0)
+    state = view.reset(rng)
+    while not state.of_class("Key")[0].held:
+        state = view.step(Action(ACTIONS[rng.integers(4)])).next_state
+    agent, (key,) = state["agent"], state.of_class("Key")
+    assert (key.x, key.y) == (agent.x, agent.y)
+
+
+def test_turns_are_an_effect_type_of_their_own() -> None:
+    facing = enumeration("facing", "east", "north", "west", "south")
+    assert Effect("turn", 1) in eff_att(facing, "south", "east", EFFECT_TYPES)
+    assert EFFECT_TYPES["turn"].apply("south", 1) == "east"
+    assert EFFECT_TYPES["turn"].words("agent.facing", 3) == "agent.facing turns right"
+    colour = enumeration("colour", "red", "green")
+    assert eff_att(colour, "red", "green", EFFECT_TYPES) == (Effect("assignment", "green"),)
+
+
+@pytest.mark.parametrize("learner_name", ["doormax", "bayes"])
+@pytest.mark.parametrize(
+    ("name", "episodes", "seeds"),
+    [
+        ("Empty-5x5", 5, 4),
+        ("DoorKey-5x5", 10, 4),
+        ("FourRooms", 10, 4),
+        pytest.param("Unlock", 4, 1, marks=pytest.mark.slow),  # the key may be put down anywhere
+    ],
+)
+def test_learners_solve_it_optimally(name: str, episodes: int, seeds: int, learner_name: str) -> None:
+    view = view_of(name)
+    learner = learner_for(view, learner_name)
+    train(view, learner, episodes)
+    assert learner.violations == ()
+    for seed in range(100, 100 + seeds):
+        assert steps_of_the_learnt_policy(view, learner, seed) == fewest_steps(view, seed)
+
+
+def test_what_was_learnt_in_an_empty_room_solves_four_rooms_at_once() -> None:
+    small, large = view_of("Empty-Random-5x5"), view_of("FourRooms")
+    learner = BayesianLearner(
+        small.domain,
+        effect_types=EFFECT_TYPES,
+        reward=lambda state, action, next_state: float(at_goal(next_state)),
+        terminated=at_goal,
+    )
+    rng = np.random.default_rng(0)
+    small.reset(rng)
+    for _ in range(200):  # at random
+        done = small.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
+        learner.add_experience(done)
+        if done.terminated:
+            small.reset(rng)
+    assert set(learner.sentences()) == {
+        "left: if always: agent.facing turns left",
+        "right: if always: agent.facing turns right",
+        "forward: if agent.facing = north and not ahead(agent, wall): agent.y += 1",
+        "forward: if agent.facing = south and not ahead(agent, wall): agent.y -= 1",
+        "forward: if agent.facing = east and not ahead(agent, wall): agent.x += 1",
+        "forward: if agent.facing = west and not ahead(agent, wall): agent.x -= 1",
+    }
+    for seed in range(10):
+        assert steps_of_the_learnt_policy(large, learner, seed) == fewest_steps(large, seed)
+
+
+def test_things_without_a_class_are_refused() -> None:
+    with pytest.raises(InputError, match="box: has no class"):
+        view_of("UnlockPickup").reset(np.random.default_rng(0))
+
+
+def test_other_environments_are_refused() -> None:
+    with pytest.raises(InputError, match="not one of MiniGrid"):
+        MiniGrid(gymnasium.make("Taxi-v4"))
+
+
+def test_a_step_before_the_first_reset_is_refused() -> None:
+    with pytest.raises(RuntimeError, match="reset"):
+        view_of("Empty-5x5").step(Action("left"))
