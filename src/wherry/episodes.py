@@ -107,8 +107,8 @@ class Step:
 
     @property
     def learning(self) -> bool:
-        """Whether it taught something: it could not be foretold, or was foretold wrongly."""
-        return self.prediction.state is None or self.surprise
+        """Whether it served to learn, or was foretold wrongly."""
+        return self.exploring or self.surprise
 
 
 def run(
@@ -154,10 +154,19 @@ class GoalAgent:
         learner: What it learns with.
         remaining: How much of the job is left in a state; 0 when it is done.
         heuristic: Never more than the number of steps from a state to the end of the job; makes planning fast.
+        detour: How much it gives for settling a doubt when it already knows enough to do the job, in steps.
     """
 
-    def __init__(self, learner: ConditionalLearner, remaining: Remaining, heuristic: Heuristic = no_heuristic) -> None:
+    def __init__(
+        self,
+        learner: ConditionalLearner,
+        remaining: Remaining,
+        heuristic: Heuristic = no_heuristic,
+        *,
+        detour: float = 30.0,
+    ) -> None:
         self.learner = learner
+        self.detour = detour
         self.remaining = remaining
         self.heuristic = heuristic
         self._successors = Successors(learner)
@@ -190,6 +199,8 @@ class GoalAgent:
         self._unknown.meet(state)
         if self._plan.states[:1] != (state,) or self._planned_with != self.learner.revisions:
             self._make_plan(state)
+        if not self._exploring and self.learner.doubtful:
+            self._settle_doubt(state)
         if not self._plan.actions:
             return None
         action = self._plan.actions[0]
@@ -203,10 +214,17 @@ class GoalAgent:
     def _make_plan(self, state: State) -> None:
         """Plan the whole job, or else the cheapest experiment, or else as much of the job as can be done."""
         self._planned_with = dict(self.learner.revisions)
-        plan, left = a_star(self._successors, state, self.remaining, self.heuristic)
+        self._plan, left = a_star(self._successors, state, self.remaining, self.heuristic)
+        self._exploring = False
         experiment = cheapest_experiment(self._successors, state) if left > 0 else None
-        self._exploring = experiment is not None
-        self._plan = plan if experiment is None else experiment
+        if experiment is not None:
+            self._plan, self._exploring = experiment, True
+
+    def _settle_doubt(self, state: State) -> None:
+        """Leave the plan for an experiment nearby, so that what is learnt here holds elsewhere, too."""
+        experiment = cheapest_experiment(self._successors, state, doubts_only=True, limit=self.detour)
+        if experiment is not None:
+            self._plan, self._exploring = experiment, True
 
 
 class PolicyAgent:

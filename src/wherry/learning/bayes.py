@@ -14,24 +14,25 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import NamedTuple
 
-from wherry.learning.concepts import Concept
+from wherry.learning.concepts import Concept, condition_of
 from wherry.learning.predictions import Subject
 from wherry.learning.rewards import Rewards
+from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
 from wherry.oomdp.mdp import Prediction, RewardFunction, TerminationFunction, Transition
 from wherry.oomdp.objects import Attribute, ObjectClass, State, Value
 from wherry.oomdp.outcomes import Answer, ObjectEffects, Outcome, Task, Worth, changes, conditions_key
 
-OCCAM = 0.1
-"""q, how much less likely a hypothesis is for every term that it fixes."""
+EXPECTED_TERMS = 0.5
+"""How many terms a hypothesis is expected to fix: q = EXPECTED_TERMS / n, for n terms."""
+
+NOVELTY = 1e-4
+"""How likely an action that is understood has yet another effect, which was never seen."""
 
 ASSIGNMENT = "assignment"
-
-NOVELTY = 0.01
-"""How likely an action that is understood has yet another effect, which was never seen."""
 
 
 @dataclass
@@ -49,38 +50,45 @@ class Evidence:
     def add(self, terms: int, before: Value, after: Value, effects: Iterable[Effect]) -> None:
         """Take in one example, with the effects that would explain it."""
         if before == after:
-            _count(self.unchanged.setdefault(terms, {}), before)
+            values = self.unchanged.setdefault(terms, {})
+            value = before if before in values or len(values) < 2 else next(iter(values))  # two tell as much as all
+            values[value] = values.get(value, 0) + 1
         else:
             for effect in effects:
-                _count(self.effects.setdefault(effect.type, {}).setdefault(effect, {}), terms)
+                seen = self.effects.setdefault(effect.type, {}).setdefault(effect, {})
+                seen[terms] = seen.get(terms, 0) + 1
+
+    def met(self, terms: int) -> bool:
+        """Whether there is an example under exactly these terms; even if it says nothing, another teaches no more."""
+        return terms in self.unchanged or any(
+            terms in seen for effects in self.effects.values() for seen in effects.values()
+        )
 
     def simplest_type(self) -> str | None:
-        """The type that explains all changes with the fewest effects; the first of equally good ones."""
-        return min(self.effects, key=lambda name: len(self.effects[name]), default=None)
+        """The type that explains the most changes, and these with the fewest effects; the first of equals."""
 
-    def examples(self, effect: Effect) -> tuple[list[int], list[int]]:
-        """The terms under which an effect happened, and those under which it did not; where both, what was seen more.
+        def rank(name: str) -> tuple[int, int]:
+            explained = sum(sum(seen.values()) for seen in self.effects[name].values())
+            return -explained, len(self.effects[name])
 
-        That := v left a v as it was is no evidence.
+        return min(self.effects, key=rank, default=None)
+
+    def examples(self, effect: Effect) -> tuple[dict[int, int], dict[int, int]]:
+        """How often an effect happened, and how often it did not, by terms.
+
+        That := v left a v as it was says neither.
         """
         happened = self.effects[effect.type][effect]
-        failed = {
-            terms: sum(
-                times for value, times in values.items() if value != effect.argument or effect.type != ASSIGNMENT
-            )
-            for terms, values in self.unchanged.items()
-        }
+        failed: dict[int, int] = {}
+        for terms, values in self.unchanged.items():
+            times = sum(times for value, times in values.items() if effect != Effect(ASSIGNMENT, value))
+            if times:
+                failed[terms] = times
         for other, seen in self.effects[effect.type].items():
             if other != effect:
                 for terms, times in seen.items():
                     failed[terms] = failed.get(terms, 0) + times
-        positives = [terms for terms, times in happened.items() if times >= failed.get(terms, 0)]
-        negatives = [terms for terms, times in failed.items() if times > happened.get(terms, 0)]
-        return positives, negatives
-
-
-def _count(counts: dict[Any, int], key: Hashable) -> None:
-    counts[key] = counts.get(key, 0) + 1
+        return happened, failed
 
 
 @dataclass(frozen=True)
@@ -95,34 +103,50 @@ class Law:
     effect: Effect
     concepts: tuple[Concept, ...]
 
+    @classmethod
+    def of(cls, effect: Effect, size: int, factor: float, positives: Iterable[int], negatives: Collection[int]) -> Law:
+        """The law that some examples teach: every positive one joins the first conjunction that can take it in.
+
+        Args:
+            effect: What happened.
+            size: n, the number of terms.
+            factor: q, by how much a fixed term makes a hypothesis less likely.
+            positives: Terms under which it happened.
+            negatives: Terms under which it did not.
+        """
+        groups: list[list[int]] = []
+        for terms in positives:
+            for group in groups:
+                if Concept.of(size, factor, (*group, terms), negatives).consistent:
+                    group.append(terms)
+                    break
+            else:
+                groups.append([terms])
+        return cls(effect, tuple(Concept.of(size, factor, group, negatives) for group in groups))
+
     def probability(self, terms: int) -> float:
         """How likely the effect happens where exactly these terms hold."""
-        spared = 1.0
-        for concept in self.concepts:
-            spared *= 1 - concept.probability(terms)
-        return 1 - spared
+        return 1 - math.prod(1 - concept.probability(terms) for concept in self.concepts)
+
+    def doubt(self, terms: int) -> float:
+        """How evenly the simplest explanations disagree whether it happens there: 1 is half against half."""
+        return max(concept.doubt(terms) for concept in self.concepts)
 
 
-def find_concepts(
-    size: int, factor: float, positives: Iterable[int], negatives: Collection[int]
-) -> tuple[Concept, ...]:
-    """As few conjunctions as come up when every positive example joins the first that can take it in.
+class Expected(NamedTuple):
+    """What may happen to one attribute.
 
-    Args:
-        size: n, the number of terms.
-        factor: q, by how much a fixed term makes a hypothesis less likely.
-        positives: Terms under which the effect happened.
-        negatives: Terms under which it did not.
+    Attributes:
+        attribute: Its name.
+        effect: The most likely effect.
+        chance: How likely that is.
+        doubt: How evenly the simplest explanations disagree about it.
     """
-    clusters: list[list[int]] = []
-    for terms in positives:
-        for cluster in clusters:
-            if Concept.of(size, factor, (*cluster, terms), negatives).consistent:
-                cluster.append(terms)
-                break
-        else:
-            clusters.append([terms])
-    return tuple(Concept.of(size, factor, cluster, negatives) for cluster in clusters)
+
+    attribute: str
+    effect: Effect
+    chance: float
+    doubt: float
 
 
 class BayesianLearner:
@@ -130,7 +154,7 @@ class BayesianLearner:
 
     Args:
         domain: What states are described with.
-        factor: q, how much less likely a hypothesis is for every term that it fixes.
+        expected_terms: How many terms a hypothesis is expected to fix.
         novelty: How likely an action that is understood has yet another effect.
         effect_types: The effect types to consider.
         reward: R(s, a, s') where it is given; else it is learnt.
@@ -141,14 +165,14 @@ class BayesianLearner:
         self,
         domain: Domain,
         *,
-        factor: float = OCCAM,
+        expected_terms: float = EXPECTED_TERMS,
         novelty: float = NOVELTY,
         effect_types: Mapping[str, EffectType] = PAPER_TYPES,
         reward: RewardFunction | None = None,
         terminated: TerminationFunction | None = None,
     ) -> None:
         self.domain = domain
-        self.factor = factor
+        self.factor = expected_terms / domain.size
         self.novelty = novelty
         self.effect_types = effect_types
         self.task = Task(reward, terminated)
@@ -159,6 +183,11 @@ class BayesianLearner:
         self.tried: dict[str, dict[int, bool]] = {action: {} for action in domain.actions}
         self._violations: dict[str, None] = {}
         self._answers: dict[str, dict[tuple[object, ...], Answer]] = {}
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether some law has more than one simplest explanation."""
+        return any(len(concept.simplest) > 1 for laws in self.laws.values() for law in laws for concept in law.concepts)
 
     @property
     def violations(self) -> tuple[str, ...]:
@@ -188,7 +217,7 @@ class BayesianLearner:
         expected = [
             self._expected(action, item.object_class, terms) for item, terms in zip(state.objects, own, strict=True)
         ]
-        chances = {chance for effects in expected for _, _, chance in effects}
+        chances = {effect.chance for effects in expected for effect in effects}
         sure = math.prod(max(chance, 1 - chance) for chance in chances)
         doubtful = min(chances, key=lambda chance: abs(chance - 0.5), default=0.0)
         surprise = self._surprise(action, whole)
@@ -201,21 +230,22 @@ class BayesianLearner:
             (self._outcome(None, ()), surprise),
         )
         possible = [(branch, chance) for branch, chance in branches if chance > 0]
-        return Answer(tuple(sorted(possible, key=lambda entry: -entry[1])))
+        doubt = max((effect.doubt for effects in expected for effect in effects), default=0.0)
+        return Answer(tuple(sorted(possible, key=lambda entry: -entry[1])), doubt)
 
     def _outcome(self, effects: tuple[ObjectEffects, ...] | None, worths: tuple[Worth, ...]) -> Outcome:
         return Outcome(effects, worths, self.effect_types, self.task)
 
-    def _expected(self, action: str, object_class: ObjectClass, terms: int) -> list[tuple[str, Effect, float]]:
-        """For every attribute that the action is known to change, the most likely effect and its probability."""
+    def _expected(self, action: str, object_class: ObjectClass, terms: int) -> list[Expected]:
+        """For every attribute that the action is known to change, the most likely effect."""
         expected = []
         for attribute in object_class.changeable:
-            laws = self.laws.get(Subject(action, object_class.name, attribute.name), ())
-            chance, law = max(
-                ((law.probability(terms), law) for law in laws), key=lambda pair: pair[0], default=(0.0, None)
-            )
-            if law is not None and chance > 0:
-                expected.append((attribute.name, law.effect, chance))
+            subject = Subject(action, object_class.name, attribute.name)
+            laws = [(law.probability(terms), law) for law in self.laws.get(subject, ())]
+            if laws:
+                chance, law = max(laws, key=lambda pair: pair[0])
+                doubt = 0.0 if self.evidence[subject].met(terms) else law.doubt(terms)
+                expected.append(Expected(attribute.name, law.effect, chance, doubt))
         return expected
 
     def _surprise(self, action: str, whole: int) -> float:
@@ -224,15 +254,25 @@ class BayesianLearner:
         chance = Concept.of(self.domain.size, self.factor, (), tried).probability(whole)
         return self.novelty * chance if any(tried.values()) else chance
 
+    def sentences(self) -> tuple[str, ...]:
+        """What is believed, in words: the simplest conjunction that agrees with the examples, for every effect."""
+        lines = []
+        for subject, laws in self.laws.items():
+            name = f"{subject.class_name.lower()}.{subject.attribute}"
+            for law in laws:
+                effect = self.effect_types[law.effect.type].words(name, law.effect.argument)
+                for concept in law.concepts:
+                    literals = concept.simplest[0] if concept.refuted else 0
+                    condition = condition_of(literals, concept.size)
+                    lines.append(f"{subject.action}: if {condition.words(self.domain.term_names)}: {effect}")
+        return tuple(lines)
+
     def add_experience(self, transition: Transition) -> None:
         """Learn from one experience."""
         state, action = transition.state, transition.action.name
         whole, *own = self.domain.conditions(state, transition.action)
         changed = self._learn_worth(transition, whole)
-        changed |= self.tried[action].get(whole) is None or (
-            not transition.failed and not any(self.tried[action].values())
-        )
-        self.tried[action][whole] = self.tried[action].get(whole, False) or not transition.failed
+        changed |= self._learn_to_expect(action, whole, succeeded=not transition.failed)
         for item, terms in zip(state.objects, own, strict=True):
             for attribute, before, after in observed(item, transition.next_state.get(item.name)):
                 subject = Subject(action, item.object_class.name, attribute.name)
@@ -241,22 +281,50 @@ class BayesianLearner:
             self.revisions[action] += 1
             self._answers.pop(action, None)
 
+    def _learn_to_expect(self, action: str, whole: int, *, succeeded: bool) -> bool:
+        """Remember where an action was tried, and whether it did anything; return whether that is news."""
+        tried = self.tried[action]
+        news = whole not in tried or (succeeded and not any(tried.values()))
+        tried[whole] = tried.get(whole, False) or succeeded
+        return news
+
     def _learn(self, subject: Subject, attribute: Attribute, terms: int, before: Value, after: Value) -> bool:
         """Learn from what happened to one attribute of one object; return whether beliefs have changed."""
         evidence = self.evidence.setdefault(subject, Evidence())
         evidence.add(terms, before, after, eff_att(attribute, before, after, self.effect_types))
+        return self._find_laws(subject)
+
+    def reconsider(self) -> None:
+        """Work out all laws from the evidence, after that was read from a file."""
+        for subject in self.evidence:
+            self._find_laws(subject)
+        self.revisions = {action: revision + 1 for action, revision in self.revisions.items()}
+        self._answers.clear()
+
+    def _find_laws(self, subject: Subject) -> bool:
+        """Work out the laws that the evidence supports; return whether they are others than before."""
+        evidence = self.evidence[subject]
         chosen = evidence.simplest_type()
-        if chosen is None:
-            return False
         laws = []
-        for effect in evidence.effects[chosen]:
-            positives, negatives = evidence.examples(effect)
+        for effect in () if chosen is None else evidence.effects[chosen]:
+            happened, failed = evidence.examples(effect)
+            self._report(subject, happened.keys() & failed.keys())
+            positives = [terms for terms, times in happened.items() if times >= failed.get(terms, 0)]
+            negatives = [terms for terms, times in failed.items() if times > happened.get(terms, 0)]
             if positives:
-                laws.append(Law(effect, find_concepts(self.domain.size, self.factor, positives, negatives)))
-        if tuple(laws) == self.laws.get(subject):
+                laws.append(Law.of(effect, self.domain.size, self.factor, positives, negatives))
+        if tuple(laws) == self.laws.get(subject, ()):
             return False
         self.laws[subject] = tuple(laws)
         return True
+
+    def _report(self, subject: Subject, contradictory: Iterable[int]) -> None:
+        """Say where one condition was followed by different things; what happened more often is believed."""
+        for terms in contradictory:
+            words = Condition.of(self.domain.size, terms).words(self.domain.term_names)
+            self._violations[
+                f"{subject}: changed at one time and not at another under the same condition ({words})"
+            ] = None
 
     def _learn_worth(self, transition: Transition, whole: int) -> bool:
         """Learn the reward and whether the episode ended, unless both are given."""
@@ -266,8 +334,8 @@ class BayesianLearner:
         return self.rewards.add(transition.action.name, whole, worth)
 
 
-def _chosen(effects: list[tuple[str, Effect, float]], flipped: float | None) -> ObjectEffects:
+def _chosen(effects: list[Expected], flipped: float | None) -> ObjectEffects:
     """The effects that are more likely than not; those of one probability the other way round."""
     return tuple(
-        (attribute, (effect,)) for attribute, effect, chance in effects if (chance > 0.5) != (chance == flipped)
+        (entry.attribute, (entry.effect,)) for entry in effects if (entry.chance > 0.5) != (entry.chance == flipped)
     )

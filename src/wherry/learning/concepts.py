@@ -14,7 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from itertools import combinations
+
+from wherry.oomdp.conditions import Condition
 
 Literals = int
 """A set of literals as bits: bit i says that term i holds, bit n + i that it does not."""
@@ -23,6 +26,12 @@ Literals = int
 def literals_of(terms: int, size: int) -> Literals:
     """All literals that are true where exactly these of n terms hold."""
     return terms | (~terms & (1 << size) - 1) << size
+
+
+def condition_of(literals: Literals, size: int) -> Condition:
+    """A set of literals as a condition."""
+    value, negated = literals & (1 << size) - 1, literals >> size
+    return Condition(size, value | negated, value)
 
 
 def largest(parts: Iterable[Literals]) -> frozenset[Literals]:
@@ -111,3 +120,29 @@ class Concept:
             return 0.0
         covering = (1 + self.factor) ** literals.bit_count() - union_weight(within, self.factor)
         return min(1.0, max(0.0, covering / self.weight))
+
+    @cached_property
+    def simplest(self) -> tuple[Literals, ...]:
+        """The simplest hypotheses that survive: the fewest literals that hit everything that was refuted.
+
+        While there are no negative examples these are all single literals. That nothing at all is needed is believed
+        only when nothing else is left, since most actions fail somewhere. Before the first positive example there are
+        none.
+        """
+        if self.shared is None or not self.consistent:
+            return ()
+        choices = [1 << bit for bit in range(2 * self.size) if self.shared >> bit & 1]
+        for count in range(1, len(choices) + 1):
+            sets = (sum(chosen) for chosen in combinations(choices, count))
+            found = tuple(chosen for chosen in sets if all(chosen & ~part for part in self.refuted))
+            if found:
+                return found
+        return (0,)
+
+    def doubt(self, terms: int) -> float:
+        """How evenly the simplest hypotheses disagree about these terms: 1 is half against half, 0 is no doubt."""
+        if not self.simplest:
+            return 0.0
+        literals = literals_of(terms, self.size)
+        share = sum(not hypothesis & ~literals for hypothesis in self.simplest) / len(self.simplest)
+        return 4 * share * (1 - share)

@@ -62,6 +62,11 @@ class Doormax:
         self._answers: dict[str, dict[tuple[object, ...], Answer]] = {}
 
     @property
+    def doubtful(self) -> bool:
+        """Never: what it predicts, it is sure of."""
+        return False
+
+    @property
     def violations(self) -> tuple[str, ...]:
         """The assumptions that experience has contradicted, in words."""
         return tuple(self._violations)

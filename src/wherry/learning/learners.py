@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
 from wherry.oomdp.mdp import Learner
 from wherry.oomdp.outcomes import ConditionalModel
@@ -18,5 +19,5 @@ class RuleLearner(ConditionalModel, Learner, Protocol):
         ...
 
 
-LEARNERS: Mapping[str, Callable[..., RuleLearner]] = {"doormax": Doormax}
+LEARNERS: Mapping[str, Callable[..., RuleLearner]] = {"bayes": BayesianLearner, "doormax": Doormax}
 """Each takes the domain, and ``reward`` and ``terminated`` where these are given."""

@@ -47,6 +47,7 @@ class Prediction:
         probability: How sure the model is of s'; where it cannot tell, how likely the action does anything at all. An
             action that nothing more can be learnt about has 0, and is not worth trying.
         otherwise: What else may happen, each with its own probability.
+        doubt: How much trying it would settle: 1 where two explanations disagree, 0 where nothing is in doubt.
     """
 
     state: State | None
@@ -54,6 +55,7 @@ class Prediction:
     terminated: bool | None = None
     probability: float = 1.0
     otherwise: tuple[Prediction, ...] = ()
+    doubt: float = 0.0
 
     @property
     def known(self) -> bool:

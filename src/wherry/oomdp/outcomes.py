@@ -64,9 +64,11 @@ class Answer:
 
     Attributes:
         branches: What may happen, most likely first, each with its probability.
+        doubt: How much trying it would settle: 1 where two explanations disagree, 0 where nothing is in doubt.
     """
 
     branches: tuple[tuple[Branch, float], ...]
+    doubt: float = 0.0
 
     def predict(self, state: State, action: Action) -> Prediction:
         """The prediction for one state."""
@@ -80,7 +82,7 @@ class Answer:
         ]
         if not possible:
             return IMPOSSIBLE
-        return replace(possible[0], otherwise=tuple(possible[1:])) if len(possible) > 1 else possible[0]
+        return replace(possible[0], otherwise=tuple(possible[1:]), doubt=self.doubt)
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,11 @@ class ConditionalModel(Model, Protocol):
         """For every action's name a number that grows whenever answers about it may have changed; 0 where missing."""
         ...
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether explanations disagree about some condition, so that an experiment could settle something."""
+        ...
+
     def key(self, state: State) -> Hashable:
         """What the answers for a state depend on."""
         ...
@@ -195,6 +202,7 @@ class Grounded:
     """
 
     revisions: Mapping[str, int] = MappingProxyType({})
+    doubtful = False
 
     def __init__(self, domain: Domain, model: Model) -> None:
         self.domain = domain

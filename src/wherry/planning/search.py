@@ -6,6 +6,7 @@ model is; `cheapest_experiment` looks for nothing else.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from heapq import heappop, heappush
@@ -83,21 +84,26 @@ def a_star(
             if after is None or after is state:
                 continue
             g = cost[state] + step_cost(prediction)
-            if g < cost.get(after, float("inf")):
+            if g < cost.get(after, math.inf):
                 cost[after], came_from[after] = g, (state, action)
                 heappush(queue, (g + heuristic(after), -g, next(tie), after))
     return _plan(came_from, cost, best), least
 
 
-def cheapest_experiment(successors: Successors, start: State) -> Plan | None:
-    """The plan that ends with the unknown step that is cheapest, the way there included.
+def cheapest_experiment(
+    successors: Successors, start: State, *, doubts_only: bool = False, limit: float = math.inf
+) -> Plan | None:
+    """The plan that ends with the experiment that is cheapest, the way there included.
 
-    Steps of which the model is not sure count as what they cost until they succeed, 1/p; so does the experiment, where
-    p is how likely it is that the action does anything at all.
+    An experiment is a step that the model cannot tell about, which costs 1/p, where p is how likely it is that the
+    action does anything at all; or one about which there is doubt, which costs the more the less trying it settles.
+    Steps on the way of which the model is not sure cost what they take until they succeed.
 
     Args:
         successors: The model.
         start: s_0.
+        doubts_only: Whether to settle doubts only, and to leave alone what cannot be foretold.
+        limit: The most that it may cost.
 
     Returns:
         The plan, whose last action is the experiment, or None where there is nothing left to find out.
@@ -108,19 +114,20 @@ def cheapest_experiment(successors: Successors, start: State) -> Plan | None:
     queue = [(0.0, next(tie), start)]
     closed = set[State]()
     best = None
-    while queue and (best is None or queue[0][0] < best[0]):
+    while queue and queue[0][0] < (limit if best is None else best[0]):
         _, _, state = heappop(queue)
         if state in closed:
             continue
         closed.add(state)
         for action, prediction in successors.of(state):
+            total = cost[state] + experiment_cost(prediction, doubts_only=doubts_only)
+            if total < (limit if best is None else best[0]):
+                best = total, state, action
             for branch in (prediction, *prediction.otherwise):
-                if not branch.probability:
+                if branch.state is None or not branch.probability:
                     continue
                 g = cost[state] + step_cost(branch)
-                if branch.state is None:
-                    best = (g, state, action) if best is None or g < best[0] else best
-                elif g < cost.get(branch.state, float("inf")):
+                if g < cost.get(branch.state, math.inf):
                     cost[branch.state], came_from[branch.state] = g, (state, action)
                     heappush(queue, (g, next(tie), branch.state))
     if best is None:
@@ -128,6 +135,13 @@ def cheapest_experiment(successors: Successors, start: State) -> Plan | None:
     total, state, action = best
     way = _plan(came_from, cost, state)
     return Plan((*way.actions, action), way.states, total)
+
+
+def experiment_cost(prediction: Prediction, *, doubts_only: bool) -> float:
+    """What a step costs as an experiment: the less the more it teaches; infinite where that is nothing."""
+    unknown = [branch.probability for branch in (prediction, *prediction.otherwise) if branch.state is None]
+    teaches = max(prediction.doubt, 0.0 if doubts_only else max(unknown, default=0.0))
+    return 1 / teaches if teaches else math.inf
 
 
 def _plan(came_from: dict[State, tuple[State, Action]], cost: dict[State, float], end: State) -> Plan:

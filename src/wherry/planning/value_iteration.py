@@ -33,6 +33,8 @@ class ValueIteration:
         tolerance: ε, how exact the values have to be.
         optimistic: Whether unknown steps lead to s_max, and unlikely branches count for what they are worth. Else
             unknown steps are never taken, and what is most likely is taken to be sure.
+        curiosity: What it is worth to find out which of two equally likely things a step does; less where one of them
+            is more likely. Keep it below R_max, or finding out is worth more than the task.
         space: The states and tables to use and add to; learners of one domain may share them.
     """
 
@@ -44,18 +46,21 @@ class ValueIteration:
         r_max: float = 20.0,
         tolerance: float = 1e-6,
         optimistic: bool = True,
+        curiosity: float = 0.0,
         space: StateSpace | None = None,
     ) -> None:
         self.model = model
         self.discount = discount
         self.tolerance = tolerance
         self.optimistic = optimistic
+        self.curiosity = curiosity
         self.unknown_value = r_max / (1 - discount) if optimistic else -np.inf
         self.space = StateSpace() if space is None else space
         self._revisions: Integers = np.zeros(0, np.int32)  # [A] of what the model says about an action now
         self._asked: Integers = np.zeros((0, 0), np.int32)  # [G, A] the revision at which it was asked last
         self._branches: Integers = np.zeros((0, 0, BRANCHES), np.int32)  # [G, A, 2] numbers of the answer's branches
         self._chances: Floats = np.zeros((0, 0, BRANCHES))  # [G, A, 2] their probabilities
+        self._doubts: Floats = np.zeros((0, 0))  # [G, A] how much trying settles
         self._values: Floats = np.zeros(0)  # [S]
         self._solved: NDArray[np.bool_] = np.zeros(0, np.bool_)  # [S] which values are right
         self._reached: Integers = np.zeros(0, np.int32)  # [R] the states of the last sweep
@@ -70,12 +75,12 @@ class ValueIteration:
         number = self._solve(state)
         return float(self._values[number])
 
-    def _tables(self) -> tuple[Integers, Integers, Floats, Integers, Floats, Floats, float, float]:
+    def _tables(self) -> tuple[Integers, Integers, Floats, Floats, Integers, Floats, Floats, float, float, float]:
         """What the kernels look up."""
         space = self.space
         return (
-            space.group, self._branches, self._chances, space.successor, space.reward, self._values,
-            self.discount, self.unknown_value,
+            space.group, self._branches, self._chances, self._doubts, space.successor, space.reward, self._values,
+            self.discount, self.unknown_value, self.curiosity,
         )  # fmt: skip
 
     def _solve(self, state: State) -> int:
@@ -122,9 +127,11 @@ class ValueIteration:
                 continue
             self._asked[group, column] = self._revisions[column]
             self._branches[group, column] = NONE
+            self._chances[group, column] = 0.0
             if action not in space.group_actions[group]:
                 continue
             answer = self.model.answer(space.groups[group], action)
+            self._doubts[group, column] = answer.doubt
             looked_at = answer.branches[:BRANCHES] if self.optimistic else answer.branches[:1]
             for at, (branch, probability) in enumerate(looked_at):
                 self._branches[group, column, at] = space.branch_number(action, branch)
@@ -142,6 +149,7 @@ class ValueIteration:
             self._asked = np.pad(self._asked, growth, constant_values=NEVER)
             self._branches = np.pad(self._branches, (*growth, (0, 0)), constant_values=NONE)
             self._chances = np.pad(self._chances, (*growth, (0, 0)))
+            self._doubts = np.pad(self._doubts, growth)
             self._revisions = np.pad(self._revisions, (0, actions - columns))
 
 
@@ -194,8 +202,8 @@ def _reach(
 
 @kernel
 def _backup(
-    state: int, action: int, group: Integers, branches: Integers, chances: Floats, successor: Integers,
-    reward: Floats, values: Floats, discount: float, unknown_value: float,
+    state: int, action: int, group: Integers, branches: Integers, chances: Floats, doubts: Floats, successor: Integers,
+    reward: Floats, values: Floats, discount: float, unknown_value: float, curiosity: float,
 ) -> float:  # fmt: skip
     """Q(s, a) of the values as they are; -inf where the action is not possible, or is hopeless."""
     total, value = 0.0, 0.0
@@ -213,18 +221,31 @@ def _backup(
         else:
             continue
         total += chance
-    return value / total if total > 0 else -math.inf
+    return value / total + curiosity * doubts[group[state], action] if total > 0 else -math.inf
 
 
 @kernel
 def _best(
-    state: int, group: Integers, branches: Integers, chances: Floats, successor: Integers, reward: Floats,
-    values: Floats, discount: float, unknown_value: float,
+    state: int, group: Integers, branches: Integers, chances: Floats, doubts: Floats, successor: Integers,
+    reward: Floats, values: Floats, discount: float, unknown_value: float, curiosity: float,
 ) -> tuple[int, float]:  # fmt: skip
     """The first of the best actions, and max_a Q(s, a)."""
     best, best_value = 0, -math.inf
     for action in range(branches.shape[1]):
-        value = _backup(state, action, group, branches, chances, successor, reward, values, discount, unknown_value)
+        value = _backup(
+            state,
+            action,
+            group,
+            branches,
+            chances,
+            doubts,
+            successor,
+            reward,
+            values,
+            discount,
+            unknown_value,
+            curiosity,
+        )
         if value > best_value + TIE:
             best, best_value = action, value
     return best, best_value
@@ -232,8 +253,8 @@ def _best(
 
 @kernel
 def _sweep(
-    states: Integers, tolerance: float, group: Integers, branches: Integers, chances: Floats, successor: Integers,
-    reward: Floats, values: Floats, discount: float, unknown_value: float,
+    states: Integers, tolerance: float, group: Integers, branches: Integers, chances: Floats, doubts: Floats,
+    successor: Integers, reward: Floats, values: Floats, discount: float, unknown_value: float, curiosity: float,
 ) -> None:  # fmt: skip
     """Sweep back and forth until the values hold still; they start below any sum of rewards, and so only rise.
 
@@ -243,11 +264,13 @@ def _sweep(
         group: [S].
         branches: [G, A, 2].
         chances: [G, A, 2].
+        doubts: [G, A].
         successor: [B, S].
         reward: [B, S].
         values: [S] is overwritten for the states.
         discount: γ.
         unknown_value: V(s_max).
+        curiosity: What it is worth to settle a doubt.
     """
     lowest = 0.0
     for state in states:
@@ -262,7 +285,7 @@ def _sweep(
         for at in range(2 * len(states)):  # there, towards the start, and back again
             state = states[len(states) - 1 - at] if at < len(states) else states[at - len(states)]
             _, value = _best(
-                state, group, branches, chances, successor, reward, values, discount, unknown_value
+                state, group, branches, chances, doubts, successor, reward, values, discount, unknown_value, curiosity
             )  # fmt: skip
             if value > values[state]:
                 change = max(change, value - values[state])
