@@ -25,6 +25,7 @@ app = typer.Typer(
     name="wherry",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help: importing what makes it colourful takes longer than all the rest
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Robots that find out by themselves how their world works, and then deliver.",
 )

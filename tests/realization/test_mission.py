@@ -100,7 +100,7 @@ def test_it_stands_in_the_middle_of_a_cell_and_has_touched_nothing(explorer: Exp
 
 
 def test_it_says_what_it_does(explorer: Explorer) -> None:
-    assert [record.phase for record in explorer.records if isinstance(record, Said)][0] == "explore"
+    assert next(record.phase for record in explorer.records if isinstance(record, Said)) == "explore"
     explored = [record for record in explorer.records if isinstance(record, Explored)]
     assert explored[-1].fraction == 1.0
     assert explored[0].fraction < 0.9

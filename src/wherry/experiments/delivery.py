@@ -78,6 +78,8 @@ def prepare(settings: Settings) -> DeliveryRun:
     if settings.boxes is not None or not plan.boxes:
         plan = place_boxes(plan, plan.box_count if settings.boxes is None else settings.boxes, places)
     grid = None if settings.map_file is None else load_map(settings.map_file)
+    if grid is not None and not grid.occupied.any():
+        raise InputError(settings.map_file or "", "image", "shows no walls")
     domain = delivery_domain(ANYWHERE, ANYWHERE)  # the robot does not know how large its world is
     learner = LEARNERS[settings.learner](domain, reward=reward, terminated=all_delivered)
     if settings.rules_file is not None:

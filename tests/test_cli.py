@@ -1,0 +1,234 @@
+"""The command line: one clear line for every bad input, JSON as the last line, and help at once."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from wherry import cli
+from wherry.floorplan import find_world, format_world
+
+COMMAND = [sys.executable, "-m", "wherry"]
+SMALL = format_world(find_world("small"))
+HEAVY = ("numba", "mujoco", "gymnasium", "pydantic", "scipy", "numpy")
+
+
+def call(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: object
+) -> tuple[int, str, str]:
+    """Call the command in this process: exit status, standard output, standard error."""
+    monkeypatch.setattr(sys, "argv", ["wherry", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    out, err = capsys.readouterr()
+    return int(stop.value.code or 0), out, err
+
+
+def world(path: Path, *changes: tuple[str, str]) -> Path:
+    """A copy of the small world with replacements."""
+    text = SMALL
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+WORLDS = {
+    "no warehouse": ([("w", " "), ("w", " ")], "has no warehouse"),
+    "no robot": ([(">", " ")], "has no robot"),
+    "a robot in an obstacle": ([(">  ", "#>#")], "inside an obstacle"),
+    "a robot in a wall": ([("+---", "+->-")], "inside a wall"),
+    "two boxes in a cell": ([(">  ", ">oo")], "a box"),
+    "a box under the robot": ([(">  ", ">o ")], "where the robot starts"),
+    "a word for a number": ([("boxes: 2", "boxes: two")], "boxes: must be a whole number"),
+    "a negative count": ([("boxes: 2", "boxes: -2")], "boxes"),
+    "an unknown field": ([("boxes: 2", "crates: 2")], "line "),
+    "another version": ([("wherry-world: 1", "wherry-world: 9")], "wherry-world"),
+    "a hole in the outer wall": ([("+---", "+   ")], "line "),
+}
+
+
+@pytest.mark.parametrize("case", WORLDS)
+def test_a_bad_world_is_refused_in_one_line(
+    case: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    changes, reason = WORLDS[case]
+    text = SMALL.replace("\nwherry", "wherry")
+    head, drawing = text.split("\n\n")
+    for old, new in changes:
+        if old in drawing:
+            drawing = drawing.replace(old, new, 1)
+        else:
+            assert old in head, old
+            head = head.replace(old, new, 1)
+    file = tmp_path / "world.txt"
+    file.write_text(f"{head}\n\n{drawing}", encoding="utf-8")
+    status, out, err = call(capsys, monkeypatch, "deliver", "--world", file, "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert err.startswith(f"wherry: {file}: ")
+    assert err.count("\n") == 1
+    assert reason in err
+    assert not (tmp_path / "out").exists()
+
+
+FILES = {
+    "--map": {
+        "no yaml": ("map.yaml", b"\x00{[", "map.yaml"),
+        "no mapping": ("map.yaml", b"- 1\n", "mapping"),
+        "no resolution": ("map.yaml", b"image: a.pgm\norigin: [0, 0, 0]\n", "resolution"),
+        "no image": ("map.yaml", b"image: gone.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n", "gone.pgm"),
+        "too large": ("map.yaml", b"#" * 70_000, "larger than"),
+    },
+    "--rules": {
+        "no json": ("rules.json", b"{", "rules.json"),
+        "another thing": ("rules.json", b"[]", "rules.json"),
+        "an empty object": ("rules.json", b"{}", "rules.json"),
+        "no text": ("rules.json", b"\xff\xfe", "UTF-8"),
+        "too large": ("rules.json", b" " * 20_000_001, "larger than"),
+    },
+}
+
+
+@pytest.mark.parametrize(("option", "case"), [(option, case) for option, cases in FILES.items() for case in cases])
+def test_a_bad_file_is_refused_in_one_line(
+    option: str, case: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    name, content, reason = FILES[option][case]
+    file = tmp_path / name
+    file.write_bytes(content)
+    status, out, err = call(capsys, monkeypatch, "deliver", "--world", "small", option, file, "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert err.startswith("wherry: ")
+    assert str(tmp_path) in err
+    assert reason in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_map_without_walls_is_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "map.pgm").write_bytes(b"P5\n10 10\n255\n" + bytes([254]) * 100)
+    (tmp_path / "map.yaml").write_text("image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n", encoding="utf-8")
+    status, _, err = call(capsys, monkeypatch, "deliver", "--world", "small", "--map", tmp_path / "map.yaml")
+    assert (status, err) == (2, f"wherry: {tmp_path / 'map.yaml'}: image: shows no walls\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--boxes", "-1"], "--boxes: -1 is negative"),
+        (["--boxes", "500"], "there is room for"),
+        (["--world", "nowhere"], "nowhere: is neither a file nor one of the worlds"),
+        (["--learner", "magic"], "--learner: magic: is none of"),
+        (["--map", "gone.yaml"], "gone.yaml: No such file"),
+        (["--rules", "gone.json"], "gone.json: No such file"),
+    ],
+)
+def test_a_bad_option_is_refused_in_one_line(
+    arguments: list[str],
+    reason: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, out, err = call(capsys, monkeypatch, "deliver", *arguments)
+    assert (status, out) == (2, "")
+    assert reason in err
+    assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unwritable_folder_is_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    status, _, err = call(capsys, monkeypatch, "deliver", "--world", "small", "--out", tmp_path / "file" / "out")
+    assert status == 2
+    assert err == f"wherry: --out: {tmp_path / 'file' / 'out'}: Not a directory\n"
+
+
+def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run the real command."""
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def test_the_real_command_prints_one_line_and_exits_with_2(tmp_path: Path) -> None:
+    done = run("deliver", "--world", "nowhere", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("wherry: nowhere: is neither a file")
+    assert done.stderr.count("\n") == 1
+
+
+def test_json_is_all_there_is_on_standard_output(tmp_path: Path) -> None:
+    done = run("deliver", "--world", "taxi", "--boxes", "0", "--json", "--out", "out", cwd=tmp_path)
+    assert done.returncode == 0
+    result = json.loads(done.stdout)
+    assert done.stdout.count("\n") == 1
+    wanted = (
+        "delivered boxes collisions learning_steps actions path_ratio localization_rmse_m map_error_m sim_seconds "
+        "wall_seconds real_time_factor seed world"
+    )
+    assert set(wanted.split()) <= set(result)
+    assert (result["world"], result["delivered"]) == ("taxi", 0)
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_ctrl_c_exits_with_130_and_keeps_the_rules(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [*COMMAND, "deliver", "--world", "small", "--out", "out"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()  # the robot says its first sentence
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert (tmp_path / "out" / "rules.json").exists()
+
+
+def test_help_needs_nothing_heavy() -> None:
+    code = f"import sys, wherry.cli; print([name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_help_is_quick() -> None:
+    # The processor's time, which a loaded machine stretches less than the clock's; warm, the best of three.
+    def spent() -> float:
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return usage.ru_utime + usage.ru_stime
+
+    times = []
+    for _ in range(3):
+        before = spent()
+        subprocess.run([*COMMAND, "--help"], capture_output=True, check=True)
+        times.append(spent() - before)
+    assert min(times) < 0.5
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["deliver", "--help"]])
+def test_help_helps(arguments: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    status, out, err = call(capsys, monkeypatch, *arguments)
+    assert (status, err) == (0, "")
+    assert "deliver" in out
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    status, out, _ = call(capsys, monkeypatch, "--version")
+    assert status == 0
+    assert out.startswith("wherry ")
