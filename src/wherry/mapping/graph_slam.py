@@ -14,7 +14,7 @@ import numpy as np
 from wherry.mapping.closures import Closure, search_window, try_closure
 from wherry.mapping.cloud import Cloud, merged
 from wherry.mapping.keyscans import Keyscan, MapDrawing
-from wherry.mapping.motion_prior import ODOMETRY, STEADY_MOTION
+from wherry.mapping.motion_prior import ODOMETRY, STEADY_MOTION, is_within
 from wherry.mapping.pieces import NO_COVARIANCE, Edge, Front, Piece
 from wherry.mapping.pose_graph import PoseGraph, optimized
 from wherry.mapping.refinement import Refinement
@@ -128,14 +128,14 @@ class GraphSlam:
             return self._begin(scan, odometry)
         movement, noise = front.expected_movement(scan.time, odometry)
         expected = front.pose @ movement
-        if odometry is not None and _is_within(movement, STILL_DISTANCE, STILL_ANGLE):
+        if odometry is not None and is_within(movement, STILL_DISTANCE, STILL_ANGLE):
             self.passed.append((scan.time, front.key, expected.relative_to(front.key_pose)))
             return self.pose
 
         cloud = Cloud.of(scan, self.lidar, self.settings.range_limit)
         submap = self.pieces[front.piece].submap
         since_key = expected.relative_to(front.key_pose)
-        if _is_within(since_key, self.settings.keyscan_distance, self.settings.keyscan_angle):
+        if is_within(since_key, self.settings.keyscan_distance, self.settings.keyscan_angle):
             match = track_scan(submap, cloud, expected, movement, noise)
             front = front.moved(scan.time, expected if match is None else match.pose, odometry)
         else:
@@ -224,7 +224,7 @@ class GraphSlam:
             if closure.accepted:
                 self._close(front, number, closure)
                 moved = closure.measured.relative_to(expected)
-                if self.pending >= PENDING or not _is_within(moved, SURPRISE, SURPRISE_ANGLE):
+                if self.pending >= PENDING or not is_within(moved, SURPRISE, SURPRISE_ANGLE):
                     self._optimize()
 
     def _close(self, front: Front, piece: int, closure: Closure) -> None:
@@ -277,11 +277,6 @@ class GraphSlam:
     def _node(self, key: int) -> Pose:
         """base_link in the map frame, at a keyscan."""
         return Pose.from_array(self.nodes[key])
-
-
-def _is_within(movement: Pose, distance: float, angle: float) -> bool:
-    """Whether a movement is shorter than a distance, m, and turns by less than an angle, rad."""
-    return math.hypot(movement.x, movement.y) < distance and abs(movement.theta) < angle
 
 
 def _roughness(placed: Pose) -> Floats:

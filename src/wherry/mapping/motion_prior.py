@@ -51,3 +51,8 @@ class MotionNoise:
 
 ODOMETRY = MotionNoise(0.03, 0.15, 0.05, math.radians(1.5), 0.15, math.radians(4.0))
 STEADY_MOTION = MotionNoise(0.1, 0.4, 0.1, math.radians(5.0), 0.5, math.radians(10.0))
+
+
+def is_within(movement: Pose, distance: float, angle: float) -> bool:
+    """Whether a movement is shorter than a distance, m, and turns by less than an angle, rad."""
+    return math.hypot(movement.x, movement.y) < distance and abs(movement.theta) < angle

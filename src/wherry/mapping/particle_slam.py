@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wherry.kernels import kernel
 from wherry.mapping.cloud import Cloud
 from wherry.mapping.keyscans import Keyscan, MapDrawing
-from wherry.mapping.motion_prior import MotionNoise
+from wherry.mapping.motion_prior import MotionNoise, is_within
 from wherry.mapping.shared_tiles import SharedTiles, log_likelihood
 from wherry.mapping.slam import NO_DISCS
 from wherry.mapping.submap import FULL
@@ -110,7 +110,7 @@ class ParticleSlam:
     def add(self, scan: Scan, odometry: Odometry | None = None) -> Pose:
         """Take in a scan; see `wherry.mapping.slam.Slam.add`."""
         movement = self._movement(scan.time, odometry)
-        if self._keyscans and _is_within(movement, self.settings.keyscan_distance, self.settings.keyscan_angle):
+        if self._keyscans and is_within(movement, self.settings.keyscan_distance, self.settings.keyscan_angle):
             self._passed.append((scan.time, len(self._keyscans) - 1, movement))
             return Pose.from_array(self.poses[np.argmax(self.log_weights)]) @ movement
         cloud = Cloud.of(scan, self._lidar, self.settings.range_limit)
@@ -169,11 +169,6 @@ class ParticleSlam:
 
 
 LOGS = np.log(FLOOR + (1.0 - FLOOR) * np.arange(FULL + 1) / FULL)
-
-
-def _is_within(movement: Pose, distance: float, angle: float) -> bool:
-    """Whether a movement is shorter than a distance, m, and turns by less than an angle, rad."""
-    return math.hypot(movement.x, movement.y) < distance and abs(movement.theta) < angle
 
 
 def _normalized(log_weights: Floats) -> Floats:
