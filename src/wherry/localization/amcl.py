@@ -26,7 +26,8 @@ from wherry.space.pose import Pose
 Floats = NDArray[np.float64]
 
 MATCHED_BEAMS = 360  # more do not make the match better
-ONE_PLACE = 0.8  # share of the belief; a heaviest cluster of more is where the robot is
+ONE_PLACE = 0.8  # share of the belief that is in the heaviest cluster, and
+PLACE_SIZE = 1.0  # m, its standard deviation, where the belief is called to be at one place
 AT_ONE_PLACE = 0.1  # of least_effective is enough there: nothing else has to be kept alive
 JUMP_SLACK = 0.5  # m; odometry is not called a jump below this
 
@@ -54,6 +55,11 @@ class Estimate:
     likelihood: float
     updated: bool
     problem: str = ""
+
+    @property
+    def is_at_one_place(self) -> bool:
+        """Whether nearly all of the belief is around the pose; a heaviest cluster may also be spread over the map."""
+        return self.weight > ONE_PLACE and float(np.trace(self.covariance[:2, :2])) < PLACE_SIZE**2
 
 
 class Amcl:
@@ -300,7 +306,7 @@ class Amcl:
     @property
     def _is_at_one_place(self) -> bool:
         """Whether the particles are equally likely and lie around one place."""
-        return self._evenly_weighted and self._estimate.weight > ONE_PLACE
+        return self._evenly_weighted and self._estimate.is_at_one_place
 
     def _motion_since_update(self, odometry: Odometry) -> Pose:
         return odometry.pose.relative_to(self._reference) if self._reference else Pose()

@@ -24,11 +24,11 @@ DOUBTFUL = 0.1  # probability of being lost at which a place is believed in that
 PERFECT = 0.95  # share of the beams
 ALARM = 0.9  # probability at which any place will do that explains more, though after more scans
 SUSPICION = 0.02  # probability of being lost from which on scans are kept, to judge places with
-CONVERGED = 0.8  # share of the belief that must be at one place for that place to be judged
 SPACING = 0.5  # s from one kept scan to the next
 FEWEST_SCANS = 3  # that must agree on a new place
 MOST_SCANS = 6  # that are kept, and must agree on a place that explains no more than most
-MARGIN = 0.2  # of mean log likelihood, by which a new place must explain them better
+WIDE_MARGIN = 0.8  # of mean log likelihood, by which such a place must explain them better
+MARGIN = 0.2  # likewise, where the robot is certainly lost
 COMPARED_BEAMS = 180
 DOUBT = 0.5  # share of the new belief that is spread over all hypotheses alike, in case the scan misleads
 UNSEEN = 0.5  # share of the first belief that is spread over the whole map, if the scan is ambiguous
@@ -120,7 +120,7 @@ class Localizer:
         agreement = compare(self._field, ends, self._lidar, estimate.pose)
         if not estimate.problem:
             self._detector.observe(scan.time, agreement)
-            kept = self._watch(scan.time, odometry.pose, ends, agreement, estimate.weight)
+            kept = self._watch(scan.time, odometry.pose, ends, agreement, converged=estimate.is_at_one_place)
             if kept and self._detector.probability > DOUBTFUL and len(self._suspicious) >= FEWEST_SCANS:
                 hypotheses = self._start_anew(scan, odometry.pose)
         wrong = 1.0 - estimate.weight * (1.0 - self._detector.probability)
@@ -135,13 +135,13 @@ class Localizer:
             self._started = True
         return found.hypotheses
 
-    def _watch(self, time: float, odometry: Pose, ends: Floats, agreement: Agreement, weight: float) -> bool:
+    def _watch(self, time: float, odometry: Pose, ends: Floats, agreement: Agreement, *, converged: bool) -> bool:
         """Remember the scans since the robot has seemed to be lost; what was seen before may be of another place.
 
         A belief in several places at once is not lost but still searching, and best left to the filter. Returns whether
         this scan was kept.
         """
-        if self._detector.probability < SUSPICION or weight < CONVERGED:
+        if self._detector.probability < SUSPICION or not converged:
             self._suspicious.clear()
             return False
         if self._suspicious and time - self._suspicious[-1].time < SPACING:
@@ -156,11 +156,12 @@ class Localizer:
         earlier = [(seen.odometry.relative_to(odometry), seen.ends) for seen in self._suspicious]
         lost = self._detector.probability > ALARM and len(self._suspicious) == MOST_SCANS
         found = self._relocalizer.confirm(self._relocalizer.search(scan).hypotheses, earlier)
+        margin, least = (MARGIN, 0.0) if lost else (WIDE_MARGIN, PERFECT)
         better = tuple(
             h
             for h in found
-            if h.agreement.log_likelihood > here.log_likelihood + MARGIN
-            and (lost or h.agreement.explained > PERFECT)
+            if h.agreement.log_likelihood > here.log_likelihood + margin
+            and h.agreement.explained > least
             and self._detector.model.evidence(h.agreement) < 0.0
         )
         if better:

@@ -1,0 +1,80 @@
+"""Real robots in real buildings: half of the Intel log on the map of the other half, and Wean Hall from anywhere."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wherry.experiments.localization import Settings, prepare
+from wherry.localization.localizer import Localizer
+from wherry.localization.parameters import AmclParameters
+from wherry.localization.relocalization import Relocalizer
+from wherry.logs import LidarLog, read_log, read_rows
+from wherry.space.mapper import GridMapper
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+
+
+def data(name: str) -> Path:
+    folder = Path(os.environ.get("WHERRY_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
+    path = folder / name
+    if not path.exists():
+        if os.environ.get("CI") == "true":
+            pytest.fail(f"{path} is missing; set WHERRY_DATA")
+        pytest.skip(f"{path} is missing; set WHERRY_DATA")
+    return path
+
+
+@cache
+def intel() -> tuple[LidarLog, list[Pose], OccupancyGrid]:
+    """The log, its reference poses, and the map that every second scan draws from there."""
+    log = read_log(data("intel/intel_910_rawodom.clf.gz"))
+    poses = [
+        Pose.from_array(row[1:]) for row in read_rows(data("intel/intel_910_gfs_corrected_tum.txt.gz"), widths=(4,))
+    ]
+    mapper = GridMapper(0.05)
+    for scan, pose in zip(log.scans[::2], poses[::2], strict=True):
+        lidar = pose @ log.lidar
+        ends = lidar.transform(scan.points())
+        mapper.add(lidar.as_array()[:2], ends, np.ones(len(ends), np.bool_))
+    return log, poses, mapper.grid()
+
+
+def test_one_scan_finds_the_robot_in_the_intel_lab() -> None:
+    log, poses, grid = intel()
+    relocalizer = Relocalizer(grid, log.lidar)
+    chosen = range(1, 910, 18)
+    found = [relocalizer.search(log.scans[i]) for i in chosen]
+    right = [f.hypotheses[0].pose.distance_to(poses[i]) < 0.5 for f, i in zip(found, chosen, strict=True)]
+    assert all(good or f.ambiguous for f, good in zip(found, right, strict=True))
+    assert sum(f.ambiguous for f in found) <= 0.1 * len(found) + 2
+
+
+def test_tracking_in_the_intel_lab_with_raw_odometry() -> None:
+    log, poses, grid = intel()
+    parameters = AmclParameters(alpha1=0.05, alpha2=0.05, alpha3=0.05, alpha4=0.05)
+    localizer = Localizer(grid, log.lidar, parameters, np.random.default_rng(0))
+    localizer.initialize(poses[1], np.diag([0.01, 0.01, 0.003]))
+    errors = []
+    for i in range(1, 910, 2):
+        odometry = log.scan_odometry[i]
+        assert odometry is not None
+        errors.append(localizer.update(odometry, log.scans[i]).pose.distance_to(poses[i]))
+    assert np.median(errors) < 0.03
+    assert max(errors) < 1.0
+
+
+def test_wean_hall_from_anywhere() -> None:
+    log, plan = data("wean/robotdata3.log.gz"), data("wean/wean.dat.gz")
+    finals = []
+    for seed in range(2):
+        run = prepare(Settings(log, plan, everywhere=True, seed=seed))
+        for _ in run.steps():
+            pass
+        finals.append(run.result().final_pose)
+    assert np.hypot(finals[0][0] - 39.9, finals[0][1] - 39.7) < 0.5  # beside where the log begins
+    assert np.hypot(finals[0][0] - finals[1][0], finals[0][1] - finals[1][1]) < 0.5
