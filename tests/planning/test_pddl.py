@@ -1,0 +1,115 @@
+"""What was learnt, planned with by Fast Downward: the plan executes in the real world and is as short as can be."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from unified_planning.io import PDDLReader
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+from planning.small_worlds import DOMAIN, Tabular, at
+from wherry.domains.delivery import Box, DeliverySteps, Site, all_delivered, boxes_left, reward, transition
+from wherry.domains.taxi import PROBES, TaxiGrid, taxi_grid
+from wherry.episodes import GoalAgent, PolicyAgent, run
+from wherry.floorplan import Cell, find_world
+from wherry.learning.bayes import BayesianLearner
+from wherry.learning.doormax import Doormax
+from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.oomdp.domain import Action
+from wherry.oomdp.mdp import DeterministicMdp
+from wherry.oomdp.outcomes import Grounded
+from wherry.planning.pddl import Pddl, export_pddl
+from wherry.planning.search import a_star
+from wherry.planning.successors import Successors
+from wherry.planning.value_iteration import ValueIteration
+
+get_environment().credits_stream = None
+
+
+def plan(task: Pddl) -> list[Action] | None:
+    """The shortest plan, by A* with the landmark-cut heuristic."""
+    problem = PDDLReader().parse_problem_string(task.domain, task.problem)
+    with OneshotPlanner(name="fast-downward-opt") as planner:
+        found = planner.solve(problem).plan
+    return None if found is None else [task.actions[step.action.name] for step in found.actions]
+
+
+def taught(name: str, environment: TaxiGrid) -> RuleLearner:
+    learner, rng = LEARNERS[name](environment.domain), np.random.default_rng(0)
+    agent = PolicyAgent(learner, ValueIteration(learner))
+    for _ in range(40):
+        list(run(environment, agent, rng, max_steps=1000))
+    return learner
+
+
+@pytest.fixture(scope="module")
+def taxi() -> TaxiGrid:
+    return taxi_grid(5)
+
+
+@pytest.fixture(scope="module")
+def learner(taxi: TaxiGrid) -> RuleLearner:
+    return taught("doormax", taxi)
+
+
+@pytest.mark.parametrize(("probe", "length"), [*zip(PROBES, [10, 14, 13, 13, 10, 13], strict=True)])
+def test_taxi_takes_the_published_optimal_number_of_steps(
+    taxi: TaxiGrid, learner: RuleLearner, probe: tuple, length: int
+) -> None:
+    state = taxi.state_of(*probe)
+    actions = plan(export_pddl(learner, taxi.domain, state))
+    assert len(actions) == length
+    for action in actions:
+        done = taxi.transition(state, action)
+        assert not done.failed
+        state = done.next_state
+    assert done.terminated
+
+
+def test_what_was_learnt_on_a_small_grid_is_planned_with_on_a_large_one(taxi: TaxiGrid) -> None:
+    learner, large = taught("bayes", taxi), taxi_grid(10)
+    assert len(plan(export_pddl(learner, large.domain, large.state_of(*PROBES[0])))) == 17
+
+
+def test_operators_ask_for_what_matters_and_nothing_else(taxi: TaxiGrid, learner: RuleLearner) -> None:
+    task = export_pddl(learner, taxi.domain, taxi.state_of(*PROBES[0]))
+    conditions = dict(re.findall(r":action (\w+)\n.*?\n    :precondition \(and (.*)\)\n", task.domain))
+    assert conditions["n_1"] == "(is_taxi ?taxi) (not (touch_n_taxi_wall ?taxi)) (taxi_y_plus_1 ?taxi ?taxi_after)"
+    assert "(on_taxi_destination ?taxi) (passenger_in_taxi ?passenger)" in conditions["dropoff_1"]
+    assert set(task.actions.values()) == set(taxi.domain.ground_actions(taxi.state_of(*PROBES[0])))
+    assert len(task.actions) == 6
+    assert task.problem.count("(touch_n_taxi_wall ") == 5  # the cells along the northern edge
+
+
+def test_deliveries_of_two_boxes() -> None:
+    site = Site.of_plan(find_world("small"))
+    start = site.state(Cell(0, 5), [Box("box1", Cell(1, 0)), Box("box2", Cell(4, 2))])
+    world = DeterministicMdp(site.domain, transition, lambda rng: start)
+    learner = BayesianLearner(site.domain, reward=reward, terminated=all_delivered)
+    agent = GoalAgent(learner, boxes_left, DeliverySteps())
+    steps = list(run(world, agent, np.random.default_rng(0), max_steps=3000))
+    assert steps[-1].transition.terminated
+    best, left = a_star(Successors(Grounded(site.domain, world)), start, boxes_left, DeliverySteps())
+    assert left == 0
+    actions = plan(export_pddl(learner, site.domain, start))
+    assert len(actions) == len(best.actions)
+    state = start
+    for action in actions:
+        state = transition(state, action).next_state
+    assert all_delivered(state)
+
+
+def test_what_is_not_known_is_not_planned_with(taxi: TaxiGrid) -> None:
+    ignorant = Doormax(taxi.domain)
+    task = export_pddl(ignorant, taxi.domain, taxi.state_of(*PROBES[0]))
+    assert task.actions == {}
+    assert plan(task) is None
+
+
+def test_a_model_that_sees_more_than_the_terms_is_refused() -> None:
+    """Two places that no term tells apart, but the model does."""
+    left = {(0, "left"): ((1.0, 1, 0.0, False),), (1, "left"): ((1.0, 3, 0.0, False),)}
+    with pytest.raises(ValueError, match="depend on more than the domain's terms"):
+        export_pddl(Tabular(left), DOMAIN, at(0))
