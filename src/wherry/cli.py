@@ -16,6 +16,7 @@ from wherry.commands.deliver import deliver
 from wherry.commands.learn import learn
 from wherry.commands.localize import localize
 from wherry.commands.map import map_log
+from wherry.commands.reproduce import reproduce
 from wherry.errors import InputError
 
 BAD_INPUT = 2
@@ -33,6 +34,7 @@ app.command()(deliver)
 app.command("map")(map_log)
 app.command()(localize)
 app.command()(learn)
+app.command()(reproduce)
 
 
 def main() -> None:
