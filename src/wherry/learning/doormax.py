@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from typing import Literal
 
+from wherry.learning.near_miss import NearMisses
 from wherry.learning.predictions import Predictions, Rule, Subject
 from wherry.learning.rewards import Rewards
 from wherry.oomdp.conditions import Condition
@@ -20,6 +21,7 @@ from wherry.oomdp.objects import Attribute, State, Value
 from wherry.oomdp.outcomes import Answer, ObjectEffects, Outcome, Task, Worth, changes, conditions_key
 
 FailureScope = Literal["action", "attribute"]
+Inference = Literal["memorise", "near-miss"]
 
 
 class Doormax:
@@ -33,6 +35,8 @@ class Doormax:
         refutation: Whether a type whose prediction turned out wrong is removed. False: to the letter of the paper.
         failure_scope: Whether a failure condition says that the action changes nothing at all ("action", the paper),
             or one is kept for every attribute ("attribute").
+        inference: Whether failure conditions are memorised ("memorise", the paper) or others are inferred from them
+            ("near-miss", see `wherry.learning.near_miss`).
         reward: R(s, a, s') where it is given; else it is learnt.
         terminated: Whether a state ends the episode, where that is given; else it is learnt.
     """
@@ -45,9 +49,12 @@ class Doormax:
         effect_types: Mapping[str, EffectType] = PAPER_TYPES,
         refutation: bool = True,
         failure_scope: FailureScope = "action",
+        inference: Inference = "memorise",
         reward: RewardFunction | None = None,
         terminated: TerminationFunction | None = None,
     ) -> None:
+        if inference == "near-miss" and failure_scope != "action":
+            raise ValueError("near misses are inferred from failures of whole actions, not of attributes")
         self.domain = domain
         self.max_effects = max_effects
         self.effect_types = effect_types
@@ -56,8 +63,9 @@ class Doormax:
         self.task = Task(reward, terminated)
         self.revisions = dict.fromkeys(domain.actions, 0)
         self.predictions = Predictions(domain, effect_types)
-        self.failures: dict[str | Subject, set[Condition]] = {}
-        self.rewards = Rewards(domain.size)
+        self.failures: dict[str | Subject, set[int]] = {}
+        self.near_misses = NearMisses(domain.size) if inference == "near-miss" else None
+        self.rewards = Rewards(domain.size, generalize=inference == "near-miss")
         self._violations: dict[str, None] = {}
         self._answers: dict[str, dict[tuple[object, ...], Answer]] = {}
 
@@ -69,7 +77,8 @@ class Doormax:
     @property
     def violations(self) -> tuple[str, ...]:
         """The assumptions that experience has contradicted, in words."""
-        return tuple(self._violations)
+        revoked = () if self.near_misses is None else self.near_misses.violations
+        return (*self._violations, *revoked)
 
     def predict(self, state: State, action: Action) -> Prediction:
         """Tell what an action does in a state (the paper's predictTransition, with the reward)."""
@@ -94,14 +103,14 @@ class Doormax:
         Incompatible effects (line 9) depend on the attribute's value and are told apart by `Outcome`.
         """
         whole, *own = conditions
-        if self._fails(action, whole):  # line 1
+        if self._is_failure(action, whole):  # line 1
             return self._answer(((),) * len(own), self.rewards.worths(action, whole))  # line 2: s' = s
         effects: list[ObjectEffects] = []
         for item, terms in zip(state.objects, own, strict=True):
             attributes = []
             for attribute in item.object_class.changeable:  # line 3
                 subject = Subject(action, item.object_class.name, attribute.name)
-                if self._fails(subject, terms):
+                if terms in self.failures.get(subject, ()):
                     continue
                 found = tuple(rule.effect for rule in self.predictions.covering(subject, terms))  # lines 5, 6
                 if not found:  # line 9
@@ -115,9 +124,11 @@ class Doormax:
     ) -> Answer:
         return Answer(((Outcome(effects, worths, self.effect_types, self.task), probability),))
 
-    def _fails(self, scope: str | Subject, terms: int) -> bool:
-        """Whether some c ∈ F covers cond(s)."""
-        return any(failure.covers_terms(terms) for failure in self.failures.get(scope, ()))
+    def _is_failure(self, action: str, whole: int) -> bool:
+        """Whether some c ∈ F_a covers cond(s), that is, equals it since c has no ``*``; or failure can be inferred."""
+        if whole in self.failures.get(action, ()):
+            return True
+        return self.near_misses is not None and self.near_misses.fails(action, whole)
 
     def sentences(self) -> tuple[str, ...]:
         """What was learnt, in words: the effects of every action, then where it is known to do nothing."""
@@ -137,6 +148,8 @@ class Doormax:
         state, action = transition.state, transition.action.name
         whole, *own = self.domain.conditions(state, transition.action)
         changed = self._learn_worth(transition, whole)
+        if self.near_misses is not None:
+            changed |= self.near_misses.add(action, whole, succeeded=not transition.failed)
         if self.failure_scope == "action" and transition.failed:  # line 1
             changed |= self._add_failure(action, whole)  # lines 3, 4
         else:
@@ -194,22 +207,21 @@ class Doormax:
         return bool(wrong)
 
     def _add_failure(self, scope: str | Subject, terms: int) -> bool:
-        """Lines 3 and 4: remember that nothing changes under a condition; return whether that is new."""
-        if self._fails(scope, terms):
+        """Lines 3 and 4: F ← F ∪ {cond(s)}; return whether that is new. No condition of F has a * to be removed for."""
+        failures = self.failures.setdefault(scope, set())
+        if terms in failures:
             return False
-        condition = Condition.of(self.domain.size, terms)
-        kept = {failure for failure in self.failures.get(scope, ()) if not condition.covers(failure)}
-        self.failures[scope] = kept | {condition}
+        failures.add(terms)
         return True
 
     def _retract_failure(self, scope: str | Subject, terms: int) -> bool:
-        """Forget failure conditions that a success contradicts, and say so; return whether there were any."""
-        wrong = {failure for failure in self.failures.get(scope, ()) if failure.covers_terms(terms)}
-        for failure in wrong:
-            self.failures[scope] -= {failure}
-            words = failure.words(self.domain.term_names)
-            self._violations[f"{scope}: changed something where it had changed nothing before ({words})"] = None
-        return bool(wrong)
+        """Forget a failure condition that a success contradicts, and say so; return whether there was one."""
+        if terms not in self.failures.get(scope, ()):
+            return False
+        self.failures[scope].remove(terms)
+        words = Condition.of(self.domain.size, terms).words(self.domain.term_names)
+        self._violations[f"{scope}: changed something where it had changed nothing before ({words})"] = None
+        return True
 
     def _report_no_type_left(self, subject: Subject) -> None:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in self.predictions.removed[subject].items())

@@ -103,7 +103,7 @@ class FailureEntry(Part):
 
     action: str
     attribute: str | None = None
-    conditions: list[ConditionText]
+    conditions: list[FullCondition]
 
 
 class DoormaxKnowledge(Part):
@@ -237,7 +237,7 @@ def _doormax_knowledge(learner: Doormax) -> DoormaxKnowledge:
         FailureEntry(
             action=scope.action if isinstance(scope, Subject) else scope,
             attribute=_attribute_name(scope) if isinstance(scope, Subject) else None,
-            conditions=sorted(map(str, conditions)),
+            conditions=sorted(str(Condition.of(learner.domain.size, terms)) for terms in conditions),
         )
         for scope, conditions in learner.failures.items()
     ]
@@ -362,7 +362,7 @@ class _Reader:
             scope: str | Subject = self._action(failure.action, where)
             if failure.attribute is not None:
                 scope = self._subject(failure.action, failure.attribute, where)
-            learner.failures[scope] = {self._condition(text, where) for text in failure.conditions}
+            learner.failures[scope] = {self._terms(text, where) for text in failure.conditions}
         self._read_rewards(learner.rewards, knowledge.rewards)
         return learner
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 from wherry.oomdp.objects import EXISTS, Attribute, Kind, Object, State, Value
 
@@ -37,8 +37,7 @@ class EffectType:
     words: Callable[[str, Any], str]
 
 
-@dataclass(frozen=True, slots=True)
-class Effect:
+class Effect(NamedTuple):
     """One operation: ``x += 1``, ``in_bot := True``.
 
     Attributes:
@@ -51,6 +50,15 @@ class Effect:
 
 
 NUMBERS = frozenset({Kind.INTEGER, Kind.REAL})
+
+
+def _difference(before: Value, after: Value) -> Argument | None:
+    """After − before. What is no number has only the increment of nothing: +0 where it stays as it is."""
+    if before == after:
+        return 0
+    if isinstance(before, bool | str) or isinstance(after, bool | str):
+        return None
+    return after - before
 
 
 def _factor(before: float, after: float) -> Argument | None:
@@ -70,9 +78,9 @@ def _product(value: float, factor: float | Fraction) -> Value:
 EFFECT_TYPES: Mapping[str, EffectType] = {
     "increment": EffectType(
         "increment",
-        NUMBERS,
-        between=lambda before, after: after - before,
-        apply=lambda value, step: value + step,
+        frozenset(Kind),
+        between=_difference,
+        apply=lambda value, step: value + step if step else value,
         words=lambda name, step: f"{name} += {step}" if step >= 0 else f"{name} -= {-step}",
     ),
     "assignment": EffectType(
