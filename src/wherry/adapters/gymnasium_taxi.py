@@ -91,9 +91,12 @@ class GymnasiumTaxi:
 
         Raises:
             RuntimeError: No episode has begun.
+            ValueError: There is no such action.
         """
         if self._state is None:
             raise RuntimeError("reset the environment before the first step")
+        if action.name not in ACTIONS:
+            raise ValueError(f"Gymnasium's Taxi has no action {action}")
         before = self._state
         observation, reward, terminated, _, _ = self.environment.step(ACTIONS.index(action.name))
         self._state = self.state(observation)

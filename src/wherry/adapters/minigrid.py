@@ -144,9 +144,12 @@ class MiniGrid:
 
         Raises:
             RuntimeError: No episode has begun.
+            ValueError: There is no such action.
         """
         if self._state is None:
             raise RuntimeError("reset the environment before the first step")
+        if action.name not in ACTIONS:
+            raise ValueError(f"MiniGrid has no action {action}")
         before = self._state
         _, paid, terminated, _, _ = self.environment.step(ACTIONS.index(action.name))
         self._state = self._see()
