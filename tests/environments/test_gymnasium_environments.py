@@ -196,6 +196,16 @@ def test_a_render_mode_that_does_not_exist() -> None:
         TaxiEnvironment(render_mode="hologram")
 
 
+@pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
+def test_observations_flatten_to_one_number_per_value(name: str, settings: dict) -> None:
+    environment = gymnasium.wrappers.FlattenObservation(gymnasium.make(name, **settings))
+    observation, _ = environment.reset(seed=0)
+    attributes = sum(len(space) for space in environment.unwrapped.observation_space.values())
+    assert observation in environment.observation_space
+    assert set(observation) == {0, 1}
+    assert observation.sum() == attributes
+
+
 def test_stable_baselines3_trains_on_the_flattened_observation() -> None:
     sb3 = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
     environment = gymnasium.wrappers.FlattenObservation(gymnasium.make("wherry/Taxi-v0"))
