@@ -59,7 +59,7 @@ class Agent(Protocol):
 
     @property
     def unknown(self) -> int:
-        """How many pairs of a condition and an action, among the conditions met so far, it cannot predict."""
+        """How many pairs of a condition met so far and an action it cannot predict; 0 if it does not count them."""
         ...
 
     def predict(self, state: State, action: Action) -> Prediction:
@@ -228,17 +228,16 @@ class GoalAgent:
 
 
 class PolicyAgent:
-    """An agent that follows an optimal policy on what it has learnt; not knowing is worth R_max to it.
+    """An agent that follows the policy of a planner, step by step; the planner sees to it that it explores.
 
     Args:
         learner: What it learns with.
-        planner: Plans on what was learnt.
+        planner: Knows the best action by what was learnt so far.
     """
 
-    def __init__(self, learner: ConditionalLearner, planner: Planner) -> None:
+    def __init__(self, learner: Learner, planner: Planner) -> None:
         self.learner = learner
         self.planner = planner
-        self._unknown = UnknownPairs(learner)
 
     @property
     def domain(self) -> Domain:
@@ -247,8 +246,8 @@ class PolicyAgent:
 
     @property
     def unknown(self) -> int:
-        """How many pairs of a condition and an action, among the conditions met so far, it cannot predict."""
-        return self._unknown.count()
+        """Always 0: it does not count what it cannot predict."""
+        return 0
 
     def predict(self, state: State, action: Action) -> Prediction:
         """What it expects of an action."""
@@ -256,7 +255,6 @@ class PolicyAgent:
 
     def decide(self, state: State) -> Decision:
         """The policy's action."""
-        self._unknown.meet(state)
         action = self.planner.policy(state)
         prediction = self.learner.predict(state, action)
         return Decision(action, prediction, exploring=not prediction.known)

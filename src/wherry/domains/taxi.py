@@ -119,6 +119,24 @@ class TaxiGrid(DeterministicMdp):
         raise ValueError(f"Taxi has no action {action}")
 
 
+def taxi_parents(action: str, variable: tuple[str, str]) -> tuple[tuple[str, str], ...]:
+    """The dynamic Bayesian network of Taxi, which Factored R-max is given: what a variable's next value depends on.
+
+    Args:
+        action: The action's name.
+        variable: An object's name and an attribute's; anything else stands for the reward and the episode's end.
+    """
+    taxi, passenger = (("taxi", "x"), ("taxi", "y")), (("passenger", "x"), ("passenger", "y"), ("passenger", "in_taxi"))
+    destination = (("destination", "x"), ("destination", "y"))
+    if variable[0] == "taxi":
+        return taxi if action in DIRECTIONS else (variable,)
+    if variable[0] == "destination" or variable in passenger[:2]:
+        return (variable,)
+    if action in DIRECTIONS:
+        return (variable,) if variable in passenger else ()
+    return (*taxi, *passenger) if action == "PICKUP" else (*taxi, ("passenger", "in_taxi"), *destination)
+
+
 def taxi_grid(size: int) -> TaxiGrid:
     """One of the published grids, 5×5 or 10×10.
 

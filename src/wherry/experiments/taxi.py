@@ -1,34 +1,39 @@
-"""The published Taxi experiment: how many steps a learner needs to an optimal policy (Diuk et al. 2008, section 5).
+"""The published Taxi experiment: steps until six probes are all solved optimally (Diuk et al. 2008, section 5).
 
-Episodes start at random. After every episode the greedy policy is tried from six probes; a repetition ends when all six
-take the fewest steps possible, and its figure is the number of steps that were taken in the episodes until then.
+Episodes begin at random. After every episode the greedy policy is tested from six probes, without learning. What
+counts is the steps taken in the environment, those of the tests excluded, until it solves all six in the fewest steps
+possible.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from wherry.domains.taxi import PROBES, SIZES, TaxiGrid, taxi_grid
-from wherry.episodes import PolicyAgent, run
+from wherry.domains.taxi import PROBES, SIZES, TaxiGrid, taxi_grid, taxi_parents
+from wherry.episodes import Decision, PolicyAgent, run
 from wherry.errors import InputError
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
+from wherry.learning.factored_rmax import FactoredRmax
 from wherry.learning.learners import RuleLearner
-from wherry.oomdp.domain import Domain
+from wherry.learning.q_learning import QLearning
+from wherry.learning.rmax import Rmax
+from wherry.oomdp.domain import Action
+from wherry.oomdp.mdp import Transition
+from wherry.oomdp.objects import State
+from wherry.oomdp.outcomes import Grounded
 from wherry.planning.state_space import StateSpace
 from wherry.planning.value_iteration import ValueIteration
 
-OPTIMAL_LENGTHS: Mapping[int, tuple[int, ...]] = {5: (10, 14, 13, 13, 10, 13), 10: (17, 22, 20, 24, 13, 21)}
-"""The fewest steps from each probe, as published; a test works them out again."""
-
-EPISODE_STEPS = 100  # after which an episode is begun anew
-MOST_STEPS = 20_000  # after which a repetition has not converged
-
-LEARNERS: Mapping[str, Callable[[Domain], RuleLearner]] = {"doormax": Doormax, "bayes": BayesianLearner}
+LONGEST_EPISODE = 100  # steps
+CURIOSITY = 8.0  # what it is worth to the Bayesian learner to settle a doubt; a delivery is worth 20
+OPTIMISTIC_VALUE = 20.0  # Q-learning's first values where they are to be optimistic: nothing is worth more
+PATIENCE = 1_000_000  # steps after which a learner is said not to converge
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +41,10 @@ class Settings:
     """What to run.
 
     Attributes:
-        size: 5 or 10, the grid's side.
+        size: The grid's side, 5 or 10.
         learner: A key of `LEARNERS`.
-        repetitions: How often.
-        seed: Of the first repetition; each one has a generator of its own.
+        repetitions: How often, each time with other random numbers.
+        seed: Of all that is random.
     """
 
     size: int = 5
@@ -53,128 +58,234 @@ class Repetition:
     """One learner's life.
 
     Attributes:
-        steps: Taken in episodes until all probes were optimal, or until it was given up.
-        episodes: In which they were taken.
-        converged: Whether all probes were optimal in the end.
-        seconds: Spent on predicting, learning and planning in the episodes.
+        steps: Steps in the environment until all probes were solved, or until patience ended.
+        converged: Whether all probes were solved.
+        seconds: Time that deciding and learning took.
+        curve: After every episode the steps so far, and how many of the probes were solved then.
     """
 
     steps: int
-    episodes: int
     converged: bool
     seconds: float
+    curve: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """All repetitions together; steps are of those that converged.
+    """What came of it.
 
     Attributes:
-        steps_mean: Mean steps.
+        settings: What was run.
+        runs: All repetitions, in their order.
+        repetitions: How many.
+        converged: How many of them solved all probes.
+        steps_mean: Steps of those that did, on average; None where there were none.
         steps_sd: Their standard deviation.
         steps_p95: Their 95th percentile.
-        converged: How many repetitions converged.
-        repetitions: How many there were.
-        ms_per_step: ms, median over repetitions of a step's mean time, learning and planning included.
-        learner: Its name.
-        size: The grid's side.
-        seed: Of the first repetition.
+        ms_per_step: Time to decide and to learn, planning included: the median of the repetitions' averages, ms.
     """
 
+    settings: Settings
+    runs: tuple[Repetition, ...]
+    repetitions: int
+    converged: int
     steps_mean: float | None
     steps_sd: float | None
     steps_p95: float | None
-    converged: int
-    repetitions: int
     ms_per_step: float
-    learner: str
-    size: int
-    seed: int
 
-    def as_json(self) -> dict[str, object]:
-        """The fields."""
-        return asdict(self)
+    @classmethod
+    def of(cls, settings: Settings, runs: Sequence[Repetition]) -> Result:
+        """The figures of some repetitions, at least one."""
+        steps = np.array([run.steps for run in runs if run.converged])
+        return cls(
+            settings,
+            tuple(runs),
+            repetitions=len(runs),
+            converged=len(steps),
+            steps_mean=float(steps.mean()) if len(steps) else None,
+            steps_sd=float(steps.std()) if len(steps) else None,
+            steps_p95=float(np.percentile(steps, 95)) if len(steps) else None,
+            ms_per_step=float(np.median([1000 * run.seconds / run.steps for run in runs])),
+        )
+
+    def as_json(self) -> dict[str, float | int | str | None]:
+        """The figures as plain data."""
+        figures = {field.name: getattr(self, field.name) for field in fields(self)[2:]}
+        return {"size": self.settings.size, "learner": self.settings.learner, "seed": self.settings.seed, **figures}
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """A learner that is ready to begin.
+
+    Attributes:
+        agent: Acts and learns.
+        best: Its greedy policy, which is tested.
+    """
+
+    agent: PolicyAgent
+    best: Callable[[State], Action]
+
+
+@dataclass(frozen=True, slots=True)
+class Arena:
+    """Where contenders compete; tables that say nothing of what was learnt are shared by all repetitions.
+
+    Attributes:
+        environment: The grid.
+        probes: The states to test from, each with the fewest steps that solve it.
+        acting: States as planners number them for acting.
+        testing: The same for testing.
+    """
+
+    environment: TaxiGrid
+    probes: tuple[tuple[State, int], ...]
+    acting: StateSpace
+    testing: StateSpace
+
+    @classmethod
+    def of_size(cls, size: int) -> Arena:
+        """The published grid of that size."""
+        environment = taxi_grid(size)
+        optimal = ValueIteration(Grounded(environment.domain, environment), optimistic=False)
+        probes = [environment.state_of(*probe) for probe in PROBES]
+        lengths = [_steps_to_end(environment, optimal.policy, probe, limit=LONGEST_EPISODE) for probe in probes]
+        return cls(environment, tuple(zip(probes, lengths, strict=True)), StateSpace(), StateSpace())
+
+
+def _steps_to_end(environment: TaxiGrid, policy: Callable[[State], Action], start: State, limit: int) -> int:
+    """How many steps a policy takes to end the episode; more than the limit where it does not within that."""
+    state = start
+    for number in range(1, limit + 1):
+        done = environment.transition(state, policy(state))
+        if done.terminated:
+            return number
+        state = done.next_state
+    return limit + 1
+
+
+def _doormax(arena: Arena, rng: np.random.Generator, **options: Any) -> Contender:
+    learner = Doormax(arena.environment.domain, **options)
+    planner = ValueIteration(learner, space=arena.acting)
+    return Contender(PolicyAgent(learner, planner), planner.policy)
+
+
+def _near_miss(arena: Arena, rng: np.random.Generator) -> Contender:
+    return _doormax(arena, rng, inference="near-miss")
+
+
+def _letter(arena: Arena, rng: np.random.Generator) -> Contender:
+    return _doormax(arena, rng, refutation=False)
+
+
+def _bayes(arena: Arena, rng: np.random.Generator) -> Contender:
+    learner = BayesianLearner(arena.environment.domain)
+    planner = ValueIteration(learner, curiosity=CURIOSITY, space=arena.acting)
+    return Contender(
+        PolicyAgent(learner, planner), ValueIteration(learner, optimistic=False, space=arena.testing).policy
+    )
+
+
+def _rmax(arena: Arena, rng: np.random.Generator) -> Contender:
+    learner = Rmax(arena.environment.domain)
+    planner = ValueIteration(learner, space=arena.acting)
+    return Contender(PolicyAgent(learner, planner), planner.policy)
+
+
+def _factored_rmax(arena: Arena, rng: np.random.Generator) -> Contender:
+    learner = FactoredRmax(arena.environment.domain, taxi_parents)
+    planner = ValueIteration(learner, space=arena.acting)
+    return Contender(PolicyAgent(learner, planner), planner.policy)
+
+
+def _q_learning(arena: Arena, rng: np.random.Generator) -> Contender:
+    learner = QLearning(arena.environment.domain, rng)
+    return Contender(PolicyAgent(learner, learner), learner.best)
+
+
+def _optimistic_q_learning(arena: Arena, rng: np.random.Generator) -> Contender:
+    learner = QLearning(arena.environment.domain, rng, exploration=0.0, first_value=OPTIMISTIC_VALUE)
+    return Contender(PolicyAgent(learner, learner), learner.best)
+
+
+LEARNERS: Mapping[str, Callable[[Arena, np.random.Generator], Contender]] = {
+    "bayes": _bayes,
+    "doormax": _doormax,
+    "doormax-near-miss": _near_miss,
+    "doormax-letter": _letter,
+    "factored-rmax": _factored_rmax,
+    "rmax": _rmax,
+    "q-learning": _q_learning,
+    "q-learning-optimistic": _optimistic_q_learning,
+}
+"""The learners that can be compared; doormax-letter is the paper's own, without refutation."""
 
 
 class TaxiExperiment:
-    """An experiment that is ready to run.
+    """The experiment, one repetition after the other.
 
     Args:
         settings: What to run.
 
     Raises:
-        InputError: There is no such grid or learner, or no repetition to run.
+        InputError: There is no such grid or learner, or there is nothing to repeat.
     """
 
     def __init__(self, settings: Settings) -> None:
         if settings.size not in SIZES:
-            raise InputError("--size", str(settings.size), f"is none of the published {', '.join(map(str, SIZES))}")
+            raise InputError("--size", str(settings.size), f"is none of {', '.join(map(str, SIZES))}")
         if settings.learner not in LEARNERS:
             raise InputError("--learner", settings.learner, f"is none of {', '.join(LEARNERS)}")
         if settings.repetitions < 1:
-            raise InputError("--repetitions", str(settings.repetitions), "is fewer than 1")
+            raise InputError("--repetitions", str(settings.repetitions), "must be at least 1")
         self.settings = settings
-        self.learner: RuleLearner | None = None
-        self._grid = taxi_grid(settings.size)
-        self._spaces = StateSpace(), StateSpace()  # one for acting, one for the greedy policy
-        self._done: list[Repetition] = []
+        self.learner: RuleLearner | None = None  # the last repetition's, if it learns rules
+        self._runs: list[Repetition] = []
 
     def repetitions(self) -> Iterator[Repetition]:
-        """Run all repetitions, one after the other."""
-        for number in range(self.settings.repetitions):
-            repetition = self._repeat(np.random.default_rng([self.settings.seed, number]))
-            self._done.append(repetition)
-            yield repetition
+        """Run them all; each is given out when it is over."""
+        arena = Arena.of_size(self.settings.size)
+        warm_up, *streams = np.random.default_rng(self.settings.seed).spawn(self.settings.repetitions + 1)
+        self._repeat(arena, warm_up, patience=1)  # compiles the kernels, so that no repetition is charged for that
+        for rng in streams:
+            self._runs.append(self._repeat(arena, rng, patience=PATIENCE))
+            yield self._runs[-1]
 
     def result(self) -> Result:
-        """What came of those repetitions that were run."""
-        steps = np.array([item.steps for item in self._done if item.converged], dtype=float)
-        some = len(steps) > 0
-        return Result(
-            steps_mean=float(steps.mean()) if some else None,
-            steps_sd=float(steps.std()) if some else None,
-            steps_p95=float(np.percentile(steps, 95)) if some else None,
-            converged=len(steps),
-            repetitions=len(self._done),
-            ms_per_step=float(np.median([1e3 * item.seconds / item.steps for item in self._done])),
-            learner=self.settings.learner,
-            size=self.settings.size,
-            seed=self.settings.seed,
-        )
+        """The figures of the repetitions that are over, at least one."""
+        return Result.of(self.settings, self._runs)
 
-    def steps(self) -> tuple[int, ...]:
-        """The steps of the repetitions that converged, for a learning curve."""
-        return tuple(item.steps for item in self._done if item.converged)
-
-    def _repeat(self, rng: np.random.Generator) -> Repetition:
-        """One learner from knowing nothing to being optimal."""
-        learner = self.learner = LEARNERS[self.settings.learner](self._grid.domain)
-        agent = PolicyAgent(learner, ValueIteration(learner, space=self._spaces[0]))
-        greedy = ValueIteration(learner, space=self._spaces[1], optimistic=False)
-        steps = episodes = 0
-        seconds = 0.0
-        while steps < MOST_STEPS:
-            began = time.perf_counter()
-            steps += sum(1 for _ in run(self._grid, agent, rng, max_steps=EPISODE_STEPS))
-            seconds += time.perf_counter() - began
-            episodes += 1
-            if is_optimal(self._grid, greedy, OPTIMAL_LENGTHS[self.settings.size]):
-                return Repetition(steps, episodes, converged=True, seconds=seconds)
-        return Repetition(steps, episodes, converged=False, seconds=seconds)
+    def _repeat(self, arena: Arena, rng: np.random.Generator, patience: int) -> Repetition:
+        """Let a contender learn until it solves all probes, or patience ends."""
+        contender = LEARNERS[self.settings.learner](arena, rng)
+        agent = _Stopwatch(contender.agent)
+        self.learner = agent.learner if isinstance(agent.learner, Doormax | BayesianLearner) else None
+        steps, solved, curve = 0, 0, list[tuple[int, int]]()
+        while solved < len(arena.probes) and steps < patience:
+            steps += sum(1 for _ in run(arena.environment, agent, rng, max_steps=LONGEST_EPISODE))
+            solved = sum(
+                _steps_to_end(arena.environment, contender.best, probe, limit=fewest) == fewest
+                for probe, fewest in arena.probes
+            )
+            curve.append((steps, solved))
+        return Repetition(steps, solved == len(arena.probes), agent.seconds, tuple(curve))
 
 
-def is_optimal(grid: TaxiGrid, planner: ValueIteration, lengths: tuple[int, ...]) -> bool:
-    """Whether the policy delivers every probe's passenger in the fewest steps."""
-    return all(_delivers_within(grid, planner, probe, most) for probe, most in zip(PROBES, lengths, strict=True))
+class _Stopwatch(PolicyAgent):
+    """An agent whose deciding and learning is timed."""
 
+    def __init__(self, agent: PolicyAgent) -> None:
+        super().__init__(agent.learner, agent.planner)
+        self.seconds = 0.0
 
-def _delivers_within(
-    grid: TaxiGrid, planner: ValueIteration, probe: tuple[tuple[int, int], str, str], most: int
-) -> bool:
-    state = grid.state_of(*probe)
-    for _ in range(most):
-        transition = grid.transition(state, planner.policy(state))
-        if transition.terminated:
-            return True
-        state = transition.next_state
-    return False
+    def decide(self, state: State) -> Decision:
+        began = time.perf_counter()
+        decision = super().decide(state)
+        self.seconds += time.perf_counter() - began
+        return decision
+
+    def learn(self, transition: Transition) -> None:
+        began = time.perf_counter()
+        super().learn(transition)
+        self.seconds += time.perf_counter() - began

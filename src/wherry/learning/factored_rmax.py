@@ -1,0 +1,88 @@
+"""Factored R-max (Guestrin, Patrascu and Schuurmans 2002) for deterministic MDPs: the structure is given, not learnt.
+
+For every action a dynamic Bayesian network says on which attributes an attribute's next value depends, and on which the
+reward and the episode's end do. What is learnt is one table for each of them; a step is known when all its tables are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator
+from typing import Any
+
+from wherry.learning.rmax import NOT_KNOWN
+from wherry.oomdp.domain import Action, Domain
+from wherry.oomdp.mdp import Prediction, Transition
+from wherry.oomdp.objects import State, Value
+from wherry.oomdp.outcomes import Answer, Fixed
+
+Variable = tuple[str, str]
+"""An attribute of an object, by the object's name and the attribute's."""
+
+WORTH: Variable = ("", "reward and end")
+"""The variable for what a step is worth and whether it ends the episode."""
+
+Parents = Callable[[str, Variable], tuple[Variable, ...]]
+"""The variables that a variable's next value depends on, for an action's name: the network, which is given."""
+
+
+class FactoredRmax:
+    """Remembers what every action did to every variable, by the values of the variable's parents.
+
+    Args:
+        domain: What states are described with.
+        parents: The dynamic Bayesian network.
+    """
+
+    doubtful = False
+    violations: tuple[str, ...] = ()
+
+    def __init__(self, domain: Domain, parents: Parents) -> None:
+        self.domain = domain
+        self.parents = parents
+        self.revisions = dict.fromkeys(domain.actions, 0)
+        self._tables: dict[tuple[Action, Variable], dict[tuple[Value, ...], Hashable]] = {}
+
+    def predict(self, state: State, action: Action) -> Prediction:
+        """What the tables say, or unknown where one of them has a gap."""
+        return self.answer(state, action).predict(state, action)
+
+    def key(self, state: State) -> Hashable:
+        """The state itself."""
+        return state
+
+    def answer(self, state: State, action: Action) -> Answer:
+        """What the tables say, or unknown where one of them has a gap."""
+        worth = self._look_up(state, action, WORTH)
+        if worth is None:
+            return NOT_KNOWN
+        objects = []
+        for item in state.objects:
+            values = [
+                self._look_up(state, action, (item.name, attribute.name)) for attribute in item.object_class.attributes
+            ]
+            if None in values:
+                return NOT_KNOWN
+            objects.append(type(item)(item.object_class, item.name, tuple(values)))
+        return Answer(((Fixed(Prediction(state.with_objects(objects), *worth)), 1.0),))
+
+    def _look_up(self, state: State, action: Action, variable: Variable) -> Any:
+        return self._tables.get((action, variable), {}).get(self._parent_values(state, action, variable))
+
+    def _parent_values(self, state: State, action: Action, variable: Variable) -> tuple[Value, ...]:
+        return tuple(getattr(state[name], attribute) for name, attribute in self.parents(action.name, variable))
+
+    def add_experience(self, transition: Transition) -> None:
+        """Remember one experience in all tables."""
+        for variable, value in _next_values(transition):
+            table = self._tables.setdefault((transition.action, variable), {})
+            key = self._parent_values(transition.state, transition.action, variable)
+            if table.get(key) != value:
+                table[key] = value
+                self.revisions[transition.action.name] += 1
+
+
+def _next_values(transition: Transition) -> Iterator[tuple[Variable, Hashable]]:
+    yield WORTH, (transition.reward, transition.terminated)
+    for item in transition.next_state.objects:
+        for attribute, value in zip(item.object_class.attributes, item.values, strict=True):
+            yield (item.name, attribute.name), value
