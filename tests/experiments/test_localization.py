@@ -11,10 +11,14 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.experiments.localization import Settings, prepare
+from wherry.logs import read_log
+from wherry.mapping.graph_slam import GraphSlam
+from wherry.mapping.saved_graph import save_graph
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.space.raycast import cast_rays
+from wherry.space.trajectory import save_tum
 
 ORIGIN = Pose(-1.0, -2.0)
 
@@ -90,3 +94,24 @@ def test_a_reference_of_another_time_is_refused(files: Settings, tmp_path: Path)
     list(run.steps())
     with pytest.raises(InputError, match="no pose at the time"):
         run.result()
+
+
+def test_a_saved_pose_graph_is_a_map(files: Settings, tmp_path: Path) -> None:
+    log = read_log(files.log)
+    slam = GraphSlam(log.lidar)
+    for scan, odometry in zip(log.scans, log.scan_odometry, strict=True):
+        slam.add(scan, odometry)
+    slam.finish()
+    save_graph(slam, tmp_path / "graph.npz")
+    save_tum(slam.trajectory, tmp_path / "slam.tum")
+    run = prepare(Settings(files.log, tmp_path / "graph.npz", reference=tmp_path / "slam.tum"))
+    list(run.steps())
+    median = run.result().median_m
+    assert median is not None
+    assert median < 0.05
+
+
+def test_a_broken_pose_graph_is_refused(files: Settings, tmp_path: Path) -> None:
+    (tmp_path / "graph.npz").write_bytes(b"no archive")
+    with pytest.raises(InputError, match="not a saved pose graph"):
+        prepare(Settings(files.log, tmp_path / "graph.npz"))

@@ -17,6 +17,7 @@ from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameter_files import load_parameters
 from wherry.localization.parameters import AmclParameters
 from wherry.logs import LidarLog, read_log, read_odometry
+from wherry.mapping.saved_graph import load_graph
 from wherry.robot import Odometry
 from wherry.space.map_files import load_map
 from wherry.space.occupancy import OccupancyGrid
@@ -36,7 +37,7 @@ class Settings:
 
     Attributes:
         log: A lidar log, see `logs.read_log`.
-        map_file: A map.yaml, or a wean.dat.
+        map_file: A map.yaml, a pose graph saved by mapping, or a wean.dat.
         params: An amcl yaml; None for LOG_PARAMETERS.
         reference: The true trajectory, see `logs.read_odometry`; None if there is none.
         everywhere: Whether the robot may be anywhere at first; otherwise it starts at the initial pose of ``params``,
@@ -133,13 +134,15 @@ def prepare(settings: Settings) -> LocalizationRun:
 
 
 def load_any_map(path: Path) -> OccupancyGrid:
-    """Read a map.yaml or a wean.dat, told apart by their names.
+    """Read a map.yaml, a saved pose graph (.npz) or a wean.dat, told apart by their names.
 
     Raises:
         InputError: The file cannot be read, or is no map of its kind.
     """
     if path.name.removesuffix(".gz").endswith(".dat"):
         return load_wean_map(path)
+    if path.suffix == ".npz":
+        return load_graph(path).grid()
     return load_map(path)
 
 
