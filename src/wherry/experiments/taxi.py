@@ -18,6 +18,7 @@ from wherry.domains.taxi import PROBES, SIZES, TaxiGrid, taxi_grid, taxi_parents
 from wherry.episodes import Decision, PolicyAgent, run
 from wherry.errors import InputError
 from wherry.learning.bayes import BayesianLearner
+from wherry.learning.bounds import UnknownAnswers
 from wherry.learning.doormax import Doormax
 from wherry.learning.factored_rmax import FactoredRmax
 from wherry.learning.learners import RuleLearner
@@ -62,12 +63,14 @@ class Repetition:
         converged: Whether all probes were solved.
         seconds: Time that deciding and learning took.
         curve: After every episode the steps so far, and how many of the probes were solved then.
+        unknown_answers: DOORMAX's most "I don't know" for an action, attribute and type of effect; None for others.
     """
 
     steps: int
     converged: bool
     seconds: float
     curve: tuple[tuple[int, int], ...]
+    unknown_answers: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +86,8 @@ class Result:
         steps_sd: Their standard deviation.
         steps_p95: Their 95th percentile.
         ms_per_step: Time to decide and to learn, planning included: the median of the repetitions' averages, ms.
+        unknown_answers: The most of all repetitions' `Repetition.unknown_answers`.
+        unknown_answers_bound: What the theorem says that they cannot exceed, nk + k + 1.
     """
 
     settings: Settings
@@ -93,10 +98,13 @@ class Result:
     steps_sd: float | None
     steps_p95: float | None
     ms_per_step: float
+    unknown_answers: int | None
+    unknown_answers_bound: int | None
 
     @classmethod
-    def of(cls, settings: Settings, runs: Sequence[Repetition]) -> Result:
+    def of(cls, settings: Settings, runs: Sequence[Repetition], bound: int | None) -> Result:
         """The figures of some repetitions, at least one."""
+        unknown = [run.unknown_answers for run in runs if run.unknown_answers is not None]
         steps = np.array([run.steps for run in runs if run.converged])
         return cls(
             settings,
@@ -107,6 +115,8 @@ class Result:
             steps_sd=float(steps.std()) if len(steps) else None,
             steps_p95=float(np.percentile(steps, 95)) if len(steps) else None,
             ms_per_step=float(np.median([1000 * run.seconds / run.steps for run in runs])),
+            unknown_answers=max(unknown, default=None),
+            unknown_answers_bound=bound,
         )
 
     def as_json(self) -> dict[str, float | int | str | None]:
@@ -242,6 +252,7 @@ class TaxiExperiment:
         self.settings = settings
         self.learner: RuleLearner | None = None  # the last repetition's, if it learns rules
         self._runs: list[Repetition] = []
+        self._bound: int | None = None
 
     def repetitions(self) -> Iterator[Repetition]:
         """Run them all; each is given out when it is over."""
@@ -254,7 +265,7 @@ class TaxiExperiment:
 
     def result(self) -> Result:
         """The figures of the repetitions that are over, at least one."""
-        return Result.of(self.settings, self._runs)
+        return Result.of(self.settings, self._runs, self._bound)
 
     def _repeat(self, arena: Arena, rng: np.random.Generator, patience: int) -> Repetition:
         """Let a contender learn until it solves all probes, or patience ends."""
@@ -269,15 +280,19 @@ class TaxiExperiment:
                 for probe, fewest in arena.probes
             )
             curve.append((steps, solved))
-        return Repetition(steps, solved == len(arena.probes), agent.seconds, tuple(curve))
+        answers = agent.unknown_answers
+        self._bound = None if answers is None else answers.bound
+        most = None if answers is None else answers.most
+        return Repetition(steps, solved == len(arena.probes), agent.seconds, tuple(curve), most)
 
 
 class _Stopwatch(PolicyAgent):
-    """An agent whose deciding and learning is timed."""
+    """An agent whose deciding and learning is timed, and whose "I don't know" is counted."""
 
     def __init__(self, agent: PolicyAgent) -> None:
         super().__init__(agent.learner, agent.planner)
         self.seconds = 0.0
+        self.unknown_answers = UnknownAnswers(agent.learner) if isinstance(agent.learner, Doormax) else None
 
     def decide(self, state: State) -> Decision:
         began = time.perf_counter()
@@ -286,6 +301,8 @@ class _Stopwatch(PolicyAgent):
         return decision
 
     def learn(self, transition: Transition) -> None:
+        if self.unknown_answers is not None:
+            self.unknown_answers.observe(transition)
         began = time.perf_counter()
         super().learn(transition)
         self.seconds += time.perf_counter() - began

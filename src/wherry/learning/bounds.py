@@ -1,0 +1,67 @@
+"""The theorem, counted while learning (paper, section 6; Diuk, Cohen and Littman 2008, theorem 2).
+
+For one action, attribute and type of effect, DOORMAX answers "I don't know" at most O(nk + k + 1) times, for n terms and
+k effects: every such answer either brings a new effect, of which there are k at most, or takes a term away from a
+condition, of which each effect's has n, or ends in the type's removal. States in which the action fails do not count;
+these are memorised, and can be exponentially many in n. It is no bound on the steps until the policy is optimal.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from wherry.learning.doormax import Doormax
+from wherry.learning.predictions import Subject
+from wherry.oomdp.effects import value_of
+from wherry.oomdp.mdp import Transition
+from wherry.oomdp.objects import EXISTS
+
+
+def unknown_answers_bound(terms: int, max_effects: int) -> int:
+    """The bound nk + k + 1 for one action, attribute and type of effect."""
+    return terms * max_effects + max_effects + 1
+
+
+def attribute_bound(terms: int, max_effects: int, types: int) -> int:
+    """The bound h(nk + k + 1) + h − 1 for one action and attribute, with h types of effects."""
+    return types * unknown_answers_bound(terms, max_effects) + types - 1
+
+
+class UnknownAnswers:
+    """How often DOORMAX did not know what it was then shown.
+
+    Args:
+        learner: The learner that is being taught.
+    """
+
+    def __init__(self, learner: Doormax) -> None:
+        self.learner = learner
+        self.counts: Counter[tuple[Subject, str]] = Counter()
+
+    @property
+    def most(self) -> int:
+        """The count of the action, attribute and type for which it is largest."""
+        return max(self.counts.values(), default=0)
+
+    @property
+    def bound(self) -> int:
+        """What none of the counts may exceed."""
+        return unknown_answers_bound(self.learner.domain.size, self.learner.max_effects)
+
+    def observe(self, transition: Transition) -> None:
+        """Ask what the learner knows of an experience, just before it learns from that; failures do not count."""
+        if transition.failed:
+            return
+        action = transition.action.name
+        _, *own = self.learner.domain.conditions(transition.state, transition.action)
+        for item, terms in zip(transition.state.objects, own, strict=True):
+            later = transition.next_state.get(item.name)
+            for attribute in item.object_class.changeable:
+                if later is None and attribute.name != EXISTS:
+                    continue
+                unchanged = later is not None and value_of(later, attribute.name) == value_of(item, attribute.name)
+                if unchanged and self.learner.failure_scope == "attribute":
+                    continue
+                subject = Subject(action, item.object_class.name, attribute.name)
+                for name, rules in self.learner.predictions.rules[subject].items():
+                    self.counts[subject, name] += not any(rule.model.covers_terms(terms) for rule in rules)
