@@ -1,9 +1,10 @@
 """The theorem, counted while learning (paper, section 6; Diuk, Cohen and Littman 2008, theorem 2).
 
-For one action, attribute and type of effect, DOORMAX answers "I don't know" at most O(nk + k + 1) times, for n terms and
-k effects: every such answer either brings a new effect, of which there are k at most, or takes a term away from a
+For one action, attribute and type of effect, DOORMAX answers "I don't know" at most O(nk + k + 1) times, for n terms
+and k effects: every such answer either brings a new effect, of which there are k at most, or takes a term away from a
 condition, of which each effect's has n, or ends in the type's removal. States in which the action fails do not count;
-these are memorised, and can be exponentially many in n. It is no bound on the steps until the policy is optimal.
+these are memorised, and can be exponentially many in n. Nor do changes that no effect of the type could make. It is no
+bound on the steps until the policy is optimal.
 """
 
 from __future__ import annotations
@@ -12,9 +13,8 @@ from collections import Counter
 
 from wherry.learning.doormax import Doormax
 from wherry.learning.predictions import Subject
-from wherry.oomdp.effects import value_of
+from wherry.oomdp.effects import eff_att, observed
 from wherry.oomdp.mdp import Transition
-from wherry.oomdp.objects import EXISTS
 
 
 def unknown_answers_bound(terms: int, max_effects: int) -> int:
@@ -55,13 +55,12 @@ class UnknownAnswers:
         action = transition.action.name
         _, *own = self.learner.domain.conditions(transition.state, transition.action)
         for item, terms in zip(transition.state.objects, own, strict=True):
-            later = transition.next_state.get(item.name)
-            for attribute in item.object_class.changeable:
-                if later is None and attribute.name != EXISTS:
-                    continue
-                unchanged = later is not None and value_of(later, attribute.name) == value_of(item, attribute.name)
-                if unchanged and self.learner.failure_scope == "attribute":
+            for attribute, before, after in observed(item, transition.next_state.get(item.name)):
+                if before == after and self.learner.failure_scope == "attribute":
                     continue
                 subject = Subject(action, item.object_class.name, attribute.name)
-                for name, rules in self.learner.predictions.rules[subject].items():
-                    self.counts[subject, name] += not any(rule.model.covers_terms(terms) for rule in rules)
+                alive = self.learner.predictions.rules[subject]
+                for effect in eff_att(attribute, before, after, self.learner.effect_types):
+                    if effect.type in alive:
+                        known = any(rule.model.covers_terms(terms) for rule in alive[effect.type])
+                        self.counts[subject, effect.type] += not known

@@ -171,7 +171,7 @@ class Doormax:
                 return self._add_failure(subject, terms)
             self._retract_failure(subject, terms)
         effects = eff_att(attribute, before, after, self.effect_types)
-        changed = self.refutation and self._refute(subject, terms, effects)
+        changed = self.refutation and self._refute(subject, terms, before != after, effects)
         for effect in effects:  # line 7
             if effect.type in self.predictions.rules[subject]:
                 changed |= self._add_effect(subject, Condition.of(self.domain.size, terms), effect)
@@ -199,11 +199,24 @@ class Doormax:
                 self.predictions.remove(subject, effect.type, reason)  # line 24
         return True
 
-    def _refute(self, subject: Subject, terms: int, effects: tuple[Effect, ...]) -> bool:
-        """Remove the types that predicted another effect than was observed (not in the paper)."""
-        wrong = {rule.effect.type for rule in self.predictions.covering(subject, terms) if rule.effect not in effects}
-        for effect_type in wrong:
-            self.predictions.remove(subject, effect_type, "predicted what was not observed")
+    def _refute(self, subject: Subject, terms: int, changed: bool, effects: tuple[Effect, ...]) -> bool:
+        """Remove the types that predicted another effect than was observed, or that no change such as this one has.
+
+        The paper lacks this step: a wrong type whose conditions never overlap stays for ever, and contradicts the true
+        one for ever.
+        """
+        wrong = {
+            rule.effect.type: "predicted what was not observed"
+            for rule in self.predictions.covering(subject, terms)
+            if rule.effect not in effects
+        }
+        if changed:
+            possible = {effect.type for effect in effects}
+            wrong |= {
+                name: "cannot explain a change" for name in self.predictions.rules[subject] if name not in possible
+            }
+        for effect_type, reason in wrong.items():
+            self.predictions.remove(subject, effect_type, reason)
         return bool(wrong)
 
     def _add_failure(self, scope: str | Subject, terms: int) -> bool:
