@@ -31,6 +31,12 @@ def _slam(data: Path, folder: Path, progress: Progress) -> str:
     return f"## SLAM\n```\n{slam_table.table(slam_table.reproduce(data))}\n```\n"
 
 
+def _localization(data: Path, folder: Path, progress: Progress) -> str:
+    from wherry.experiments import localization_table
+
+    return localization_table.reproduce(data, folder, progress)
+
+
 def _delivery(data: Path, folder: Path, progress: Progress) -> str:
     from wherry.experiments import delivery_study
 
@@ -40,6 +46,7 @@ def _delivery(data: Path, folder: Path, progress: Progress) -> str:
 REPRODUCTIONS: Mapping[str, Callable[[Path, Path, Progress], str]] = {
     "taxi": _taxi,
     "slam": _slam,
+    "localization": _localization,
     "delivery": _delivery,
 }
 """Each takes the folder of recorded logs, a folder for its files and a progress, and returns Markdown."""

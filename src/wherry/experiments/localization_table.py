@@ -1,0 +1,154 @@
+"""The localization section of the results: section 5.A's claims, real buildings, kidnapping and calibration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from wherry.experiments import kidnapping, localization_study
+from wherry.experiments import recorded_localization as recorded
+from wherry.experiments.results import markdown_table
+from wherry.files import write_atomically
+from wherry.views.reliability import reliability_diagram
+
+Progress = Callable[[int, int], None]
+
+PICTURE = "reliability.svg"
+SOON = 20.0  # s, simulated, in which a kidnapped robot should have found itself
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How much is run; the defaults are what the results file shows.
+
+    Attributes:
+        study: Section 5.A.
+        kidnapping: The simulated hour and the kidnappings.
+        seeds: Of every run on recorded logs.
+        every: Of the odd Intel scans, how many there are to one that is relocalized.
+    """
+
+    study: localization_study.Settings = field(default_factory=localization_study.Settings)
+    kidnapping: kidnapping.Settings = field(default_factory=kidnapping.Settings)
+    seeds: int = 20
+    every: int = 1
+
+
+def reproduce(data: Path, folder: Path, progress: Progress, extent: Extent | None = None) -> str:
+    """Run everything and return it as Markdown.
+
+    Args:
+        data: The folder of recorded logs.
+        folder: Where the reliability diagram goes, as `PICTURE`.
+        progress: Told how many parts are done, of how many.
+        extent: How much to run; all of it by default.
+
+    Raises:
+        InputError: A log or a map is missing or broken.
+    """
+    chosen = extent or Extent()
+    parts: tuple[Callable[[], str], ...] = (
+        lambda: _intel(data, chosen),
+        lambda: _wean(data, chosen.seeds),
+        lambda: _study(chosen.study),
+        lambda: _kidnapping(chosen.kidnapping, folder),
+    )
+    sections = ["## Localization"]
+    for done, part in enumerate(parts):
+        progress(done, len(parts))
+        sections.append(part())
+    progress(len(parts), len(parts))
+    return "\n\n".join(sections) + "\n"
+
+
+def _study(settings: localization_study.Settings) -> str:
+    rows = list(localization_study.run(settings))
+    table = markdown_table(
+        ["filter", "rmse m", "p99 m", "memory kB", "scans/s", "found from anywhere", "recovered"],
+        [
+            [
+                row.name,
+                f"{row.rmse_m:.3f}",
+                f"{row.p99_m:.3f}",
+                f"{row.memory_bytes / 1e3:.1f}",
+                f"{row.hertz:.0f}",
+                f"{row.found:.0%}",
+                f"{row.recovered:.0%}",
+            ]
+            for row in rows
+        ],
+    )
+    claims = markdown_table(
+        ["claim of section 5.A", "holds", "figures"],
+        [[claim.text, "yes" if claim.holds else "no", claim.figures] for claim in localization_study.claims(rows)],
+    )
+    return f"### Section 5.A: the paper's claims\n\n{table}\n\n{claims}"
+
+
+def _intel(data: Path, extent: Extent) -> str:
+    halves = recorded.halves(data / recorded.INTEL)
+    runs = [recorded.track(halves, seed) for seed in range(extent.seeds)]
+    single = recorded.relocalize(halves, extent.every)
+    never = sum(run.lost == 0.0 for run in runs)
+    near = sum(run.beyond == 0.0 for run in runs)
+    medians = [run.median_m for run in runs]
+    table = markdown_table(
+        ["figure", "value"],
+        [
+            ["tracking: median error m, median of the seeds", f"{np.median(medians):.3f}"],
+            ["tracking: median error m, worst seed", f"{max(medians):.3f}"],
+            ["tracking: seeds never believed lost", f"{never} of {len(runs)}"],
+            [f"tracking: seeds never beyond {recorded.FOUND} m", f"{near} of {len(runs)}"],
+            [f"one scan: within {recorded.FOUND} m", f"{single.found:.1%}"],
+            ["one scan: declared ambiguous", f"{single.ambiguous:.1%}"],
+            ["one scan: either", f"{single.found_or_ambiguous:.1%}"],
+            ["one scan: s, median and worst", f"{single.seconds_median:.2f}, {single.seconds_worst:.2f}"],
+        ],
+    )
+    text = "The map is SLAM's of the even scans; the reference its trajectory, with odometry in between."
+    return f"### Intel lab: the odd scans on the map of the even ones\n\n{text}\n\n{table}"
+
+
+def _wean(data: Path, seeds: int) -> str:
+    rows = []
+    for log in recorded.WEAN_LOGS:
+        finals = np.array(list(recorded.final_poses(data / log, data / recorded.WEAN_MAP, range(seeds))))
+        together = recorded.most_together(finals)
+        x, y = np.median(finals[:, :2], axis=0)
+        rows.append([log.name.removesuffix(".log.gz"), f"{together} of {seeds}", f"{x:.2f}, {y:.2f}"])
+    table = markdown_table(["log", f"seeds that end within {recorded.FOUND} m", "x, y m"], rows)
+    return f"### Wean Hall from anywhere\n\n{table}"
+
+
+def _kidnapping(settings: kidnapping.Settings, folder: Path) -> str:
+    result = kidnapping.summarize(list(kidnapping.run(settings)))
+    write_atomically(
+        folder / PICTURE,
+        reliability_diagram(result.reliability, "probability of being lost", "share of scans truly lost").encode(),
+    )
+    figures = markdown_table(
+        ["figure", "value"],
+        [
+            ["tracking rmse m", f"{result.tracking_rmse_m:.3f}"],
+            ["tracking p99 m", f"{result.tracking_p99_m:.3f}"],
+            [f"false alarms in {settings.seconds:.0f} s", f"{result.false_alarms}"],
+            [
+                f"kidnappings recovered within {SOON:.0f} s",
+                f"{int((result.recovered <= SOON).sum())} of {settings.kidnappings}",
+            ],
+            ["median time to recover s", f"{float(np.median(result.recovered)):.1f}"],
+        ],
+    )
+    reliability = markdown_table(
+        ["stated probability of being lost", "truly lost", "scans"],
+        [
+            [f"{stated:.3f}", f"{lost:.3f}", f"{count:.0f}"]
+            for stated, lost, count in result.reliability.tolist()
+            if not math.isnan(stated)
+        ],
+    )
+    return f"### Kidnapping, and how far to believe “I am lost”\n\n{figures}\n\n{reliability}"
