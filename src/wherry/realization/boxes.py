@@ -23,7 +23,7 @@ NARROWEST = 1.2  # chord ÷ radius
 SAME_BOX = 0.25  # m; two sightings nearer than this are of one box
 FEWEST_SIGHTINGS = 5
 RIM = 0.05  # m around a box in which the map may still show it
-RING = 0.06  # m around that which must be free on the map; walls are farther from boxes in the middle of cells
+RING = 0.075  # m around that which must be free on the map; walls are farther from boxes in the middle of cells
 SMALLEST_SHARE = 0.5  # sightings ÷ looks at the place with nothing in between
 
 

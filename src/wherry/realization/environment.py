@@ -20,6 +20,7 @@ from wherry.realization.pilot import Load, Pilot, shows_load, without_load
 from wherry.robot import Scan
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Floats, Pose
+from wherry.trace import Said
 
 LOOK_EVERY = 3  # scans between two in which the boxes are looked for
 LONGEST_INTAKE = 50  # scans that the robot waits for a conveyor to take its box
@@ -64,6 +65,7 @@ class RobotEnvironment:
         self._mapped = site
         self.delivered = 0
         self._scans = 0
+        self._ghosts: set[str] = set()
         self._boxes = tuple(KnownBox(f"box{number}", box) for number, box in enumerate(boxes, start=1))
         pilot.watchers.append(self._watch_boxes)
         self._tell_pilot()
@@ -102,6 +104,9 @@ class RobotEnvironment:
             self._do(action)
             after = self._perceive()
             if self.pilot.times_lost == times_lost:
+                # That there never was a box is no effect of the action.
+                for name in self._ghosts:
+                    before = before.without(name) if before.get(name) is not None else before
                 reached = not after.of_class("Box")
                 return Transition(before, action, after, reward(before, action, after), reached)
             self.site = self._mapped  # what was seen from a wrong place is forgotten
@@ -157,9 +162,20 @@ class RobotEnvironment:
         """Look, correct what is known of the four ways out of this cell, and say it in objects."""
         scan = self.pilot.look()
         if not self.pilot.tracker.lost:
+            self._forget_ghost(scan)
             self._correct_walls(scan)
         boxes = (Box(box.name, self._cell_of(box), box.held) for box in self._boxes)
         return self.site.state(self.cell, boxes)
+
+    def _forget_ghost(self, scan: Scan) -> None:
+        """A box that should stand in the fork, but that the lidar does not see there, was none."""
+        here = self._standing_in(self.cell)
+        if here is None or shows_load(scan, self.pilot.body):
+            return
+        self._boxes = tuple(box for box in self._boxes if box is not here)
+        self._ghosts.add(here.name)
+        self._tell_pilot()
+        self.pilot.sink(Said(self.pilot.time, "survey", f"There is no box here: what I took for {here.name} is none."))
 
     def _correct_walls(self, scan: Scan) -> None:
         """A live scan outranks the map, wherever it shows whether a way is blocked."""

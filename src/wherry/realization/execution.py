@@ -7,10 +7,13 @@ import math
 import numpy as np
 
 from wherry.navigation.path import NO_DISCS
+from wherry.realization.boxes import round_things
 from wherry.realization.pilot import Pilot
 from wherry.space.pose import Floats, Pose
 
 DOCKING_SPEED = 0.3  # m/s
+LOOKS = 8  # scans after which a box that is not seen is not there
+SAME_PLACE = 0.1  # m
 NEAR_ENOUGH = 0.05  # m from the middle of a cell
 
 
@@ -34,6 +37,7 @@ def move(pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: 
     times_lost = pilot.times_lost
     heading = math.atan2(goal[1] - pilot.pose.y, goal[0] - pilot.pose.x) + (math.pi if fork_full else 0.0)
     pilot.turn(heading)
+    docking = docking and _shows_box(pilot, goal)  # else whatever stands there is in the way
     if pilot.approach(
         Pose(float(goal[0]), float(goal[1]), heading),
         reverse=fork_full,
@@ -53,6 +57,16 @@ def move(pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: 
         ignore=_disc(home, pilot.body.box_radius) if waiting else NO_DISCS,
         speed=DOCKING_SPEED if waiting else math.inf,
     )
+    return False
+
+
+def _shows_box(pilot: Pilot, place: Floats) -> bool:
+    """Whether one of a few scans shows a round thing at a place, [2] m, map frame."""
+    for _ in range(LOOKS):
+        lidar = pilot.pose @ pilot.body.lidar
+        found = lidar.transform(round_things(pilot.look(), pilot.body.box_radius))
+        if len(found) and np.hypot(*(found - place).T).min() < SAME_PLACE:
+            return True
     return False
 
 

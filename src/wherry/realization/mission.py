@@ -196,9 +196,7 @@ class Mission:
         grid = without_boxes(grid, boxes, pilot.body.box_radius)
         self._sink(Explored(pilot.time, grid, 1.0, 0))
         self._say(pilot, "explore", "Nothing that I can reach is unknown any more.")
-        localizer = Localizer(grid, pilot.body.lidar, PRECISE, self._rng)
-        localizer.initialize(pilot.pose, START_COVARIANCE)
-        pilot.localize_with(PoseTracker(MapCorrector(localizer), pilot.pose))
+        self._localize(pilot, grid)
         return self._get_ready(pilot, watch, grid, Pose())
 
     def find_itself(self, grid: OccupancyGrid) -> Ready:
@@ -250,6 +248,12 @@ class Mission:
         deadline = pilot.time + REPLAN
         return pilot.follow(path, until=lambda: pilot.time >= deadline) is Ride.CUT_SHORT
 
+    def _localize(self, pilot: Pilot, grid: OccupancyGrid) -> None:
+        """Go on by localization on a map, from the pose that is believed now."""
+        localizer = Localizer(grid, pilot.body.lidar, PRECISE, self._rng)
+        localizer.initialize(pilot.pose, START_COVARIANCE)
+        pilot.localize_with(PoseTracker(MapCorrector(localizer), pilot.pose))
+
     def _get_ready(self, pilot: Pilot, watch: BoxWatch, grid: OccupancyGrid, map_from_start: Pose) -> Ready:
         """Lay cells on the map, look into every corner for boxes, and stand in the middle of a cell."""
         walls = grid.occupied_points()
@@ -260,6 +264,10 @@ class Mission:
         self._search(pilot, watch, grid, frame, plan)
         watch.stop()
         boxes = standing_free(watch.boxes, grid, pilot.body.box_radius)
+        # A box that was seen well only now still stands on the map.
+        grid = without_boxes(grid, boxes, pilot.body.box_radius)
+        plan = plan_of_map(grid, frame, pilot.body.radius)
+        self._localize(pilot, grid)
         boxes = tuple(box for box in boxes if plan.is_open(Cell(*frame.cell_at(box.x, box.y))))
         self._say(pilot, "survey", f"I found {len(boxes)} {'box' if len(boxes) == 1 else 'boxes'}.")
         tiles = frame.cells_at(map_from_start.transform(self._order.warehouse))
