@@ -6,6 +6,7 @@ anyone who watches needs.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
@@ -155,6 +156,7 @@ class GoalAgent:
         remaining: How much of the job is left in a state; 0 when it is done.
         heuristic: Never more than the number of steps from a state to the end of the job; makes planning fast.
         detour: How much it gives for settling a doubt when it already knows enough to do the job, in steps.
+        patience: How often it tries an action that fails in one and the same state.
     """
 
     def __init__(
@@ -164,9 +166,11 @@ class GoalAgent:
         heuristic: Heuristic = no_heuristic,
         *,
         detour: float = 30.0,
+        patience: int = 3,
     ) -> None:
         self.learner = learner
         self.detour = detour
+        self.patience = patience
         self.remaining = remaining
         self.heuristic = heuristic
         self._successors = Successors(learner)
@@ -174,6 +178,7 @@ class GoalAgent:
         self._plan = Plan((), (), 0.0)
         self._exploring = False
         self._planned_with: dict[str, int] = {}
+        self._failed = Counter[tuple[State, Action]]()
 
     @property
     def domain(self) -> Domain:
@@ -207,9 +212,18 @@ class GoalAgent:
         return Decision(action, self.learner.predict(state, action), self._exploring)
 
     def learn(self, transition: Transition) -> None:
-        """Learn from one experience, and go one step on in the plan."""
+        """Learn from one experience, and go one step on in the plan.
+
+        What fails again and again in one state, although the learner thinks that it should not, is not tried there any
+        more.
+        """
         self.learner.add_experience(transition)
         self._plan = Plan(self._plan.actions[1:], self._plan.states[1:], self._plan.cost)
+        tried = transition.state, transition.action
+        self._failed[tried] += transition.failed
+        if self._failed[tried] == self.patience:
+            self._successors.bar(*tried)
+            self._planned_with = {}
 
     def _make_plan(self, state: State) -> None:
         """Plan the whole job, or else the cheapest experiment, or else as much of the job as can be done."""

@@ -305,26 +305,37 @@ class BayesianLearner:
         """Work out the laws that the evidence supports; return whether they are others than before."""
         evidence = self.evidence[subject]
         chosen = evidence.simplest_type()
-        laws = []
-        for effect in () if chosen is None else evidence.effects[chosen]:
-            happened, failed = evidence.examples(effect)
-            self._report(subject, happened.keys() & failed.keys())
-            positives = [terms for terms, times in happened.items() if times >= failed.get(terms, 0)]
-            negatives = [terms for terms, times in failed.items() if times > happened.get(terms, 0)]
-            if positives:
-                laws.append(Law.of(effect, self.domain.size, self.factor, positives, negatives))
-        if tuple(laws) == self.laws.get(subject, ()):
+        found = [self._law(subject, effect) for effect in (evidence.effects[chosen] if chosen is not None else ())]
+        laws = tuple(law for law in found if law is not None)
+        if laws == self.laws.get(subject, ()):
             return False
-        self.laws[subject] = tuple(laws)
+        self.laws[subject] = laws
         return True
 
-    def _report(self, subject: Subject, contradictory: Iterable[int]) -> None:
-        """Say where one condition was followed by different things; what happened more often is believed."""
-        for terms in contradictory:
-            words = Condition.of(self.domain.size, terms).words(self.domain.term_names)
-            self._violations[
-                f"{subject}: changed at one time and not at another under the same condition ({words})"
-            ] = None
+    def _law(self, subject: Subject, effect: Effect) -> Law | None:
+        """The law of an effect; None where it was seen less often than not, wherever it was seen.
+
+        Robots slip. Under one and the same condition, what was seen more often is believed. A failure that fits no
+        conjunction is believed when it has happened twice.
+        """
+        happened, failed = self.evidence[subject].examples(effect)
+        positives = [terms for terms, times in happened.items() if times >= failed.get(terms, 0)]
+        negatives = [terms for terms, times in failed.items() if times > happened.get(terms, 0)]
+        if not positives:
+            return None
+        for terms in happened.keys() & failed.keys():
+            self._report(f"{subject}: changed at one time and not at another", terms)
+        whole = Concept.of(self.domain.size, self.factor, positives, ())
+        slips = {terms for terms in negatives if failed[terms] == 1 and whole.covers(terms)}
+        for terms in slips:
+            self._report(f"{subject}: did not change where it should; this is believed if it happens again", terms)
+        firm = [terms for terms in negatives if terms not in slips]
+        return Law.of(effect, self.domain.size, self.factor, positives, firm)
+
+    def _report(self, what: str, terms: int) -> None:
+        """Put a contradiction into words."""
+        condition = Condition.of(self.domain.size, terms).words(self.domain.term_names)
+        self._violations[f"{what} (where {condition})"] = None
 
     def _learn_worth(self, transition: Transition, whole: int) -> bool:
         """Learn the reward and whether the episode ended, unless both are given."""

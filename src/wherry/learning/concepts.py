@@ -110,6 +110,10 @@ class Concept:
         """Whether some conjunction agrees with all examples."""
         return self.shared is None or self.shared not in self.refuted
 
+    def covers(self, terms: int) -> bool:
+        """Whether every surviving hypothesis covers these terms: all that positive examples share is there."""
+        return self.shared is not None and not self.shared & ~literals_of(terms, self.size)
+
     def probability(self, terms: int) -> float:
         """How likely the concept holds where exactly these terms do."""
         literals = literals_of(terms, self.size)

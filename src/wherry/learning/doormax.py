@@ -151,7 +151,8 @@ class Doormax:
         if self.near_misses is not None:
             changed |= self.near_misses.add(action, whole, succeeded=not transition.failed)
         if self.failure_scope == "action" and transition.failed:  # line 1
-            changed |= self._add_failure(action, whole)  # lines 3, 4
+            if not self._may_have_slipped(transition, whole):
+                changed |= self._add_failure(action, whole)  # lines 3, 4
         else:
             if self.failure_scope == "action":
                 changed |= self._retract_failure(action, whole)
@@ -218,6 +219,22 @@ class Doormax:
         for effect_type, reason in wrong.items():
             self.predictions.remove(subject, effect_type, reason)
         return bool(wrong)
+
+    def _may_have_slipped(self, transition: Transition, whole: int) -> bool:
+        """Whether an action failed, for the first time, where it was certain to succeed; says so (not in the paper).
+
+        Under the assumptions this never happens. Robots slip, so it is believed when it happens again.
+        """
+        action = transition.action
+        expected = self.predict(transition.state, action)
+        if not self.refutation or expected.state is None or expected.state is transition.state:
+            return False
+        words = Condition.of(self.domain.size, whole).words(self.domain.term_names)
+        slip = f"{action.name}: did nothing where it should; this is believed if it happens again (where {words})"
+        if slip in self._violations:
+            return False
+        self._violations[slip] = None
+        return True
 
     def _add_failure(self, scope: str | Subject, terms: int) -> bool:
         """Lines 3 and 4: F ← F ∪ {cond(s)}; return whether that is new. No condition of F has a * to be removed for."""

@@ -24,6 +24,12 @@ class Successors:
         self.model = model
         self._known: dict[State, tuple[dict[str, int], dict[Action, Answer], Predicted]] = {}
         self._revisions: dict[str, int] = {}
+        self._barred: set[tuple[State, Action]] = set()
+
+    def bar(self, state: State, action: Action) -> None:
+        """Never again consider an action in a state, whatever the model says of it."""
+        self._barred.add((state, action))
+        self._known.pop(state, None)
 
     def refresh(self) -> None:
         """Notice what the model has learnt; every search begins with it."""
@@ -43,7 +49,8 @@ class Successors:
             old_answer, prediction = before.get(action, (None, None))
             if prediction is None or answer is not old_answer:
                 prediction = answer.predict(state, action)
-            predicted.append((action, prediction))
+            if (state, action) not in self._barred:
+                predicted.append((action, prediction))
         result = tuple(predicted)
         self._known[state] = self._revisions, answers, result
         return result
