@@ -14,7 +14,7 @@ from wherry.mapping.submap import Submap
 from wherry.space.pose import Pose
 
 LEAST_POINTS = 20  # fewer tell nothing
-LEAST_RESPONSE = 0.25  # of a search; below, odometry is believed
+LEAST_RESPONSE = 0.2  # of a search; below, odometry is believed; a scan taken 2 m on may be mostly new
 LEAST_MATCHED = 0.5  # of surfaces, where a scan is tracked from odometry alone
 SEARCHED = 3.0  # σ of odometry that are searched
 POINTS = 180  # of a scan, for finding its place
