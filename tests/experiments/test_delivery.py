@@ -92,10 +92,6 @@ def test_another_seed_gives_another_run(taxi: tuple[Result, Path], tmp_path: Pat
     assert lasting(other) != lasting(taxi[0])
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="rules of one delivery still leave something in doubt: small's warehouse always has a wall to the east",
-)
 def test_rules_of_one_world_deliver_in_another_without_learning(
     small: tuple[Result, Path], taxi: tuple[Result, Path], tmp_path: Path
 ) -> None:
@@ -107,10 +103,6 @@ def test_rules_of_one_world_deliver_in_another_without_learning(
         assert 1.0 <= result.path_ratio <= 1.3
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="rules of one delivery still leave something in doubt: small's warehouse always has a wall to the east",
-)
 def test_a_map_and_rules_leave_nothing_to_explore_or_learn(small: tuple[Result, Path], tmp_path: Path) -> None:
     first, out = small
     records: list[Record] = []
