@@ -72,7 +72,7 @@ def pictures_of(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_
 
     pictures = []
     if localized:
-        moment = _carrying(localized)
+        moment = _carrying(localized, records)
         doing = "The robot brings a box to the warehouse" if moment.loaded else "The robot at work"
         caption = (
             f"{doing}, {moment.time:.0f} s after it was switched on: what its laser sees, where its particles say that "
@@ -92,12 +92,14 @@ def pictures_of(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_
     return pictures
 
 
-def _carrying(moments: Sequence[Seen]) -> Seen:
-    """An instant in the middle of a ride with a box, while others still wait; else whatever comes nearest to that."""
-    return max(
-        enumerate(moments),
-        key=lambda item: (item[1].loaded, len(item[1].boxes), len(item[1].path) > 1, -abs(item[0] - len(moments) / 2)),
-    )[1]
+def _carrying(moments: Sequence[Seen], records: Sequence[Record]) -> Seen:
+    """An instant at the beginning of a long ride with a box, while others still wait; else whatever is most like it."""
+
+    def telling(moment: Seen) -> tuple[bool, bool, int, int]:
+        way_left = len(_plan_at(records, moment.time))
+        return moment.loaded, len(moment.path) > 1, min(len(moment.boxes), 1) * way_left, way_left
+
+    return max(moments, key=telling)
 
 
 def _plan_at(records: Sequence[Record], time: float) -> Floats:
