@@ -17,7 +17,7 @@ from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
 from wherry.oomdp.mdp import Prediction, RewardFunction, TerminationFunction, Transition
-from wherry.oomdp.objects import Attribute, State, Value
+from wherry.oomdp.objects import EXISTS, Attribute, ObjectClass, State, Value
 from wherry.oomdp.outcomes import Answer, ObjectEffects, Outcome, Task, Worth, changes, conditions_key
 
 FailureScope = Literal["action", "attribute"]
@@ -105,19 +105,31 @@ class Doormax:
         whole, *own = conditions
         if self._is_failure(action, whole):  # line 1
             return self._answer(((),) * len(own), self.rewards.worths(action, whole))  # line 2: s' = s
-        effects: list[ObjectEffects] = []
+        effects = []
         for item, terms in zip(state.objects, own, strict=True):
-            attributes = []
-            for attribute in item.object_class.changeable:  # line 3
-                subject = Subject(action, item.object_class.name, attribute.name)
-                if terms in self.failures.get(subject, ()):
-                    continue
-                found = tuple(rule.effect for rule in self.predictions.covering(subject, terms))  # lines 5, 6
-                if not found:  # line 9
-                    return self._answer(None, (), float(self.predictions.alive(subject)))  # line 10
-                attributes.append((attribute.name, found))
-            effects.append(tuple(attributes))
+            found = self._object_effects(action, item.object_class, terms)
+            if isinstance(found, Subject):  # line 9
+                return self._answer(None, (), float(self.predictions.alive(found)))  # line 10
+            effects.append(found)
         return self._answer(tuple(effects), self.rewards.worths(action, whole))  # lines 13, 14
+
+    def _object_effects(self, action: str, object_class: ObjectClass, terms: int) -> ObjectEffects | Subject:
+        """Lines 3 to 8 for one object: what happens to all of its attributes, or the first that is not known.
+
+        Of an object that leaves nothing else needs to be known.
+        """
+        attributes = []
+        for attribute in reversed(object_class.changeable):  # line 3; existence first
+            subject = Subject(action, object_class.name, attribute.name)
+            if terms in self.failures.get(subject, ()):
+                continue
+            found = tuple(rule.effect for rule in self.predictions.covering(subject, terms))  # lines 5, 6
+            if not found:
+                return subject
+            attributes.append((attribute.name, found))
+            if attribute.name == EXISTS and all(effect.argument is False for effect in found):
+                break
+        return tuple(attributes)
 
     def _answer(
         self, effects: tuple[ObjectEffects, ...] | None, worths: tuple[Worth, ...], probability: float = 1.0

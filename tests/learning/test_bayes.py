@@ -1,0 +1,168 @@
+"""The Bayesian learner is right after few examples, says how sure it is, and corrects itself."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from machine import PULL, ask, counter_of, machine_domain, state_of, teach
+
+from wherry.learning.bayes import BayesianLearner
+from wherry.oomdp.mdp import Transition
+
+
+def learner(switches: int = 3, **options: object) -> BayesianLearner:
+    return BayesianLearner(machine_domain(switches), **options)
+
+
+def surprise(bayes: BayesianLearner, switches: str) -> float:
+    """How likely the learner thinks it is that it does not know what will happen."""
+    prediction = ask(bayes, switches)
+    return sum(branch.probability for branch in (prediction, *prediction.otherwise) if branch.state is None)
+
+
+def test_what_was_never_tried_may_do_anything() -> None:
+    bayes = learner()
+    assert 0.0 < surprise(bayes, "101") < 1.0
+    prediction = ask(bayes, "101")
+    assert sum(branch.probability for branch in (prediction, *prediction.otherwise)) == 1.0
+
+
+def test_what_failed_is_tried_where_more_is_different() -> None:
+    bayes = learner()
+    teach(bayes, "000", (0, 0))
+    assert surprise(bayes, "000") == 0.0
+    assert 0.0 < surprise(bayes, "100") < surprise(bayes, "110") < surprise(bayes, "111")
+    assert counter_of(ask(bayes, "000", counter=4)) == 4
+
+
+def test_one_success_is_carried_over_the_less_the_more_is_different() -> None:
+    bayes = learner()
+    teach(bayes, "101", (3, 4), reward=-1.0)
+    chances = [ask(bayes, switches, counter=8) for switches in ("101", "100", "110", "010")]
+    assert [counter_of(prediction) for prediction in chances] == [9, 9, 9, 9]
+    probabilities = [prediction.probability for prediction in chances]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert probabilities[0] > 0.99
+    assert chances[0].reward == -1.0
+
+
+def test_the_type_with_the_fewest_effects_is_believed() -> None:
+    bayes = learner()
+    teach(bayes, "101", (3, 4))
+    teach(bayes, "101", (7, 8))
+    assert counter_of(ask(bayes, "101", counter=20)) == 21
+    bayes = learner()
+    teach(bayes, "101", (3, 50))
+    teach(bayes, "101", (7, 50))
+    assert counter_of(ask(bayes, "101", counter=20)) == 50
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.text("01*", min_size=4, max_size=4), st.permutations([format(bits, "04b") for bits in range(16)]))
+def test_after_all_conditions_it_is_right_everywhere(target: str, order: list[str]) -> None:
+    bayes = learner(4)
+
+    def holds(switches: str) -> bool:
+        return all(sign in ("*", switch) for sign, switch in zip(target, switches, strict=True))
+
+    for switches in order:
+        teach(bayes, switches, (0, 1 if holds(switches) else 0))
+    for switches in order:
+        assert counter_of(ask(bayes, switches, counter=5)) == (6 if holds(switches) else 5)
+    assert not bayes.doubtful
+    assert not bayes.violations
+
+
+def test_the_sentence_says_no_more_than_is_needed() -> None:
+    bayes = learner(4)
+    teach(bayes, "1101", (0, 1))
+    teach(bayes, "0101", (0, 0))
+    teach(bayes, "1001", (0, 1))
+    teach(bayes, "1100", (5, 5))
+    assert bayes.sentences() == ("PRESS: if machine.s0 and machine.s3: machine.counter += 1",)
+
+
+def test_two_effects_have_a_law_each() -> None:
+    bayes = learner(2)
+    for counter in (0, 5):
+        teach(bayes, "10", (counter, counter + 1))
+        teach(bayes, "01", (counter, counter - 1))
+    assert [counter_of(ask(bayes, switches, counter=9)) for switches in ("10", "01")] == [10, 8]
+
+
+def test_a_disjunction_becomes_two_conjunctions() -> None:
+    bayes = learner(2)
+    for _ in range(2):  # an exception has to happen twice
+        for switches, change in [("10", 1), ("01", 1), ("00", 0), ("11", 0)]:
+            teach(bayes, switches, (0, change))
+    assert [counter_of(ask(bayes, switches)) for switches in ("10", "01", "00", "11")] == [1, 1, 0, 0]
+    assert len(bayes.sentences()) == 2
+
+
+def test_a_slip_is_outvoted() -> None:
+    bayes = learner(2)
+    for switches in ("10", "10", "11"):
+        teach(bayes, switches, (0, 1))
+    teach(bayes, "00", (0, 0))
+    teach(bayes, "10", (0, 0))  # as nothing else says
+    assert counter_of(ask(bayes, "10")) == 1
+    assert "changed at one time and not at another" in bayes.violations[0]
+
+
+def test_a_failure_that_fits_nothing_is_believed_the_second_time() -> None:
+    bayes = learner(3)
+    for switches in ("100", "111"):
+        teach(bayes, switches, (0, 1))
+    teach(bayes, "000", (0, 0))
+    teach(bayes, "101", (0, 0))
+    assert counter_of(ask(bayes, "101")) == 1
+    assert "believed if it happens again" in bayes.violations[0]
+    teach(bayes, "101", (0, 0))
+    assert counter_of(ask(bayes, "101")) == 0
+    assert counter_of(ask(bayes, "100")) == 1
+
+
+def test_what_changes_together_is_predicted_together() -> None:
+    bayes = learner(2)
+    teach(bayes, "10", (0, 1), lamp=(False, True))
+    prediction = ask(bayes, "11")
+    assert prediction.state == state_of(bayes.domain, "11", 1, True)
+    (other, *_) = prediction.otherwise
+    assert other.state == state_of(bayes.domain, "11", 0, False)
+    assert abs(prediction.probability + other.probability - 1) < 1e-3
+
+
+def test_an_effect_that_would_leave_the_bounds_does_not_happen() -> None:
+    bayes = learner(2)
+    teach(bayes, "10", (99, 100))
+    prediction = ask(bayes, "11", counter=100)
+    assert counter_of(prediction) == 100
+
+
+def test_setting_what_is_set_already_proves_nothing() -> None:
+    bayes = learner(2)
+    teach(bayes, "10", (0, 0), lamp=(False, True))
+    teach(bayes, "11", (0, 0), lamp=(True, True))
+    prediction = ask(bayes, "11")
+    assert prediction.state is not None
+    assert prediction.state["machine"].lamp
+    assert prediction.doubt == 0.0  # since trying again would teach nothing
+
+
+def test_leaving_the_world_is_an_effect() -> None:
+    bayes = BayesianLearner(machine_domain(2, removable=True))
+    before = state_of(bayes.domain, "10")
+    bayes.add_experience(Transition(before, PULL, before.without("machine"), 5.0, True))
+    prediction = bayes.predict(before, PULL)
+    assert prediction.state is not None
+    assert not prediction.state.objects
+    assert (prediction.reward, prediction.terminated) == (5.0, True)
+    assert bayes.sentences() == ("PULL: if always: machine.exists := False",)
+
+
+def test_asking_changes_nothing() -> None:
+    bayes = learner()
+    teach(bayes, "101", (3, 4))
+    revisions = dict(bayes.revisions)
+    assert ask(bayes, "100") == ask(bayes, "100")
+    assert bayes.revisions == revisions

@@ -1,0 +1,49 @@
+"""Near misses tell more failures: soundly while the assumption holds, and not at all once it turned out not to."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from machine import ask, counter_of, machine_domain, teach
+
+from wherry.learning.doormax import Doormax
+from wherry.learning.near_miss import NearMisses
+from wherry.oomdp.conditions import Condition
+
+
+def test_a_near_miss_proves_its_term_necessary() -> None:
+    misses = NearMisses(3)
+    misses.add("PRESS", 0b011, succeeded=True)
+    misses.add("PRESS", 0b010, succeeded=False)  # term 0 was the only difference
+    assert misses.fails("PRESS", 0b100)
+    assert not misses.fails("PRESS", 0b111)
+
+
+def test_nothing_follows_before_the_first_success() -> None:
+    misses = NearMisses(3)
+    misses.add("PRESS", 0b010, succeeded=False)
+    assert not misses.fails("PRESS", 0b000)
+
+
+@settings(max_examples=200)
+@given(
+    st.text("01*", min_size=5, max_size=5).map(Condition.parse),
+    st.lists(st.integers(0, 31), max_size=12),
+    st.integers(0, 31),
+)
+def test_inferences_are_sound_under_the_assumption(target: Condition, tried: list[int], asked: int) -> None:
+    misses = NearMisses(5)
+    for terms in tried:
+        misses.add("PRESS", terms, succeeded=target.covers_terms(terms))
+    assert not (misses.fails("PRESS", asked) and target.covers_terms(asked))
+    assert not misses.violations
+
+
+def test_a_contradiction_revokes_them_for_good() -> None:
+    doormax = Doormax(machine_domain(2), inference="near-miss")
+    teach(doormax, "10", (0, 1))
+    teach(doormax, "00", (0, 0))
+    assert counter_of(ask(doormax, "01", counter=3)) == 3  # follows: without s0 it fails
+    teach(doormax, "01", (0, 1))  # but it does not
+    assert doormax.violations == ("PRESS: no single conjunction tells its successes from its failures",)
+    assert counter_of(ask(doormax, "01")) == 1
