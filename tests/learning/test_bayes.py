@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from machine import PULL, ask, counter_of, machine_domain, state_of, teach
 
+from learning.machine import PULL, ask, counter_of, machine_domain, state_of, teach
 from wherry.learning.bayes import BayesianLearner
 from wherry.oomdp.mdp import Transition
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from machine import PULL, ask, counter_of, machine_domain, state_of, teach
 
+from learning.machine import PULL, ask, counter_of, machine_domain, state_of, teach
 from wherry.domains.delivery import Box, Site, all_delivered, reward, transition
 from wherry.floorplan import Cell, FloorPlan
 from wherry.learning.doormax import Doormax

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from machine import ask, counter_of, machine_domain, teach
 
+from learning.machine import ask, counter_of, machine_domain, teach
 from wherry.learning.doormax import Doormax
 from wherry.learning.near_miss import NearMisses
 from wherry.oomdp.conditions import Condition

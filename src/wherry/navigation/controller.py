@@ -150,7 +150,9 @@ def clear_distance(
     if reverse:
         points = -points
     points = points[points[:, 0] > 0.0]
-    gaps = _gaps_straight(points, body.radius) if abs(curvature) < STRAIGHT else _gaps_arc(points, body.radius, curvature)
+    gaps = (
+        _gaps_straight(points, body.radius) if abs(curvature) < STRAIGHT else _gaps_arc(points, body.radius, curvature)
+    )
     if not len(gaps):
         return math.inf
     # The least of many noisy readings is too short by more than their noise; whatever is near enough to matter is met
