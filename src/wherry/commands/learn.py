@@ -16,7 +16,13 @@ DOMAINS = ("taxi",)
 def learn(
     domain: Annotated[str, typer.Argument(help="What to learn: taxi.")],
     size: Annotated[int, typer.Option(help="The grid's side: 5 or 10.")] = 5,
-    learner: Annotated[str, typer.Option(help="doormax or bayes.")] = "doormax",
+    learner: Annotated[
+        str,
+        typer.Option(
+            help="bayes, doormax, doormax-near-miss, doormax-letter, factored-rmax, rmax, q-learning or "
+            "q-learning-optimistic."
+        ),
+    ] = "doormax",
     repetitions: Annotated[int, typer.Option(help="How many learners, each from knowing nothing.")] = 20,
     seed: SeedOption = 0,
     rules_out: Annotated[Path | None, typer.Option(help="Where to save what the last learner knows, as JSON.")] = None,
