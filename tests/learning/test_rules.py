@@ -1,0 +1,208 @@
+"""Rules survive being saved: the same predictions, in this world and in others; broken files are named."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from learning.machine import ask, machine_domain, teach
+from wherry.domains.delivery import Site, all_delivered, delivery_grid, reward
+from wherry.domains.taxi import taxi_grid
+from wherry.errors import InputError
+from wherry.floorplan import find_world
+from wherry.learning.doormax import Doormax
+from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.learning.q_learning import QLearning
+from wherry.learning.rules import load_rules, save_rules
+from wherry.oomdp.effects import EFFECT_TYPES
+from wherry.oomdp.mdp import DeterministicMdp, Prediction
+from wherry.oomdp.objects import State
+
+
+def wander(environment: DeterministicMdp, learner: RuleLearner, steps: int, seed: int = 0) -> list[State]:
+    """Act at random, learn from it, and return the states on the way."""
+    rng = np.random.default_rng(seed)
+    states = [environment.reset(rng)]
+    for _ in range(steps):
+        actions = environment.domain.ground_actions(states[-1])
+        done = environment.step(actions[rng.integers(len(actions))])
+        learner.add_experience(done)
+        states.append(environment.reset(rng) if done.terminated else done.next_state)
+    return states
+
+
+def answers(learner: RuleLearner, states: list[State]) -> list[Prediction]:
+    return [learner.predict(state, action) for state in states for action in learner.domain.ground_actions(state)]
+
+
+@pytest.mark.parametrize("name", LEARNERS)
+def test_the_same_predictions_after_loading(name: str, tmp_path: Path) -> None:
+    environment = taxi_grid(5)
+    learner = LEARNERS[name](environment.domain)
+    states = wander(environment, learner, 600)
+    save_rules(learner, tmp_path / "rules.json")
+    loaded = load_rules(tmp_path / "rules.json", environment.domain)
+    assert answers(loaded, states) == answers(learner, states)
+    assert sorted(loaded.sentences()) == sorted(learner.sentences())
+    assert any(prediction.known for prediction in answers(loaded, states))
+
+
+@pytest.mark.parametrize("name", LEARNERS)
+def test_learning_goes_on_as_if_nothing_had_happened(name: str, tmp_path: Path) -> None:
+    environment = delivery_grid(find_world("small"))
+    given = {"reward": reward, "terminated": all_delivered}
+    learner = LEARNERS[name](environment.domain, **given)
+    wander(environment, learner, 200)
+    save_rules(learner, tmp_path / "rules.json")
+    loaded = load_rules(tmp_path / "rules.json", environment.domain, **given)
+    states = wander(environment, learner, 200, seed=1)
+    wander(environment, loaded, 200, seed=1)
+    assert answers(loaded, states) == answers(learner, states)
+
+
+def test_rules_of_one_world_hold_in_another(tmp_path: Path) -> None:
+    learner = LEARNERS["bayes"](taxi_grid(5).domain)
+    wander(taxi_grid(5), learner, 1500)
+    save_rules(learner, tmp_path / "rules.json")
+    large = taxi_grid(10)
+    loaded = load_rules(tmp_path / "rules.json", large.domain)
+    for state in wander(large, LEARNERS["bayes"](large.domain), 100):
+        for action in large.domain.ground_actions(state):
+            assert loaded.predict(state, action).state == large.predict(state, action).state
+
+
+def test_fractions_and_removed_types_survive(tmp_path: Path) -> None:
+    doormax = Doormax(machine_domain(2), effect_types=EFFECT_TYPES)
+    teach(doormax, "10", (6, 2))
+    teach(doormax, "11", (9, 3))
+    save_rules(doormax, tmp_path / "rules.json")
+    loaded = load_rules(tmp_path / "rules.json", doormax.domain)
+    assert isinstance(loaded, Doormax)
+    assert loaded.predictions.rules == doormax.predictions.rules
+    assert loaded.predictions.removed == doormax.predictions.removed
+    prediction = ask(loaded, "10", counter=6)
+    assert prediction.state is not None
+    assert prediction.state["machine"].counter == 2
+
+
+def test_a_file_begins_with_sentences(tmp_path: Path) -> None:
+    learner = LEARNERS["bayes"](taxi_grid(5).domain)
+    wander(taxi_grid(5), learner, 300)
+    save_rules(learner, tmp_path / "rules.json")
+    document = json.loads((tmp_path / "rules.json").read_text("utf-8"))
+    assert list(document)[:3] == ["format", "version", "sentences"]
+    assert "N: if not touch_N(taxi, wall): taxi.y += 1" in document["sentences"]
+
+
+def test_a_learner_without_rules_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="QLearning"):
+        save_rules(QLearning(taxi_grid(5).domain, np.random.default_rng(0)), tmp_path / "q.json")  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module", params=list(LEARNERS))
+def document(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    path = tmp_path_factory.mktemp("rules") / "rules.json"
+    learner = LEARNERS[request.param](taxi_grid(5).domain)
+    wander(taxi_grid(5), learner, 300)
+    save_rules(learner, path)
+    content: dict[str, Any] = json.loads(path.read_text("utf-8"))
+    return content
+
+
+def refusal(document: object, path: Path) -> InputError:
+    path.write_text(document if isinstance(document, str) else json.dumps(document), "utf-8")
+    with pytest.raises(InputError) as caught:
+        load_rules(path, taxi_grid(5).domain)
+    assert caught.value.source == str(path)
+    return caught.value
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", "12", "{" * 100_000, '{"format": "wherry-rules"}', "\x00"])
+def test_what_is_no_rules_file_is_refused(text: str, tmp_path: Path) -> None:
+    assert refusal(text, tmp_path / "rules.json").reason
+
+
+def test_a_missing_an_oversized_and_a_binary_file_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        load_rules(tmp_path / "none.json", taxi_grid(5).domain)
+    (tmp_path / "large.json").write_bytes(b" " * 20_000_001)
+    with pytest.raises(InputError, match="larger than"):
+        load_rules(tmp_path / "large.json", taxi_grid(5).domain)
+    (tmp_path / "binary.json").write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match="UTF-8"):
+        load_rules(tmp_path / "binary.json", taxi_grid(5).domain)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "field"),
+    [
+        (["format"], "rules", "format"),
+        (["version"], 2, "version"),
+        (["domain", "name"], "chess", "domain.name"),
+        (["domain", "terms", 0], "touch_X(taxi, wall)", "domain.terms"),
+        (["domain", "actions"], {}, "domain.actions"),
+        (["domain", "classes", "Taxi", "x"], "real", "domain.classes"),
+        (["knowledge", "learner"], "oracle", "knowledge"),
+        (["knowledge", "effect_types"], ["magic"], "knowledge.effect_types"),
+        (["knowledge", "rewards", 0, "action"], "JUMP", "knowledge.rewards.0"),
+        (["knowledge", "rewards", 0, "changed"], ["Taxi.z"], "knowledge.rewards.0"),
+        (["knowledge", "rewards", 0, "worth"], {"01": [1.0, False]}, "knowledge.rewards.0"),
+        (["knowledge", "rewards", 0, "worth"], {"0110201": [1.0, False]}, "knowledge."),
+        (["extra"], 1, "extra"),
+    ],
+)
+def test_a_broken_field_is_named(
+    document: dict[str, Any], path: list[str | int], value: object, field: str, tmp_path: Path
+) -> None:
+    broken = json.loads(json.dumps(document))
+    part = broken
+    for key in path[:-1]:
+        part = part[key]
+    part[path[-1]] = value
+    assert refusal(broken, tmp_path / "rules.json").field.startswith(field)
+
+
+@pytest.mark.parametrize("value", ["NaN", "1e999", '"1"', "null"])
+def test_numbers_that_are_none_are_refused(document: dict[str, Any], value: str, tmp_path: Path) -> None:
+    broken = json.loads(json.dumps(document))
+    broken["knowledge"]["rewards"][0]["worth"] = {"0000000": ["HERE", False]}
+    text = json.dumps(broken).replace('"HERE"', value)
+    assert "worth" in refusal(text, tmp_path / "rules.json").field or value == "NaN"
+
+
+SAVING = """
+import sys
+from wherry.domains.taxi import taxi_grid
+from wherry.learning.bayes import BayesianLearner
+from wherry.learning.rules import save_rules
+learner = BayesianLearner(taxi_grid(5).domain)
+print("ready", flush=True)
+while True:
+    save_rules(learner, sys.argv[1])
+"""
+
+
+def test_a_killed_save_leaves_a_whole_file(tmp_path: Path) -> None:
+    path = tmp_path / "rules.json"
+    save_rules(LEARNERS["bayes"](taxi_grid(5).domain), path)
+    for delay in (0.0, 0.013, 0.029):
+        with subprocess.Popen([sys.executable, "-c", SAVING, str(path)], stdout=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(delay)
+            os.kill(process.pid, signal.SIGKILL)
+        assert isinstance(load_rules(path, taxi_grid(5).domain), LEARNERS["bayes"])  # type: ignore[arg-type]
+
+
+def test_the_folder_has_to_exist(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        save_rules(LEARNERS["bayes"](Site.of_plan(find_world("small")).domain), tmp_path / "none" / "rules.json")
