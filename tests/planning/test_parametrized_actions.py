@@ -50,7 +50,7 @@ def test_the_example_runs_and_says_what_it_learnt() -> None:
     assert printed.endswith(
         "E: if not touch_E(janitor, wall): janitor.x += 1\n"
         "W: if not touch_W(janitor, wall): janitor.x -= 1\n"
-        "SWITCH_OFF: if on(janitor, lamp): lamp.lit := False\n"
+        "SWITCH_OFF: if on(janitor, lamp) and this is an argument: lamp.lit := False\n"
     )
 
 

@@ -188,21 +188,18 @@ class DeliverySteps:
         self._steps: dict[tuple[Scene, frozenset[Cell]], dict[Cell, int]] = {}
 
     def __call__(self, state: State) -> float:
-        """How many steps a delivery takes at least; infinite where some box cannot be delivered."""
+        """How many steps a delivery takes at least; boxes that walls keep from the warehouse are left out."""
         boxes = state.of_class("Box")
-        if not boxes:
-            return 0.0
         (robot,) = state.of_class("Robot")
         here = Cell(robot.x, robot.y)
         home = self._steps_from(state, frozenset(Cell(item.x, item.y) for item in state.scene.of_class("Warehouse")))
-        waiting = [Cell(box.x, box.y) for box in boxes if not box.in_bot]
-        steps = sum(2 * home.get(cell, math.inf) + 2 for cell in waiting)  # there, PICKUP, back, DROPOFF
-        if len(waiting) < len(boxes):
-            return steps + home.get(here, math.inf) + 1
-        return steps + min(
-            self._steps_from(state, frozenset({cell})).get(here, math.inf) - home.get(cell, math.inf)
-            for cell in waiting
-        )
+        waiting = [cell for cell in (Cell(box.x, box.y) for box in boxes if not box.in_bot) if cell in home]
+        steps = sum(2 * home[cell] + 2 for cell in waiting)  # there, PICKUP, back, DROPOFF
+        if any(box.in_bot for box in boxes):
+            return steps + (home[here] + 1 if here in home else 0)
+        ways = (self._steps_from(state, frozenset({cell})).get(here, math.inf) - home[cell] for cell in waiting)
+        first = min(ways, default=0.0)  # for the first box it need not come from the warehouse
+        return steps + first if math.isfinite(first) else 0.0
 
     def _steps_from(self, state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
         """Steps from any of some cells to every cell that walls do not keep apart from them."""

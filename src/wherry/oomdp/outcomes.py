@@ -7,7 +7,7 @@ learner once for every condition that it meets, and not once for every state.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
@@ -72,17 +72,16 @@ class Answer:
 
     def predict(self, state: State, action: Action) -> Prediction:
         """The prediction for one state."""
-        predictions = [
-            (branch.predict(state, action), probability) for branch, probability in self.branches if probability > 0
-        ]
-        possible = [
-            replace(prediction, probability=probability)
-            for prediction, probability in predictions
-            if prediction.probability
-        ]
+        possible = []
+        for branch, probability in self.branches:
+            told = branch.predict(state, action)
+            if probability > 0 and told.probability > 0:
+                possible.append((told, probability))
         if not possible:
             return IMPOSSIBLE
-        return replace(possible[0], otherwise=tuple(possible[1:]), doubt=self.doubt)
+        (first, chance), *others = possible
+        otherwise = tuple(Prediction(other.state, other.reward, other.terminated, chance) for other, chance in others)
+        return Prediction(first.state, first.reward, first.terminated, chance, otherwise, self.doubt)
 
 
 @dataclass(frozen=True)
@@ -220,7 +219,7 @@ class Grounded:
         """What the model says of this one state."""
         prediction = self.model.predict(state, action)
         branches = (prediction, *prediction.otherwise)
-        return Answer(tuple((Fixed(replace(branch, otherwise=())), branch.probability) for branch in branches))
+        return Answer(tuple((Fixed(branch._replace(otherwise=())), branch.probability) for branch in branches))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Best-first search on a lazily grounded deterministic model: A* to a goal, and the cheapest way to find something out.
+"""Best-first search on a lazily grounded model: A* to a goal, and the cheapest way to find something out.
 
 A step that the model cannot tell about has no successor. `a_star` never takes one, so that its plans are as sure as the
 model is; `cheapest_experiment` looks for nothing else.
@@ -21,7 +21,7 @@ Remaining = Callable[[State], float]
 """How much is still to be done in a state; 0 in a goal."""
 
 Heuristic = Callable[[State], float]
-"""h(s): never more than what the cheapest way from a state to a goal costs."""
+"""h(s): never more than the number of steps from a state to a goal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,9 @@ def no_heuristic(state: State) -> float:
 def a_star(
     successors: Successors, start: State, remaining: Remaining, heuristic: Heuristic = no_heuristic
 ) -> tuple[Plan, float]:
-    """The cheapest plan to a state in which nothing remains to be done, or else to one in which the least remains.
+    """The shortest plan to a state in which nothing remains to be done, or else to one in which the least remains.
+
+    What is most likely is taken to be sure.
 
     Hart, Nilsson and Raphael 1968; among equally promising states the one farthest along comes first.
 
@@ -83,7 +85,7 @@ def a_star(
             after = prediction.state
             if after is None or after is state:
                 continue
-            g = cost[state] + step_cost(prediction)
+            g = cost[state] + 1
             if g < cost.get(after, math.inf):
                 cost[after], came_from[after] = g, (state, action)
                 heappush(queue, (g + heuristic(after), -g, next(tie), after))
