@@ -7,6 +7,7 @@ this module imports numba (0.4 s), so nothing that must answer at once may impor
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -28,3 +29,8 @@ def stepper(function: Kernel) -> Kernel:
     It is not kept on disk by itself: numba 0.68 forgets a generator's body when it is loaded from there.
     """
     return cast("Kernel", numba.njit(error_model="numpy")(function))
+
+
+def are_compiled() -> bool:
+    """Whether an earlier process has left compiled kernels beside their sources."""
+    return next(Path(__file__).parent.rglob("__pycache__/*.nbi"), None) is not None

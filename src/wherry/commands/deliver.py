@@ -24,6 +24,7 @@ def deliver(
 ) -> None:
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
     from wherry.experiments import delivery
+    from wherry.kernels import are_compiled
     from wherry.views.terminal import DeliveryProgress, print_rules, print_table
 
     settings = delivery.Settings(
@@ -31,6 +32,9 @@ def deliver(
     )
     run = delivery.prepare(settings)
     console = console_for(as_json=as_json)
+    if not are_compiled():
+        console.print("Compiling the inner loops; that takes half a minute, and is done once.")
+        delivery.warm_up()
     for cell in run.unreachable:
         console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from below cannot be reached by any robot.")
     with DeliveryProgress(console, len(run.plan.boxes)) as progress:

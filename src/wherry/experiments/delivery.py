@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -32,7 +33,7 @@ from wherry.space.frame import CellFrame
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace import Record, Said, Seen, Sink, Stepped
+from wherry.trace import Record, Said, Seen, Sink, Stepped, ignore
 
 ANYWHERE = (-1_000_000, 1_000_000)  # bounds of a cell's column or row
 MOST_STEPS = 5000  # actions after which a robot that has not delivered everything gives up
@@ -59,6 +60,12 @@ class Settings:
     rules_file: Path | None = None
     learner: str = "bayes"
     out: Path | None = None
+
+
+def warm_up() -> None:
+    """Deliver in the smallest world and forget about it, so that every kernel is compiled before a clock runs."""
+    with tempfile.TemporaryDirectory() as folder:
+        prepare(Settings(world="small", out=Path(folder)))(ignore)
 
 
 def prepare(settings: Settings) -> DeliveryRun:
