@@ -30,9 +30,10 @@ def deliver(
     settings = delivery.Settings(
         world=world, boxes=boxes, seed=seed, map_file=map_file, rules_file=rules, learner=learner, out=out
     )
+    compiled = are_compiled()
     run = delivery.prepare(settings)
     console = console_for(as_json=as_json)
-    if not are_compiled():
+    if not compiled:
         console.print("Compiling the inner loops; that takes half a minute, and is done once.")
         delivery.warm_up()
     for cell in run.unreachable:
