@@ -22,7 +22,10 @@ def learner(switches: int = 3, **options: object) -> Doormax:
 
 
 def models(doormax: Doormax, effect_type: str, subject: Subject = COUNTER) -> dict[object, str]:
-    return {rule.effect.argument: str(rule.model) for rule in doormax.predictions.rules[subject].get(effect_type, ())}
+    return {
+        effect.argument: str(model)
+        for effect, model in doormax.predictions.models[subject].get(effect_type, {}).items()
+    }
 
 
 def test_it_knows_nothing_at_first() -> None:
@@ -70,7 +73,7 @@ def test_a_wrong_type_is_refuted_and_stays_away() -> None:
     assert models(doormax, "assignment") == {}
     assert doormax.predictions.removed[COUNTER]["assignment"] == "predicted what was not observed"
     teach(doormax, "101", (8, 9))
-    assert "assignment" not in doormax.predictions.rules[COUNTER]
+    assert "assignment" not in doormax.predictions.models[COUNTER]
     assert counter_of(ask(doormax, "101", counter=20)) == 21
 
 
@@ -237,9 +240,9 @@ def test_a_delivered_box_leaves_the_prediction() -> None:
     state = SITE.state(Cell(3, 0), [held, waiting])
     doormax.add_experience(transition(state, DROPOFF))
     assert doormax.predict(state, DROPOFF).state == state.without("a")
-    exists = doormax.predictions.rules[Subject("DROPOFF", "Box", EXISTS)]["assignment"]
-    assert {rule.effect.argument: str(rule.model) for rule in exists} == {False: "1110011", True: "1110010"}
-    assert doormax.predictions.rules[Subject("DROPOFF", "Box", "x")]["increment"][0].effect.argument == 0
+    exists = Subject("DROPOFF", "Box", EXISTS)
+    assert models(doormax, "assignment", exists) == {False: "1110011", True: "1110010"}
+    assert models(doormax, "increment", Subject("DROPOFF", "Box", "x")) == {0: "1110010"}
 
 
 def test_a_new_view_of_the_walls_is_no_change() -> None:

@@ -87,7 +87,7 @@ def test_fractions_and_removed_types_survive(tmp_path: Path) -> None:
     save_rules(doormax, tmp_path / "rules.json")
     loaded = load_rules(tmp_path / "rules.json", doormax.domain)
     assert isinstance(loaded, Doormax)
-    assert loaded.predictions.rules == doormax.predictions.rules
+    assert loaded.predictions.models == doormax.predictions.models
     assert loaded.predictions.removed == doormax.predictions.removed
     prediction = ask(loaded, "10", counter=6)
     assert prediction.state is not None

@@ -181,6 +181,7 @@ class BayesianLearner:
         self.evidence: dict[Subject, Evidence] = {}
         self.laws: dict[Subject, tuple[Law, ...]] = {}
         self.tried: dict[str, dict[int, bool]] = {action: {} for action in domain.actions}
+        self._novelties: dict[str, Concept] = {}
         self._violations: dict[str, None] = {}
         self._answers: dict[str, dict[tuple[object, ...], Answer]] = {}
 
@@ -251,7 +252,9 @@ class BayesianLearner:
     def _surprise(self, action: str, whole: int) -> float:
         """How likely an action does something that it was never seen to do, by the conditions that it was tried in."""
         tried = self.tried[action]
-        chance = Concept.of(self.domain.size, self.factor, (), tried).probability(whole)
+        if action not in self._novelties:
+            self._novelties[action] = Concept.of(self.domain.size, self.factor, (), tried)
+        chance = self._novelties[action].probability(whole)
         return self.novelty * chance if any(tried.values()) else chance
 
     def sentences(self) -> tuple[str, ...]:
@@ -280,6 +283,7 @@ class BayesianLearner:
         if changed:
             self.revisions[action] += 1
             self._answers.pop(action, None)
+            self._novelties.pop(action, None)
 
     def _learn_to_expect(self, action: str, whole: int, *, succeeded: bool) -> bool:
         """Remember where an action was tried, and whether it did anything; return whether that is news."""
@@ -300,6 +304,7 @@ class BayesianLearner:
             self._find_laws(subject)
         self.revisions = {action: revision + 1 for action, revision in self.revisions.items()}
         self._answers.clear()
+        self._novelties.clear()
 
     def _find_laws(self, subject: Subject) -> bool:
         """Work out the laws that the evidence supports; return whether they are others than before."""

@@ -59,8 +59,8 @@ class UnknownAnswers:
                 if before == after and self.learner.failure_scope == "attribute":
                     continue
                 subject = Subject(action, item.object_class.name, attribute.name)
-                alive = self.learner.predictions.rules[subject]
+                alive = self.learner.predictions.models[subject]
                 for effect in eff_att(attribute, before, after, self.learner.effect_types):
                     if effect.type in alive:
-                        known = any(rule.model.covers_terms(terms) for rule in alive[effect.type])
+                        known = any(model.covers_terms(terms) for model in alive[effect.type].values())
                         self.counts[subject, effect.type] += not known

@@ -11,7 +11,7 @@ from collections.abc import Hashable, Mapping
 from typing import Literal
 
 from wherry.learning.near_miss import NearMisses
-from wherry.learning.predictions import Predictions, Rule, Subject
+from wherry.learning.predictions import Predictions, Subject
 from wherry.learning.rewards import Rewards
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
@@ -22,6 +22,7 @@ from wherry.oomdp.outcomes import Answer, ObjectEffects, Outcome, Task, Worth, c
 
 FailureScope = Literal["action", "attribute"]
 Inference = Literal["memorise", "near-miss"]
+OVERLAP = "the conditions of two effects overlap"
 
 
 class Doormax:
@@ -67,7 +68,7 @@ class Doormax:
         self.near_misses = NearMisses(domain.size) if inference == "near-miss" else None
         self.rewards = Rewards(domain.size, generalize=inference == "near-miss")
         self._violations: dict[str, None] = {}
-        self._answers: dict[str, dict[tuple[object, ...], Answer]] = {}
+        self._answers: dict[str, dict[tuple[tuple[str, ...], tuple[int, ...]], Answer]] = {}
 
     @property
     def doubtful(self) -> bool:
@@ -119,15 +120,14 @@ class Doormax:
         Of an object that leaves nothing else needs to be known.
         """
         attributes = []
-        for attribute in reversed(object_class.changeable):  # line 3; existence first
-            subject = Subject(action, object_class.name, attribute.name)
+        for subject in self.predictions.subjects[action, object_class.name]:  # line 3
             if terms in self.failures.get(subject, ()):
                 continue
-            found = tuple(rule.effect for rule in self.predictions.covering(subject, terms))  # lines 5, 6
+            found = self.predictions.effects(subject, terms)  # lines 5, 6
             if not found:
                 return subject
-            attributes.append((attribute.name, found))
-            if attribute.name == EXISTS and all(effect.argument is False for effect in found):
+            attributes.append((subject.attribute, found))
+            if subject.attribute == EXISTS and all(effect.argument is False for effect in found):
                 break
         return tuple(attributes)
 
@@ -145,12 +145,12 @@ class Doormax:
     def sentences(self) -> tuple[str, ...]:
         """What was learnt, in words: the effects of every action, then where it is known to do nothing."""
         lines = []
-        for subject, types in self.predictions.rules.items():
-            rules = next((rules for rules in types.values() if rules), ())
-            for rule in rules:
-                if not self.predictions.keeps(subject, rule):
-                    condition = rule.model.words(self.domain.term_names)
-                    lines.append(f"{subject.action}: if {condition}: {self.predictions.words(subject, rule.effect)}")
+        for subject, types in self.predictions.models.items():
+            models = next((models for models in types.values() if models), {})
+            for effect, model in models.items():
+                if not self.predictions.keeps(subject, effect, model):
+                    condition = model.words(self.domain.term_names)
+                    lines.append(f"{subject.action}: if {condition}: {self.predictions.words(subject, effect)}")
         for scope, failures in self.failures.items():
             lines.append(f"{scope}: nothing happens under {len(failures)} other conditions")
         return tuple(lines)
@@ -159,55 +159,59 @@ class Doormax:
         """Algorithm 2, addExperience(s, a, s', k)."""
         state, action = transition.state, transition.action.name
         whole, *own = self.domain.conditions(state, transition.action)
+        if transition.failed and self._may_have_slipped(transition, whole):
+            return
         changed = self._learn_worth(transition, whole)
         if self.near_misses is not None:
             changed |= self.near_misses.add(action, whole, succeeded=not transition.failed)
         if self.failure_scope == "action" and transition.failed:  # line 1
-            if not self._may_have_slipped(transition, whole):
-                changed |= self._add_failure(action, whole)  # lines 3, 4
+            changed |= self._add_failure(action, whole)  # lines 3, 4
         else:
             if self.failure_scope == "action":
                 changed |= self._retract_failure(action, whole)
             for item, terms in zip(state.objects, own, strict=True):
-                later = transition.next_state.get(item.name)
-                for attribute, before, after in observed(item, later):  # line 6
+                condition = Condition.of(self.domain.size, terms)
+                for attribute, before, after in observed(item, transition.next_state.get(item.name)):  # line 6
                     subject = Subject(action, item.object_class.name, attribute.name)
-                    changed |= self._learn(subject, attribute, terms, before, after)
+                    changed |= self._learn(subject, attribute, condition, before, after)
         if changed:
             self.revisions[action] += 1
-            self._answers.pop(action, None)
+            only_here = transition.failed and self.failure_scope == "action" and self.near_misses is None
+            self._answers[action] = {
+                key: answer for key, answer in self._answers.get(action, {}).items() if only_here and key[1][0] != whole
+            }
 
-    def _learn(self, subject: Subject, attribute: Attribute, terms: int, before: Value, after: Value) -> bool:
+    def _learn(self, subject: Subject, attribute: Attribute, condition: Condition, before: Value, after: Value) -> bool:
         """Learn from what happened to one attribute of one object; return whether that changed anything."""
         if self.failure_scope == "attribute":
             if before == after:
-                return self._add_failure(subject, terms)
-            self._retract_failure(subject, terms)
+                return self._add_failure(subject, condition.value)
+            self._retract_failure(subject, condition.value)
         effects = eff_att(attribute, before, after, self.effect_types)
-        changed = self.refutation and self._refute(subject, terms, before != after, effects)
+        changed = self.refutation and self._refute(subject, condition.value, before != after, effects)
         for effect in effects:  # line 7
-            if effect.type in self.predictions.rules[subject]:
-                changed |= self._add_effect(subject, Condition.of(self.domain.size, terms), effect)
-        if not self.predictions.alive(subject):
+            if effect.type in self.predictions.models[subject]:
+                changed |= self._add_effect(subject, condition, effect)
+        if not self.predictions.models[subject]:
             self._report_no_type_left(subject)
         return changed
 
     def _add_effect(self, subject: Subject, condition: Condition, effect: Effect) -> bool:
         """Lines 8 to 27: learn that an effect happened under a condition; return whether that changed anything."""
-        others = self.predictions.others(subject, effect)
-        rule = self.predictions.find(subject, effect)  # line 8
-        if rule is not None:  # line 9
-            model = rule.model.merge(condition)  # line 11
-            if model == rule.model:
+        models = self.predictions.models[subject][effect.type]
+        others = [model for other, model in models.items() if other != effect]
+        before = models.get(effect)  # line 8
+        if before is not None:  # line 9
+            merged = models[effect] = before.merge(condition)  # line 11
+            if merged == before:
                 return False
-            self.predictions.put(subject, Rule(model, effect))
-            if any(model.covers(other.model) for other in others):  # line 12
-                self.predictions.remove(subject, effect.type, "the conditions of two effects overlap")  # line 14
-        elif any(condition.covers(other.model) or other.model.covers(condition) for other in others):  # line 18
-            self.predictions.remove(subject, effect.type, "the conditions of two effects overlap")  # line 19
+            if any(merged.covers(other) for other in others):  # line 12
+                self.predictions.remove(subject, effect.type, OVERLAP)  # line 14
+        elif any(condition.covers(other) or other.covers(condition) for other in others):  # line 18
+            self.predictions.remove(subject, effect.type, OVERLAP)  # line 19
         else:
-            self.predictions.put(subject, Rule(condition, effect))  # line 21
-            if len(others) + 1 > self.max_effects:  # line 23
+            models[effect] = condition  # line 21
+            if len(models) > self.max_effects:  # line 23
                 reason = f"more than {self.max_effects} different effects"
                 self.predictions.remove(subject, effect.type, reason)  # line 24
         return True
@@ -218,19 +222,17 @@ class Doormax:
         The paper lacks this step: a wrong type whose conditions never overlap stays for ever, and contradicts the true
         one for ever.
         """
-        wrong = {
-            rule.effect.type: "predicted what was not observed"
-            for rule in self.predictions.covering(subject, terms)
-            if rule.effect not in effects
-        }
-        if changed:
-            possible = {effect.type for effect in effects}
-            wrong |= {
-                name: "cannot explain a change" for name in self.predictions.rules[subject] if name not in possible
-            }
-        for effect_type, reason in wrong.items():
-            self.predictions.remove(subject, effect_type, reason)
-        return bool(wrong)
+        predictions = self.predictions
+        wrong = [effect.type for effect in predictions.effects(subject, terms) if effect not in effects]
+        for effect_type in dict.fromkeys(wrong):
+            predictions.remove(subject, effect_type, "predicted what was not observed")
+        if not changed:
+            return bool(wrong)
+        possible = {effect.type for effect in effects}
+        helpless = [name for name in predictions.models[subject] if name not in possible]
+        for effect_type in helpless:
+            predictions.remove(subject, effect_type, "cannot explain a change")
+        return bool(wrong or helpless)
 
     def _may_have_slipped(self, transition: Transition, whole: int) -> bool:
         """Whether an action failed, for the first time, where it was certain to succeed; says so (not in the paper).

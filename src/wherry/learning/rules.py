@@ -19,7 +19,7 @@ from wherry.files import read_text, write_atomically
 from wherry.learning.bayes import BayesianLearner, Evidence
 from wherry.learning.doormax import Doormax
 from wherry.learning.learners import RuleLearner
-from wherry.learning.predictions import Rule, Subject
+from wherry.learning.predictions import Subject
 from wherry.learning.rewards import Rewards
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
@@ -222,11 +222,14 @@ def _doormax_knowledge(learner: Doormax) -> DoormaxKnowledge:
             action=subject.action,
             attribute=_attribute_name(subject),
             type=name,
-            rules=[RuleEntry.model_validate({"if": str(rule.model), "then": _to_json(rule.effect)}) for rule in rules],
+            rules=[
+                RuleEntry.model_validate({"if": str(model), "then": _to_json(effect)})
+                for effect, model in models.items()
+            ],
         )
-        for subject, types in predictions.rules.items()
-        for name, rules in types.items()
-        if rules
+        for subject, types in predictions.models.items()
+        for name, models in types.items()
+        if models
     ]
     removed = [
         TypeEntry(action=subject.action, attribute=_attribute_name(subject), type=name, removed=reason)
@@ -350,13 +353,13 @@ class _Reader:
         for at, entry in enumerate(knowledge.predictions):
             where = f"knowledge.predictions.{at}"
             subject = self._subject(entry.action, entry.attribute, where)
-            if entry.type not in learner.predictions.rules[subject]:
+            if entry.type not in learner.predictions.models[subject]:
                 raise InputError(self.source, f"{where}.type", f"{entry.type!r} is no effect type of {entry.attribute}")
             if entry.removed is not None:
                 learner.predictions.remove(subject, entry.type, entry.removed)
             for rule in entry.rules:
                 effect = _effect(entry.type, rule.argument)
-                learner.predictions.put(subject, Rule(self._condition(rule.model, where), effect))
+                learner.predictions.models[subject][entry.type][effect] = self._condition(rule.model, where)
         for at, failure in enumerate(knowledge.failures):
             where = f"knowledge.failures.{at}"
             scope: str | Subject = self._action(failure.action, where)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 from wherry.oomdp.conditions import Condition
@@ -42,8 +43,6 @@ class Domain:
     classes: tuple[ObjectClass, ...]
     terms: tuple[Term, ...]
     actions: Mapping[str, tuple[str, ...]]
-    _bare_actions: tuple[Action, ...] | None = field(init=False, repr=False, compare=False)
-    _terms_of: Mapping[str, tuple[tuple[int, Term], ...]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         known = set(self.classes_by_name)
@@ -53,25 +52,18 @@ class Domain:
         for action, parameters in self.actions.items():
             if unknown := set(parameters) - known:
                 raise ValueError(f"action {action} takes {', '.join(sorted(unknown))}, which is no class")
-        bare = None if self.has_parameters else tuple(Action(name) for name in self.actions)
-        about = {
-            name: tuple((index, term) for index, term in enumerate(self.terms) if name in term.classes)
-            for name in known
-        }
-        object.__setattr__(self, "_bare_actions", bare)
-        object.__setattr__(self, "_terms_of", about)
 
-    @property
+    @cached_property
     def classes_by_name(self) -> Mapping[str, ObjectClass]:
         """The classes by name."""
         return {item.name: item for item in self.classes}
 
-    @property
+    @cached_property
     def has_parameters(self) -> bool:
         """Whether some action has parameters."""
         return any(self.actions.values())
 
-    @property
+    @cached_property
     def term_names(self) -> tuple[str, ...]:
         """The terms as they are printed, one for each sign of a condition.
 
@@ -80,14 +72,26 @@ class Domain:
         names = tuple(term.name for term in self.terms)
         return (*names, "this is an argument") if self.has_parameters else names
 
-    @property
+    @cached_property
     def size(self) -> int:
         """n, the number of terms."""
-        return len(self.terms) + self.has_parameters
+        return len(self.term_names)
+
+    @cached_property
+    def _bare_actions(self) -> tuple[Action, ...]:
+        return tuple(Action(name) for name in self.actions)
+
+    @cached_property
+    def _terms_of(self) -> Mapping[str, tuple[tuple[int, Term], ...]]:
+        """The terms that speak of each class, with their positions."""
+        return {
+            item.name: tuple((index, term) for index, term in enumerate(self.terms) if item.name in term.classes)
+            for item in self.classes
+        }
 
     def ground_actions(self, state: State) -> tuple[Action, ...]:
         """All actions that can be tried in a state."""
-        if self._bare_actions is not None:
+        if not self.has_parameters:
             return self._bare_actions
         return tuple(
             Action(name, tuple(item.name for item in arguments))

@@ -158,5 +158,5 @@ def apply(state: State, changes: Iterable[tuple[int, str, Effect]], types: Mappi
         elif after != before:
             if not item.object_class.attribute(attribute).admits(after):
                 return None
-            objects[position] = item.replace(**{attribute: after})
-    return state.with_objects(item for item in objects if item is not None)
+            objects[position] = item.changed(attribute, after)
+    return state.changed(item for item in objects if item is not None)

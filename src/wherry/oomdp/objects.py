@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 from wherry.errors import InputError
@@ -121,7 +122,7 @@ class ObjectClass:
         """The attribute of that name."""
         return EXISTENCE if name == EXISTS else self.attributes[self.positions[name]]
 
-    @property
+    @cached_property
     def changeable(self) -> tuple[Attribute, ...]:
         """The attributes that an action can change: the class's own, and existence where objects can leave."""
         return (*self.attributes, EXISTENCE) if self.removable else self.attributes
@@ -180,6 +181,15 @@ class Object:
         if unknown := values.keys() - current.keys():
             raise ValueError(f"{self.object_class.name} has no attribute {', '.join(sorted(unknown))}")
         return self.object_class(self.name, **{**current, **values})
+
+    def changed(self, attribute: str, value: Value) -> Object:
+        """The same object with another value of one attribute, which has to be one that the attribute admits."""
+        position = self.object_class.positions[attribute]
+        again = object.__new__(Object)
+        object.__setattr__(again, "object_class", self.object_class)
+        object.__setattr__(again, "name", self.name)
+        object.__setattr__(again, "values", (*self.values[:position], value, *self.values[position + 1 :]))
+        return again
 
     def to_json(self) -> dict[str, Value]:
         """The object as plain data: its class, its name, and its attributes."""
@@ -246,15 +256,22 @@ class State:
     scene: Scene = EMPTY_SCENE
     _hash: int = field(init=False)
     _conditions: dict[tuple[str, ...], tuple[int, ...]] = field(init=False)
+    _classes: tuple[str, ...] | None = field(init=False)
 
     def __post_init__(self) -> None:
         objects = tuple(sorted(self.objects, key=lambda item: (item.object_class.name, item.name)))
         names = {item.name for item in objects}
         if len(names) < len(objects):
             raise ValueError("every object of a state needs a name of its own")
+        self._fill(objects, self.scene)
+
+    def _fill(self, objects: tuple[Object, ...], scene: Scene) -> None:
+        """Set all fields; the objects are in order, and each has a name of its own."""
         object.__setattr__(self, "objects", objects)
-        object.__setattr__(self, "_hash", hash((objects, self.scene)))
+        object.__setattr__(self, "scene", scene)
+        object.__setattr__(self, "_hash", hash((objects, scene)))
         object.__setattr__(self, "_conditions", {})
+        object.__setattr__(self, "_classes", None)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, State):
@@ -283,7 +300,9 @@ class State:
     @property
     def classes(self) -> tuple[str, ...]:
         """The names of the objects' classes, in the objects' order."""
-        return tuple(item.object_class.name for item in self.objects)
+        if self._classes is None:
+            object.__setattr__(self, "_classes", tuple(item.object_class.name for item in self.objects))
+        return self._classes or ()
 
     def get(self, name: str) -> Object | None:
         """The object of that name, or None where it is not in the world (any more)."""
@@ -300,12 +319,18 @@ class State:
             KeyError: There is no such object.
             ValueError: It has no such attribute, or the attribute may not have that value.
         """
-        changed = self[name].replace(**values)
-        return self.with_objects(changed if item.name == name else item for item in self.objects)
+        replaced = self[name].replace(**values)
+        return self.changed(replaced if item.name == name else item for item in self.objects)
 
     def without(self, name: str) -> State:
         """The state that an object has left."""
-        return self.with_objects(item for item in self.objects if item.name != name)
+        return self.changed(item for item in self.objects if item.name != name)
+
+    def changed(self, objects: Iterable[Object]) -> State:
+        """The state in which these are left of the present objects, in their order, with whatever values."""
+        again = object.__new__(State)
+        again._fill(tuple(objects), self.scene)
+        return again
 
     def with_objects(self, objects: Iterable[Object]) -> State:
         """A state of the same scene with other objects."""

@@ -7,6 +7,7 @@ the policy goes and finds out, as long as anything can be gained by it.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from wherry.kernels import kernel
 from wherry.oomdp.domain import Action
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import ConditionalModel
+from wherry.oomdp.outcomes import Answer, ConditionalModel
 from wherry.planning.state_space import END, MISSING, UNKNOWN, Floats, Integers, StateSpace
 
 BRANCHES = 2  # of an answer that are looked at: what is most likely, and what is next
@@ -56,8 +57,10 @@ class ValueIteration:
         self.curiosity = curiosity
         self.unknown_value = r_max / (1 - discount) if optimistic else -np.inf
         self.space = StateSpace() if space is None else space
+        self._model_revisions: Mapping[str, int] = {}  # as they were when the model was asked last
         self._revisions: Integers = np.zeros(0, np.int32)  # [A] of what the model says about an action now
         self._asked: Integers = np.zeros((0, 0), np.int32)  # [G, A] the revision at which it was asked last
+        self._answers: dict[tuple[int, int], Answer] = {}  # by group and action
         self._branches: Integers = np.zeros((0, 0, BRANCHES), np.int32)  # [G, A, 2] numbers of the answer's branches
         self._chances: Floats = np.zeros((0, 0, BRANCHES))  # [G, A, 2] their probabilities
         self._doubts: Floats = np.zeros((0, 0))  # [G, A] how much trying settles
@@ -94,13 +97,15 @@ class ValueIteration:
 
     def _model_has_learnt(self) -> bool:
         """Whether the model's revisions have moved on; then it is asked again for the states at hand."""
-        revisions = np.array([self.model.revisions.get(action.name, 0) for action in self.space.actions], np.int32)
-        if np.array_equal(revisions, self._revisions):
+        if self.model.revisions == self._model_revisions and len(self._revisions) == len(self.space.actions):
             return False
-        self._revisions = revisions
+        self._make_room()
+        self._model_revisions = dict(self.model.revisions)
+        self._revisions = np.array(
+            [self._model_revisions.get(action.name, 0) for action in self.space.actions], np.int32
+        )
         self._solved[:] = False
-        for group in np.unique(self.space.group[self._reached]):
-            self._ask(group)
+        self._ask(np.unique(self.space.group[self._reached]))
         return True
 
     def _reach(self, start: int) -> None:
@@ -111,31 +116,32 @@ class ValueIteration:
             self._reached, gaps = _reach(
                 start, len(space.states), space.group, self._branches, self._asked, self._revisions, space.successor
             )
-            for state, branch in gaps:
-                if branch == NONE:
-                    self._ask(space.group[state])
-                else:
-                    space.work_out(branch, state, self.model)
+            to_ask = gaps[:, 1] == NONE
+            self._ask(np.unique(space.group[gaps[to_ask, 0]]))
+            for state, branch in gaps[~to_ask]:
+                space.work_out(branch, state, self.model)
             if not len(gaps):
                 break
 
-    def _ask(self, group: int) -> None:
-        """Ask the model about those actions of a group that it has learnt about since it was asked last."""
+    def _ask(self, groups: Integers) -> None:
+        """Ask the model about some groups of states: about the actions that it has learnt about since the last time."""
         space = self.space
-        for column, action in enumerate(space.actions):
-            if self._asked[group, column] == self._revisions[column]:
-                continue
+        for at, column in np.argwhere(self._asked[groups] != self._revisions):
+            group, action = groups[at], space.actions[column]
             self._asked[group, column] = self._revisions[column]
-            self._branches[group, column] = NONE
-            self._chances[group, column] = 0.0
             if action not in space.group_actions[group]:
                 continue
             answer = self.model.answer(space.groups[group], action)
+            if answer is self._answers.get((group, column)):
+                continue
+            self._answers[group, column] = answer
+            self._branches[group, column] = NONE
+            self._chances[group, column] = 0.0
             self._doubts[group, column] = answer.doubt
             looked_at = answer.branches[:BRANCHES] if self.optimistic else answer.branches[:1]
-            for at, (branch, probability) in enumerate(looked_at):
-                self._branches[group, column, at] = space.branch_number(action, branch)
-                self._chances[group, column, at] = probability if self.optimistic else 1.0
+            for place, (branch, probability) in enumerate(looked_at):
+                self._branches[group, column, place] = space.branch_number(action, branch)
+                self._chances[group, column, place] = probability if self.optimistic else 1.0
 
     def _make_room(self) -> None:
         """Let the planner's own tables grow with the space."""
