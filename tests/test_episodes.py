@@ -75,7 +75,10 @@ def test_after_learning_the_way_is_the_shortest() -> None:
     assert not any(step.learning for step in steps)
 
 
-@pytest.mark.parametrize("world", built_in_worlds())
+@pytest.mark.parametrize(
+    "world",
+    [world if world in BOXES else pytest.param(world, marks=pytest.mark.slow) for world in built_in_worlds()],
+)
 def test_rules_of_any_world_need_no_learning_in_any_other(world: str, tmp_path: Path) -> None:
     environment = grid(world)
     learner = new_learner("bayes", environment.domain)
@@ -109,7 +112,7 @@ class Slippery:
         return self.environment.step(action)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_slips_do_not_stop_it(seed: int) -> None:
     environment = Slippery(grid("rooms"), 0.05, seed)
     learner = new_learner("bayes", environment.domain)

@@ -25,7 +25,7 @@ from wherry.floorplan import Cell, Direction, FloorPlan, Wall, place_boxes
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer
-from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation, wall_edge
+from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation, place, wall_edge
 from wherry.oomdp.terms import Bound, Term, attribute_holds, candidates, related
 
 STEP_REWARD = -1.0
@@ -65,10 +65,9 @@ def _touch(direction: str) -> Term:
             return True
         boxes = state.of_class("Box")
         for robot in candidates("Robot", state, bound):
-            full = any(box.in_bot or ON.holds(robot, box) for box in boxes)
             ahead = (robot.x + dx, robot.y + dy)
-            if full and any((box.x, box.y) == ahead and not box.in_bot for box in boxes):
-                return True
+            if any(place(box) == ahead and not box.in_bot for box in boxes):
+                return any(box.in_bot or ON.holds(robot, box) for box in boxes)
         return False
 
     return Term(wall.name, wall.classes, holds)

@@ -257,6 +257,7 @@ class State:
     _hash: int = field(init=False)
     _conditions: dict[tuple[str, ...], tuple[int, ...]] = field(init=False)
     _classes: tuple[str, ...] | None = field(init=False)
+    _by_class: dict[str, tuple[Object, ...]] = field(init=False)
 
     def __post_init__(self) -> None:
         objects = tuple(sorted(self.objects, key=lambda item: (item.object_class.name, item.name)))
@@ -272,6 +273,7 @@ class State:
         object.__setattr__(self, "_hash", hash((objects, scene)))
         object.__setattr__(self, "_conditions", {})
         object.__setattr__(self, "_classes", None)
+        object.__setattr__(self, "_by_class", {})
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, State):
@@ -310,7 +312,10 @@ class State:
 
     def of_class(self, name: str) -> tuple[Object, ...]:
         """The objects of a class that can change, by name."""
-        return tuple(item for item in self.objects if item.object_class.name == name)
+        found = self._by_class.get(name)
+        if found is None:
+            found = self._by_class[name] = tuple(item for item in self.objects if item.object_class.name == name)
+        return found
 
     def replace(self, name: str, **values: Value) -> State:
         """The state in which one object has other values: ``state.replace("robot", x=3)``.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Prediction
 from wherry.oomdp.objects import State
@@ -22,7 +24,7 @@ class Successors:
 
     def __init__(self, model: ConditionalModel) -> None:
         self.model = model
-        self._known: dict[State, tuple[dict[str, int], dict[Action, Answer], Predicted]] = {}
+        self._known: dict[State, _Known] = {}
         self._revisions: dict[str, int] = {}
         self._barred: set[tuple[State, Action]] = set()
 
@@ -39,18 +41,37 @@ class Successors:
     def of(self, state: State) -> Predicted:
         """All actions in a state with their predictions."""
         known = self._known.get(state)
-        if known is not None and known[0] is self._revisions:
-            return known[2]
-        answers: dict[Action, Answer] = {}
-        predicted = []
-        before = {} if known is None else {action: (known[1][action], found) for action, found in known[2]}
+        if known is not None and known.revisions is self._revisions:
+            return known.predicted
+        found: dict[Action, tuple[Answer, Prediction]] = {}
         for action in self.model.domain.ground_actions(state):
-            answer = answers[action] = self.model.answer(state, action)
-            old_answer, prediction = before.get(action, (None, None))
-            if prediction is None or answer is not old_answer:
-                prediction = answer.predict(state, action)
             if (state, action) not in self._barred:
-                predicted.append((action, prediction))
-        result = tuple(predicted)
-        self._known[state] = self._revisions, answers, result
-        return result
+                found[action] = self._predict(state, action, known)
+        predicted = tuple((action, prediction) for action, (_, prediction) in found.items())
+        self._known[state] = _Known(self._revisions, found, predicted)
+        return predicted
+
+    def _predict(self, state: State, action: Action, known: _Known | None) -> tuple[Answer, Prediction]:
+        """What the model says of an action, or said of it before it learnt of others."""
+        before = None if known is None else known.found.get(action)
+        if known is None or before is None:
+            answer = self.model.answer(state, action)
+            return answer, answer.predict(state, action)
+        if known.revisions.get(action.name) == self._revisions.get(action.name):
+            return before
+        answer = self.model.answer(state, action)
+        return before if answer is before[0] else (answer, answer.predict(state, action))
+
+
+class _Known(NamedTuple):
+    """What was worked out about a state.
+
+    Attributes:
+        revisions: The model's revisions then.
+        found: The model's answers, and what they make of this state.
+        predicted: The same for those who search.
+    """
+
+    revisions: dict[str, int]
+    found: dict[Action, tuple[Answer, Prediction]]
+    predicted: Predicted
