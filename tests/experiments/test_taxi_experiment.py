@@ -9,7 +9,9 @@ from itertools import pairwise
 import pytest
 
 from wherry.errors import InputError
-from wherry.experiments.taxi import LEARNERS, Arena, Result, Settings, TaxiExperiment
+from wherry.experiments.taxi import LEARNERS, Arena, Result, Settings, TaxiExperiment, solved_at_once
+from wherry.learning.bayes import BayesianLearner
+from wherry.learning.doormax import Doormax
 
 
 def run(learner: str, size: int, repetitions: int, seed: int = 0) -> Result:
@@ -69,6 +71,17 @@ def test_the_baselines_converge_later(learner: str) -> None:
     assert result.converged == 1
     assert result.steps_mean is not None
     assert result.steps_mean > 600
+
+
+@pytest.mark.parametrize("learner", ["bayes", "doormax"])
+def test_what_was_learnt_on_the_small_grid_solves_the_large_one(learner: str) -> None:
+    large = Arena.of_size(10)
+    experiment = TaxiExperiment(Settings(size=5, learner=learner, repetitions=5))
+    for _ in experiment.repetitions():
+        assert isinstance(experiment.learner, Doormax | BayesianLearner)
+        if isinstance(experiment.learner, Doormax):
+            experiment.learner.settle()
+        assert solved_at_once(experiment.learner, large) == 6
 
 
 def test_the_theorem_holds_in_the_experiment() -> None:

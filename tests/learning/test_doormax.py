@@ -199,6 +199,20 @@ def test_other_effect_types_can_be_given() -> None:
     assert counter_of(ask(doormax, "111", counter=7)) == 14
 
 
+def test_settling_keeps_the_simplest_type() -> None:
+    doormax = learner()
+    teach(doormax, "100", (3, 4))
+    teach(doormax, "010", (5, 6))
+    assert models(doormax, "assignment") == {4: "100", 6: "010"}
+    assert ask(doormax, "100", counter=9).state is None
+    revisions = dict(doormax.revisions)
+    doormax.settle()
+    assert models(doormax, "increment") == {1: "**0"}
+    assert models(doormax, "assignment") == {}
+    assert counter_of(ask(doormax, "100", counter=9)) == 10
+    assert doormax.revisions["PRESS"] > revisions["PRESS"]
+
+
 def test_unknown_combinations_of_options_are_refused() -> None:
     with pytest.raises(ValueError, match="not of attributes"):
         learner(inference="near-miss", failure_scope="attribute")

@@ -286,6 +286,17 @@ class TaxiExperiment:
         return Repetition(steps, solved == len(arena.probes), agent.seconds, tuple(curve), most)
 
 
+def solved_at_once(learner: Doormax | BayesianLearner, arena: Arena) -> int:
+    """How many of a grid's probes are solved in the fewest steps by what was learnt elsewhere, with no further step.
+
+    DOORMAX has to be settled first (`Doormax.settle`).
+    """
+    policy = ValueIteration(learner, optimistic=False, space=arena.testing).policy
+    return sum(
+        _steps_to_end(arena.environment, policy, probe, limit=fewest) == fewest for probe, fewest in arena.probes
+    )
+
+
 class _Stopwatch(PolicyAgent):
     """An agent whose deciding and learning is timed, and whose "I don't know" is counted."""
 

@@ -142,6 +142,19 @@ class Doormax:
             return True
         return self.near_misses is not None and self.near_misses.fails(action, whole)
 
+    def settle(self) -> None:
+        """Keep only the type with the fewest effects, of equals the first, for every action and attribute.
+
+        A guess (Occam's) that the paper does not make, for rules that are to be used in another world: what is always
+        true of a small one, "destination.y := 4 where there is a wall to the north", contradicts the true rule there.
+        """
+        for subject, types in self.predictions.models.items():
+            ranked = sorted((name for name in types if types[name]), key=lambda name: len(types[name]))
+            for name in ranked[1:]:
+                self.predictions.remove(subject, name, f"needs more effects than {ranked[0]}, or as many")
+        self.revisions = {action: revision + 1 for action, revision in self.revisions.items()}
+        self._answers.clear()
+
     def sentences(self) -> tuple[str, ...]:
         """What was learnt, in words: the effects of every action, then where it is known to do nothing."""
         lines = []
