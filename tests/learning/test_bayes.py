@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -166,3 +167,23 @@ def test_asking_changes_nothing() -> None:
     revisions = dict(bayes.revisions)
     assert ask(bayes, "100") == ask(bayes, "100")
     assert bayes.revisions == revisions
+
+
+def test_thirty_terms_are_learnt_from_a_few_dozen_examples() -> None:
+    rng = np.random.default_rng(2)
+    bayes = learner(30)
+    base = rng.integers(0, 2, 30)
+    base[[3, 17]] = 1, 0
+
+    def holds(switches: str) -> bool:
+        return switches[3] == "1" and switches[17] == "0"
+
+    for _ in range(60):
+        switches = base.copy()
+        switches[rng.integers(0, 30, 3)] ^= 1
+        text = "".join(map(str, switches))
+        teach(bayes, text, (0, 1 if holds(text) else 0))
+    assert bayes.sentences() == ("PRESS: if machine.s3 and not machine.s17: machine.counter += 1",)
+    for _ in range(20):
+        text = "".join(map(str, rng.integers(0, 2, 30)))
+        assert counter_of(ask(bayes, text)) == holds(text)

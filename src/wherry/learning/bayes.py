@@ -32,6 +32,9 @@ EXPECTED_TERMS = 0.5
 NOVELTY = 1e-4
 """How likely an action that is understood has yet another effect, which was never seen."""
 
+REMEMBERED_FAILURES = 100
+"""How many conditions in which an action failed are reckoned with while it never did anything: the latest ones."""
+
 ASSIGNMENT = "assignment"
 
 
@@ -181,7 +184,7 @@ class BayesianLearner:
         self.evidence: dict[Subject, Evidence] = {}
         self.laws: dict[Subject, tuple[Law, ...]] = {}
         self.tried: dict[str, dict[int, bool]] = {action: {} for action in domain.actions}
-        self._novelties: dict[str, Concept] = {}
+        self._never_seen: dict[str, Concept] = {}
         self._violations: dict[str, None] = {}
         self._answers: dict[str, dict[tuple[object, ...], Answer]] = {}
 
@@ -252,10 +255,13 @@ class BayesianLearner:
     def _surprise(self, action: str, whole: int) -> float:
         """How likely an action does something that it was never seen to do, by the conditions that it was tried in."""
         tried = self.tried[action]
-        if action not in self._novelties:
-            self._novelties[action] = Concept.of(self.domain.size, self.factor, (), tried)
-        chance = self._novelties[action].probability(whole)
-        return self.novelty * chance if any(tried.values()) else chance
+        if whole in tried:
+            return 0.0
+        if any(tried.values()):
+            return self.novelty
+        if action not in self._never_seen:
+            self._never_seen[action] = Concept.of(self.domain.size, self.factor, (), [*tried][-REMEMBERED_FAILURES:])
+        return self._never_seen[action].probability(whole)
 
     def sentences(self) -> tuple[str, ...]:
         """What is believed, in words: the simplest conjunction that agrees with the examples, for every effect."""
@@ -283,7 +289,7 @@ class BayesianLearner:
         if changed:
             self.revisions[action] += 1
             self._answers.pop(action, None)
-            self._novelties.pop(action, None)
+            self._never_seen.pop(action, None)
 
     def _learn_to_expect(self, action: str, whole: int, *, succeeded: bool) -> bool:
         """Remember where an action was tried, and whether it did anything; return whether that is news."""
@@ -304,7 +310,7 @@ class BayesianLearner:
             self._find_laws(subject)
         self.revisions = {action: revision + 1 for action, revision in self.revisions.items()}
         self._answers.clear()
-        self._novelties.clear()
+        self._never_seen.clear()
 
     def _find_laws(self, subject: Subject) -> bool:
         """Work out the laws that the evidence supports; return whether they are others than before."""
