@@ -15,28 +15,22 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wherry.domains.delivery import DROPOFF, PICKUP, DeliverySteps, all_delivered, boxes_left, delivery_domain, reward
-from wherry.episodes import GoalAgent, Step, run
+from wherry.episodes import Step
 from wherry.errors import InputError
 from wherry.experiments.delivery_page import page, pictures_of
+from wherry.experiments.robot_delivery import deliver, delivery_learner
 from wherry.experiments.scoring import Result, align, position_errors, root_mean_square, shortest_delivery
 from wherry.files import write_atomically
 from wherry.floorplan import Cell, FloorPlan, find_world, place_boxes
-from wherry.learning.learners import LEARNERS, RuleLearner
-from wherry.learning.rules import load_rules, save_rules
-from wherry.oomdp.objects import State
+from wherry.learning.learners import RuleLearner
+from wherry.learning.rules import save_rules
 from wherry.realization.mission import Mission, Order, Ready
 from wherry.simulation import BoxPlace, Simulation, build
-from wherry.space.frame import CellFrame
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace import Record, Said, Seen, Sink, Stepped, ignore
-
-ANYWHERE = (-1_000_000, 1_000_000)  # bounds of a cell's column or row
-MOST_STEPS = 5000  # actions after which a robot that has not delivered everything gives up
+from wherry.trace import Record, Seen, Sink, ignore
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +70,6 @@ def prepare(settings: Settings) -> DeliveryRun:
     """
     if settings.boxes is not None and settings.boxes < 0:
         raise InputError("--boxes", "", f"{settings.boxes} is negative")
-    if settings.learner not in LEARNERS:
-        raise InputError("--learner", settings.learner, f"is none of {', '.join(LEARNERS)}")
     plan = find_world(settings.world)
     if not plan.warehouse:
         raise InputError(settings.world, "drawing", "has no warehouse (w)")
@@ -87,10 +79,7 @@ def prepare(settings: Settings) -> DeliveryRun:
     grid = None if settings.map_file is None else load_map(settings.map_file)
     if grid is not None and not grid.occupied.any():
         raise InputError(settings.map_file or "", "image", "shows no walls")
-    domain = delivery_domain(ANYWHERE, ANYWHERE)  # the robot does not know how large its world is
-    learner = LEARNERS[settings.learner](domain, reward=reward, terminated=all_delivered)
-    if settings.rules_file is not None:
-        learner = load_rules(settings.rules_file, domain, reward=reward, terminated=all_delivered)
+    learner = delivery_learner(settings.learner, settings.rules_file)
     out = settings.out or Path("runs") / f"{plan.name}-seed{settings.seed}"
     _make_folder(out)
     return DeliveryRun(settings, plan, grid, learner, out, build(plan, physics), beliefs)
@@ -193,33 +182,11 @@ class DeliveryRun:
         return self._learner.sentences()
 
     def _deliver(self, ready: Ready, sink: Sink) -> None:
-        """The agent loop on the robot."""
-        environment, frame = ready.environment, ready.frame
-        agent = GoalAgent(self._learner, boxes_left, DeliverySteps())
+        """The agent loop on the robot, with the referee looking on."""
         self._marks.append(self._mark())
-        if not environment.remaining:
-            sink(Said(environment.pilot.time, "done", "There is nothing to deliver that I could find."))
-            return
-        for step in run(environment, agent, self._rng, max_steps=MOST_STEPS):
+        for step in deliver(ready, self._learner, sink, self._rng):
             self._steps.append(step)
             self._marks.append(self._mark())
-            sink(
-                Stepped(
-                    time=environment.pilot.time,
-                    condition=str(step.condition),
-                    action=str(step.action),
-                    learning=step.learning,
-                    moved=not step.transition.failed,
-                    unknown=step.unknown,
-                    delivered=environment.delivered,
-                    remaining=environment.remaining,
-                    plan=_centres(agent.plan, frame),
-                )
-            )
-            _comment(step, environment.pilot.time, sink)
-        left = environment.remaining
-        words = "Everything is delivered." if not left else f"I give up: I cannot deliver {left} of the boxes."
-        sink(Said(environment.pilot.time, "done", words))
 
     def _mark(self) -> Mark:
         referee, size = self._simulation.referee, self.plan.cell_size
@@ -324,26 +291,3 @@ def _middle(cell: Cell, size: float) -> tuple[float, float]:
 
 def _cell_of(position: tuple[float, float], size: float) -> Cell:
     return Cell(int(position[0] // size), int(position[1] // size))
-
-
-def _centres(states: Sequence[State], frame: CellFrame) -> NDArray[np.float32]:
-    """[M, 2] m, map frame: the cells that the robot is in in a row of states."""
-    robots = [state["robot"] for state in states]
-    return np.array([frame.centre(robot.x, robot.y) for robot in robots], np.float32).reshape(-1, 2)
-
-
-def _comment(step: Step, now: float, sink: Sink) -> None:
-    """Say what is worth saying of a step."""
-    phase = "learn" if step.learning else "deliver"
-    if step.surprise:
-        sink(Said(now, phase, f"{step.action} did not do what I expected in {step.condition}: I learn from it."))
-    if step.transition.failed or step.action not in (PICKUP, DROPOFF):
-        return
-    before = {box.name for box in step.state.of_class("Box")}
-    after = step.transition.next_state.of_class("Box")
-    if step.action == PICKUP:
-        held = next(box.name for box in after if box.in_bot)
-        sink(Said(now, phase, f"My latch holds {held}."))
-    else:
-        gone = ", ".join(sorted(before - {box.name for box in after}))
-        sink(Said(now, phase, f"The warehouse has taken in {gone}; {len(after)} left."))

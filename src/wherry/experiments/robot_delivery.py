@@ -1,0 +1,101 @@
+"""A delivery as the robot sees it: the agent loop, and what is told of it. The same for simulator and ROS.
+
+Nothing here knows a referee; `experiments.delivery` adds one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.domains.delivery import DROPOFF, PICKUP, DeliverySteps, all_delivered, boxes_left, delivery_domain, reward
+from wherry.episodes import GoalAgent, Step, run
+from wherry.errors import InputError
+from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.learning.rules import load_rules
+from wherry.oomdp.objects import State
+from wherry.realization.mission import Ready
+from wherry.space.frame import CellFrame
+from wherry.trace import Said, Sink, Stepped
+
+ANYWHERE = (-1_000_000, 1_000_000)  # bounds of a cell's column or row: the robot does not know how large its world is
+MOST_STEPS = 5000  # actions after which a robot that has not delivered everything gives up
+
+
+def delivery_learner(name: str, rules_file: Path | None = None) -> RuleLearner:
+    """Return a learner of the delivery domain that knows nothing, or what a rules file says.
+
+    Args:
+        name: A key of `LEARNERS`; the learner in a rules file outranks it.
+        rules_file: Learnt rules to begin with.
+
+    Raises:
+        InputError: There is no such learner, or the file cannot be used.
+    """
+    if name not in LEARNERS:
+        raise InputError("--learner", name, f"is none of {', '.join(LEARNERS)}")
+    domain = delivery_domain(ANYWHERE, ANYWHERE)
+    if rules_file is not None:
+        return load_rules(rules_file, domain, reward=reward, terminated=all_delivered)
+    return LEARNERS[name](domain, reward=reward, terminated=all_delivered)
+
+
+def deliver(ready: Ready, learner: RuleLearner, sink: Sink, rng: np.random.Generator) -> Iterator[Step]:
+    """Deliver every box that was found, learning on the way; yields each step when it is done.
+
+    Args:
+        ready: A robot that knows where everything is.
+        learner: What it learns with; goes on from what it knows.
+        sink: Told what happens.
+        rng: Where all randomness comes from.
+    """
+    environment = ready.environment
+    if not environment.remaining:
+        sink(Said(environment.pilot.time, "done", "There is nothing to deliver that I could find."))
+        return
+    agent = GoalAgent(learner, boxes_left, DeliverySteps())
+    for step in run(environment, agent, rng, max_steps=MOST_STEPS):
+        sink(
+            Stepped(
+                time=environment.pilot.time,
+                condition=str(step.condition),
+                action=str(step.action),
+                learning=step.learning,
+                moved=not step.transition.failed,
+                unknown=step.unknown,
+                delivered=environment.delivered,
+                remaining=environment.remaining,
+                plan=_centres(agent.plan, ready.frame),
+            )
+        )
+        _comment(step, environment.pilot.time, sink)
+        yield step
+    left = environment.remaining
+    words = "Everything is delivered." if not left else f"I give up: I cannot deliver {left} of the boxes."
+    sink(Said(environment.pilot.time, "done", words))
+
+
+def _centres(states: Sequence[State], frame: CellFrame) -> NDArray[np.float32]:
+    """[M, 2] m, map frame: the cells that the robot is in in a row of states."""
+    robots = [state["robot"] for state in states]
+    return np.array([frame.centre(robot.x, robot.y) for robot in robots], np.float32).reshape(-1, 2)
+
+
+def _comment(step: Step, now: float, sink: Sink) -> None:
+    """Say what is worth saying of a step."""
+    phase = "learn" if step.learning else "deliver"
+    if step.surprise:
+        sink(Said(now, phase, f"{step.action} did not do what I expected in {step.condition}: I learn from it."))
+    if step.transition.failed or step.action not in (PICKUP, DROPOFF):
+        return
+    before = {box.name for box in step.state.of_class("Box")}
+    after = step.transition.next_state.of_class("Box")
+    if step.action == PICKUP:
+        held = next(box.name for box in after if box.in_bot)
+        sink(Said(now, phase, f"My latch holds {held}."))
+    else:
+        gone = ", ".join(sorted(before - {box.name for box in after}))
+        sink(Said(now, phase, f"The warehouse has taken in {gone}; {len(after)} left."))
