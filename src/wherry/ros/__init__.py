@@ -1,0 +1,1 @@
+"""ROS: our agent on any ROS robot, and our simulator for any ROS stack, over ROS 1 or ROS 2."""
