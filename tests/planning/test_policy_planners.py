@@ -88,7 +88,7 @@ def test_what_nothing_can_be_learnt_about_is_not_tried(name: str) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("name", ["policy-iteration", "lrtdp"])
+@pytest.mark.parametrize("name", EXACT)
 def test_three_outcomes_in_random_worlds(name: str, seed: int) -> None:
     outcomes = random_world(12, np.random.default_rng(seed))
     values = optimal_values(outcomes, 12, discount=0.9)

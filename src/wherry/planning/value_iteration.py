@@ -18,7 +18,6 @@ from wherry.oomdp.objects import State
 from wherry.oomdp.outcomes import Answer, ConditionalModel
 from wherry.planning.state_space import END, MISSING, UNKNOWN, Floats, Integers, StateSpace
 
-BRANCHES = 2  # of an answer that are looked at: what is most likely, and what is next
 NONE = -1  # in the table of branches: the group has no such action, or the answer no such branch
 NEVER = -1  # in the table of revisions: the model was not asked yet
 TIE = 1e-9  # actions this close are equally good
@@ -61,8 +60,8 @@ class ValueIteration:
         self._revisions: Integers = np.zeros(0, np.int32)  # [A] of what the model says about an action now
         self._asked: Integers = np.zeros((0, 0), np.int32)  # [G, A] the revision at which it was asked last
         self._answers: dict[tuple[int, int], Answer] = {}  # by group and action
-        self._branches: Integers = np.zeros((0, 0, BRANCHES), np.int32)  # [G, A, 2] numbers of the answer's branches
-        self._chances: Floats = np.zeros((0, 0, BRANCHES))  # [G, A, 2] their probabilities
+        self._branches: Integers = np.zeros((0, 0, 1), np.int32)  # [G, A, K] numbers of the answers' branches
+        self._chances: Floats = np.zeros((0, 0, 1))  # [G, A, K] their probabilities
         self._doubts: Floats = np.zeros((0, 0))  # [G, A] how much trying settles
         self._values: Floats = np.zeros(0)  # [S]
         self._solved: NDArray[np.bool_] = np.zeros(0, np.bool_)  # [S] which values are right
@@ -138,10 +137,18 @@ class ValueIteration:
             self._branches[group, column] = NONE
             self._chances[group, column] = 0.0
             self._doubts[group, column] = answer.doubt
-            looked_at = answer.branches[:BRANCHES] if self.optimistic else answer.branches[:1]
+            looked_at = answer.branches if self.optimistic else answer.branches[:1]
+            self._make_room_for_branches(len(looked_at))
             for place, (branch, probability) in enumerate(looked_at):
                 self._branches[group, column, place] = space.branch_number(action, branch)
                 self._chances[group, column, place] = probability if self.optimistic else 1.0
+
+    def _make_room_for_branches(self, count: int) -> None:
+        """Widen the tables of branches to the answer that has the most of them, K."""
+        growth = ((0, 0), (0, 0), (0, max(0, count - self._branches.shape[2])))
+        if any(growth[2]):
+            self._branches = np.pad(self._branches, growth, constant_values=NONE)
+            self._chances = np.pad(self._chances, growth)
 
     def _make_room(self) -> None:
         """Let the planner's own tables grow with the space."""
@@ -170,7 +177,7 @@ def _reach(
         start: The state's number.
         count: How many states are numbered.
         group: [S].
-        branches: [G, A, 2].
+        branches: [G, A, K].
         asked: [G, A].
         revisions: [A].
         successor: [B, S].
@@ -181,7 +188,7 @@ def _reach(
     """
     seen = np.zeros(count, np.bool_)
     order = np.empty(count, np.int32)
-    gaps = np.empty((count * branches.shape[1] * BRANCHES, 2), np.int32)
+    gaps = np.empty((count * branches.shape[1] * branches.shape[2], 2), np.int32)
     order[0] = start
     seen[start] = True
     reached, missing, at = 1, 0, 0
@@ -213,7 +220,7 @@ def _backup(
 ) -> float:  # fmt: skip
     """Q(s, a) of the values as they are; -inf where the action is not possible, or is hopeless."""
     total, value = 0.0, 0.0
-    for at in range(BRANCHES):
+    for at in range(branches.shape[2]):
         branch, chance = branches[group[state], action, at], chances[group[state], action, at]
         if branch == NONE or chance == 0.0:
             continue
@@ -268,8 +275,8 @@ def _sweep(
         states: [R] the states to sweep, nearest first.
         tolerance: ε.
         group: [S].
-        branches: [G, A, 2].
-        chances: [G, A, 2].
+        branches: [G, A, K].
+        chances: [G, A, K].
         doubts: [G, A].
         successor: [B, S].
         reward: [B, S].
