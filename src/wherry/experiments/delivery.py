@@ -19,7 +19,7 @@ import numpy as np
 from wherry.episodes import Step
 from wherry.errors import InputError
 from wherry.experiments.delivery_page import page, pictures_of
-from wherry.experiments.robot_delivery import deliver, delivery_learner
+from wherry.experiments.robot_delivery import beginning, deliver, delivery_learner
 from wherry.experiments.scoring import Result, align, position_errors, root_mean_square, shortest_delivery
 from wherry.files import write_atomically
 from wherry.floorplan import Cell, FloorPlan, find_world, place_boxes
@@ -30,7 +30,9 @@ from wherry.simulation import BoxPlace, Simulation, build
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace import Record, Seen, Sink, ignore
+from wherry.trace import Record, Seen, Sink, both, ignore, thinned
+
+SCORED_EVERY = 0.5  # s between two poses that the localization is scored by
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,10 +159,9 @@ class DeliveryRun:
         """
         started = time.perf_counter()
 
-        def sink(record: Record) -> None:
-            self._records.append(record)
-            watch(record)
-
+        # Thinned, so that a run is scored by the same records whoever watches it.
+        sink = both(thinned(self._records.append, SCORED_EVERY), watch)
+        sink(beginning(self.plan.name, self._learner, self._simulation.robot.body))
         try:
             self._ready = self._get_ready(sink)
             self._deliver(self._ready, sink)

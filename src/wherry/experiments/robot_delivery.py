@@ -16,10 +16,12 @@ from wherry.episodes import GoalAgent, Step, run
 from wherry.errors import InputError
 from wherry.learning.learners import LEARNERS, RuleLearner
 from wherry.learning.rules import load_rules
+from wherry.oomdp.domain import Domain
 from wherry.oomdp.objects import State
 from wherry.realization.mission import Ready
+from wherry.robot import Body
 from wherry.space.frame import CellFrame
-from wherry.trace import Said, Sink, Stepped
+from wherry.trace import Began, CellsLaid, Learnt, LearntRule, Perceived, Said, Sink, Stepped, Thing
 
 ANYWHERE = (-1_000_000, 1_000_000)  # bounds of a cell's column or row: the robot does not know how large its world is
 MOST_STEPS = 5000  # actions after which a robot that has not delivered everything gives up
@@ -43,6 +45,19 @@ def delivery_learner(name: str, rules_file: Path | None = None) -> RuleLearner:
     return LEARNERS[name](domain, reward=reward, terminated=all_delivered)
 
 
+def beginning(world: str, learner: RuleLearner, body: Body) -> Began:
+    """What a sink is told before a robot begins to deliver.
+
+    Args:
+        world: What people call the place.
+        learner: What it learns with.
+        body: The robot's shape.
+    """
+    domain = learner.domain
+    learns_with = type(learner).__name__
+    return Began("deliver", world, learns_with, domain.term_names, tuple(domain.actions), body.radius, body.box_radius)
+
+
 def deliver(ready: Ready, learner: RuleLearner, sink: Sink, rng: np.random.Generator) -> Iterator[Step]:
     """Deliver every box that was found, learning on the way; yields each step when it is done.
 
@@ -53,6 +68,9 @@ def deliver(ready: Ready, learner: RuleLearner, sink: Sink, rng: np.random.Gener
         rng: Where all randomness comes from.
     """
     environment = ready.environment
+    sink(_cells_laid(ready))
+    sink(_learnt(learner, environment.pilot.time))
+    told = dict(learner.revisions)
     if not environment.remaining:
         sink(Said(environment.pilot.time, "done", "There is nothing to deliver that I could find."))
         return
@@ -71,11 +89,39 @@ def deliver(ready: Ready, learner: RuleLearner, sink: Sink, rng: np.random.Gener
                 plan=_centres(agent.plan, ready.frame),
             )
         )
+        sink(_perceived(learner.domain, step.transition.next_state, environment.pilot.time))
+        if learner.revisions != told:
+            sink(_learnt(learner, environment.pilot.time))
+            told = dict(learner.revisions)
         _comment(step, environment.pilot.time, sink)
         yield step
     left = environment.remaining
     words = "Everything is delivered." if not left else f"I give up: I cannot deliver {left} of the boxes."
     sink(Said(environment.pilot.time, "done", words))
+
+
+def _cells_laid(ready: Ready) -> CellsLaid:
+    """Where the cells lie on the robot's map."""
+    site = ready.environment.site
+    warehouse = np.array([(cell.x, cell.y) for cell in sorted(site.warehouse)], np.int32).reshape(-1, 2)
+    walls = [(wall.cell.x, wall.cell.y, wall.north) for wall in sorted(site.walls)]
+    return CellsLaid(ready.environment.pilot.time, ready.frame, warehouse, np.array(walls, np.int32).reshape(-1, 3))
+
+
+def _perceived(domain: Domain, state: State, now: float) -> Perceived:
+    """A state's condition and the objects that change, as a record."""
+    things = (
+        Thing(item.object_class.name, item.name, tuple(zip(item.object_class.positions, item.values, strict=True)))
+        for item in state.objects
+    )
+    return Perceived(now, str(domain.cond(state)), tuple(things))
+
+
+def _learnt(learner: RuleLearner, now: float) -> Learnt:
+    """What is believed, as a record."""
+    rules = tuple(LearntRule(rule.action, str(rule.condition), rule.effect) for rule in learner.rules())
+    failures = learner.failure_conditions().items()
+    return Learnt(now, rules, tuple((action, tuple(map(str, conditions))) for action, conditions in failures))
 
 
 def _centres(states: Sequence[State], frame: CellFrame) -> NDArray[np.float32]:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 from wherry.learning.concepts import Concept, condition_of
 from wherry.learning.predictions import Subject
 from wherry.learning.rewards import Rewards
+from wherry.learning.sentences import Rule
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
@@ -263,18 +264,28 @@ class BayesianLearner:
             self._never_seen[action] = Concept.of(self.domain.size, self.factor, (), [*tried][-REMEMBERED_FAILURES:])
         return self._never_seen[action].probability(whole)
 
-    def sentences(self) -> tuple[str, ...]:
-        """What is believed, in words: the simplest conjunction that agrees with the examples, for every effect."""
-        lines = []
+    def rules(self) -> tuple[Rule, ...]:
+        """What is believed: for every effect the simplest conjunctions that agree with the examples."""
+        rules = []
         for subject, laws in self.laws.items():
             name = f"{subject.class_name.lower()}.{subject.attribute}"
             for law in laws:
                 effect = self.effect_types[law.effect.type].words(name, law.effect.argument)
                 for concept in law.concepts:
                     literals = concept.simplest[0] if concept.refuted else 0
-                    condition = condition_of(literals, concept.size)
-                    lines.append(f"{subject.action}: if {condition.words(self.domain.term_names)}: {effect}")
-        return tuple(lines)
+                    rules.append(Rule(subject.action, condition_of(literals, concept.size), effect))
+        return tuple(rules)
+
+    def failure_conditions(self) -> dict[str, tuple[Condition, ...]]:
+        """For each action, the conditions that it was tried in and never did anything."""
+        return {
+            action: tuple(Condition.of(self.domain.size, terms) for terms, succeeded in tried.items() if not succeeded)
+            for action, tried in self.tried.items()
+        }
+
+    def sentences(self) -> tuple[str, ...]:
+        """What is believed, in words."""
+        return tuple(rule.words(self.domain.term_names) for rule in self.rules())
 
     def add_experience(self, transition: Transition) -> None:
         """Learn from one experience."""

@@ -13,6 +13,7 @@ from typing import Literal
 from wherry.learning.near_miss import NearMisses
 from wherry.learning.predictions import Predictions, Subject
 from wherry.learning.rewards import Rewards
+from wherry.learning.sentences import Rule
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
@@ -155,15 +156,28 @@ class Doormax:
         self.revisions = {action: revision + 1 for action, revision in self.revisions.items()}
         self._answers.clear()
 
-    def sentences(self) -> tuple[str, ...]:
-        """What was learnt, in words: the effects of every action, then where it is known to do nothing."""
-        lines = []
+    def rules(self) -> tuple[Rule, ...]:
+        """The effects of every action; those that say that an attribute stays as it is are left out."""
+        rules = []
         for subject, types in self.predictions.models.items():
             models = next((models for models in types.values() if models), {})
             for effect, model in models.items():
                 if not self.predictions.keeps(subject, effect, model):
-                    condition = model.words(self.domain.term_names)
-                    lines.append(f"{subject.action}: if {condition}: {self.predictions.words(subject, effect)}")
+                    rules.append(Rule(subject.action, model, self.predictions.words(subject, effect)))
+        return tuple(rules)
+
+    def failure_conditions(self) -> dict[str, tuple[Condition, ...]]:
+        """F_a: for each action, the conditions in which it changes nothing, or no attribute that it was seen with."""
+        found: dict[str, tuple[Condition, ...]] = {}
+        for scope, failures in self.failures.items():
+            action = scope.action if isinstance(scope, Subject) else scope
+            conditions = (Condition.of(self.domain.size, terms) for terms in sorted(failures))
+            found[action] = tuple(dict.fromkeys((*found.get(action, ()), *conditions)))
+        return found
+
+    def sentences(self) -> tuple[str, ...]:
+        """What was learnt, in words: the effects of every action, then where it is known to do nothing."""
+        lines = [rule.words(self.domain.term_names) for rule in self.rules()]
         for scope, failures in self.failures.items():
             lines.append(f"{scope}: nothing happens under {len(failures)} other conditions")
         return tuple(lines)

@@ -7,12 +7,22 @@ from typing import Protocol
 
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
+from wherry.learning.sentences import Rule
+from wherry.oomdp.conditions import Condition
 from wherry.oomdp.mdp import Learner
 from wherry.oomdp.outcomes import ConditionalModel
 
 
 class RuleLearner(ConditionalModel, Learner, Protocol):
     """A learner whose knowledge is rules: it can be put into words, saved, and used in other worlds."""
+
+    def rules(self) -> tuple[Rule, ...]:
+        """What was learnt of what actions do."""
+        ...
+
+    def failure_conditions(self) -> dict[str, tuple[Condition, ...]]:
+        """For each action, the conditions in which it is known to do nothing."""
+        ...
 
     def sentences(self) -> tuple[str, ...]:
         """What was learnt, in words: ``N: if not touch_N(taxi, wall): taxi.y += 1``."""

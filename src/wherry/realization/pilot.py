@@ -15,13 +15,13 @@ from wherry.navigation.path import NO_DISCS
 from wherry.realization.tracking import PoseTracker
 from wherry.robot import Body, Odometry, Robot, Scan, Velocity
 from wherry.space.pose import Floats, Pose
-from wherry.trace import Said, Seen, Sink
+from wherry.trace import TIME_SLACK, Said, Seen, Sink
 
 STANDSTILL = Velocity()
 LOOKING_AROUND = Velocity(0.0, 0.6)
 LONGEST_SEARCH = 30.0  # s
 NO_POINTS = np.empty((0, 2))
-SHOWN_EVERY = 0.5  # s between two records of what is seen
+SHOWN_EVERY = 0.2  # s between two records of what is seen
 STILL = 0.005  # m/s and rad/s; slower than this, the robot stands
 FORK_REACH = 1.5  # box radii around base_link within which a reading is of a box in the fork
 PATIENCE = 20  # odometry messages in a row that the laser may hold the robot up before a drive is given up
@@ -135,7 +135,7 @@ class Pilot:
         for watch in self.watchers:
             watch(measurement, self.pose)
         if self.time >= self._next_record:
-            self._next_record = self.time + SHOWN_EVERY
+            self._next_record = self.time + SHOWN_EVERY - TIME_SLACK
             self._show(measurement)
 
     def look(self, scans: int = 1) -> Scan:

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from wherry.trace import Explored, Record, Said, Seen, Stepped
+from wherry.trace import Explored, Record, Said, Stepped
 
 
 class DeliveryProgress:
@@ -59,8 +59,8 @@ class DeliveryProgress:
                 self._progress.update(self._explored, completed=fraction, words=words)
             case Stepped():
                 self._step(record)
-            case Seen():
-                pass  # comes too often for a terminal
+            case _:
+                pass  # too much, or too often, for a terminal
 
     def _step(self, step: Stepped) -> None:
         for task in (self._unknown, self._delivered):
