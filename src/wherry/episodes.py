@@ -19,6 +19,7 @@ from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Environment, Learner, Prediction, Transition
 from wherry.oomdp.objects import State
 from wherry.oomdp.outcomes import ConditionalModel
+from wherry.planning.policy import Planner
 from wherry.planning.search import Heuristic, Plan, Remaining, a_star, cheapest_experiment, no_heuristic
 from wherry.planning.successors import Successors
 
@@ -40,14 +41,6 @@ class Decision:
     action: Action
     prediction: Prediction
     exploring: bool
-
-
-class Planner(Protocol):
-    """Knows the best action in every state."""
-
-    def policy(self, state: State) -> Action:
-        """The best action."""
-        ...
 
 
 class Agent(Protocol):

@@ -73,7 +73,7 @@ def test_q_values_are_the_discounted_sums() -> None:
         for x in range(LENGTH - 1):
             for action in DOMAIN.ground_actions(at(x)):
                 learner.add_experience(walk(at(x), action))
-    values = [learner._values[at(x)][Action("RIGHT")] for x in range(LENGTH - 1)]
+    values = [learner.value(at(x)) for x in range(LENGTH - 1)]
     assert values == [0.5 * (0.5 * (0.5 * 10 - 1) - 1) - 1, 0.5 * (0.5 * 10 - 1) - 1, 0.5 * 10 - 1, 10.0]
 
 

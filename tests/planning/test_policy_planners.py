@@ -16,7 +16,8 @@ from wherry.oomdp.objects import State
 from wherry.oomdp.outcomes import Grounded
 from wherry.planning.lookahead import Lookahead
 from wherry.planning.lrtdp import Lrtdp
-from wherry.planning.planners import PLANNERS, Planner
+from wherry.planning.planners import PLANNERS
+from wherry.planning.policy import Planner
 from wherry.planning.policy_iteration import PolicyIteration
 from wherry.planning.uct import Uct
 from wherry.planning.value_iteration import ValueIteration

@@ -56,6 +56,10 @@ class QLearning:
             return actions[self.rng.integers(len(actions))]
         return self.best(state)
 
+    def value(self, state: State) -> float:
+        """V(s) = max Q(s, a)."""
+        return max(self._values_of(state).values())
+
     def best(self, state: State) -> Action:
         """The action of the highest value; of equals the first."""
         values = self._values_of(state)
@@ -66,7 +70,7 @@ class QLearning:
         values = self._values_of(transition.state)
         target = transition.reward
         if not transition.terminated:
-            target += self.discount * max(self._values_of(transition.next_state).values())
+            target += self.discount * self.value(transition.next_state)
         values[transition.action] += self.learning_rate * (target - values[transition.action])
 
     def _values_of(self, state: State) -> dict[Action, float]:

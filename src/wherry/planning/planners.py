@@ -10,25 +10,12 @@ from typing import Protocol
 
 import numpy as np
 
-from wherry.oomdp.domain import Action
-from wherry.oomdp.objects import State
 from wherry.oomdp.outcomes import ConditionalModel
 from wherry.planning.lrtdp import Lrtdp
+from wherry.planning.policy import Planner
 from wherry.planning.policy_iteration import PolicyIteration
 from wherry.planning.uct import Uct
 from wherry.planning.value_iteration import ValueIteration
-
-
-class Planner(Protocol):
-    """Knows what to do in every state, on a model that may learn meanwhile."""
-
-    def policy(self, state: State) -> Action:
-        """The best action."""
-        ...
-
-    def value(self, state: State) -> float:
-        """V(s), the discounted sum of rewards that can be expected."""
-        ...
 
 
 class PlannerMaker(Protocol):
