@@ -7,9 +7,10 @@ Units and frames are REP 103's: m, rad, s, x forward, y left, z up.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cache
-from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,12 @@ class Message:
 
 
 M = TypeVar("M", bound=Message)
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def cached(function: F) -> F:
+    """`functools.cache`, keeping the function's type; mypy takes classes of messages for unhashable."""
+    return cast(F, cache(function))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +78,7 @@ class Field:
     length: int | None
 
 
-@cache
+@cached
 def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
     """A message type's fields in the order in which they travel."""
     hints = get_type_hints(message_type, include_extras=True)
