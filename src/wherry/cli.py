@@ -10,9 +10,11 @@ import sys
 from typing import Annotated
 
 import typer
+from typer.exceptions import TyperException
 
 from wherry import __version__
 from wherry.commands.deliver import deliver
+from wherry.commands.export import export_app
 from wherry.commands.learn import learn
 from wherry.commands.localize import localize
 from wherry.commands.map import map_log
@@ -24,29 +26,48 @@ STOPPED = 130
 
 app = typer.Typer(
     name="wherry",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help: importing what makes it colourful takes longer than all the rest
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Robots that find out by themselves how their world works, and then deliver.",
 )
 app.command()(deliver)
 app.command("map")(map_log)
 app.command()(localize)
 app.command()(learn)
 app.command()(reproduce)
+app.add_typer(export_app, name="export")
 
 
 def main() -> None:
-    """Run a command; turn bad input into one line and exit status 2."""
+    """Run a command; turn bad input and wrong usage into one line and exit status 2."""
     try:
-        app()
-    except InputError as error:
-        print(f"wherry: {error}", file=sys.stderr)  # noqa: T201 - the one place that prints errors
-        sys.exit(BAD_INPUT)
-    except KeyboardInterrupt:
-        print("wherry: stopped", file=sys.stderr)  # noqa: T201
-        sys.exit(STOPPED)
+        status = app(prog_name="wherry", standalone_mode=False) or 0
+    except (InputError, TyperException) as error:
+        _say(str(error) if isinstance(error, InputError) else usage_error(error))
+        status = BAD_INPUT
+    except (KeyboardInterrupt, typer.Abort):
+        status = STOPPED
+    if status == STOPPED:
+        _say("stopped")
+    sys.exit(status)
+
+
+def usage_error(error: TyperException) -> str:
+    """What is wrong with a command line, in one line that begins with the option or the argument that it is about."""
+    parameter = getattr(error, "param", None)
+    if parameter is None:
+        name = getattr(error, "option_name", "")
+        reason = error.format_message()
+    else:
+        longest = max(parameter.opts, key=len)
+        name = longest if longest.startswith("-") else longest.upper()
+        reason = error.message.replace("Input should be", "must be").partition(", unable")[0] or "is missing"
+    reason = " ".join(reason.split()).removesuffix(".").replace(f": {name}", "")
+    return f"{name}: {reason[:1].lower()}{reason[1:]}" if name else f"{reason[:1].lower()}{reason[1:]}"
+
+
+def _say(line: str) -> None:
+    print(f"wherry: {line}", file=sys.stderr)  # noqa: T201 - the one place that prints errors
 
 
 def _show_version(wanted: bool) -> None:
@@ -55,10 +76,13 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def common(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and stop.")
     ] = False,
 ) -> None:
-    """Options of wherry itself."""
+    """Robots that find out by themselves how their world works, and then deliver."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())

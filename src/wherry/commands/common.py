@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,14 +13,23 @@ if TYPE_CHECKING:
     from rich.progress import Progress, Task
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, as the last line.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors, and what --json prints.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]
 
 
-def console_for(*, as_json: bool) -> Console:
-    """Where people read: standard output, or standard error when standard output is for JSON."""
+def console_for(*, as_json: bool, quiet: bool = False) -> Console:
+    """Where people read: standard output, or standard error when standard output is for JSON.
+
+    Colours, bars and moving lines are left out where that is not a terminal.
+    """
     from rich.console import Console
 
-    return Console(stderr=as_json)
+    return Console(stderr=as_json, quiet=quiet)
+
+
+def one_of(names: Iterable[str]) -> Callable[[str], list[str]]:
+    """What a shell offers to complete an option or an argument with."""
+    return lambda incomplete: [name for name in names if name.startswith(incomplete)]
 
 
 def print_json(result: Mapping[str, object]) -> None:
@@ -47,7 +56,7 @@ def progress_bar(console: Console, unit: str) -> Progress:
         RateColumn(),
         TimeRemainingColumn(),
         console=console,
-        disable=not console.is_terminal,
+        disable=not console.is_terminal or console.quiet,
     )
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, SeedOption, console_for, print_json
+from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json
 
 
 def deliver(
@@ -21,6 +21,7 @@ def deliver(
         Path | None, typer.Option(help="Where to write report, map and rules; without it, runs/WORLD-seedN.")
     ] = None,
     as_json: JsonOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
     from wherry.experiments import delivery
@@ -32,7 +33,7 @@ def deliver(
     )
     compiled = are_compiled()
     run = delivery.prepare(settings)
-    console = console_for(as_json=as_json)
+    console = console_for(as_json=as_json, quiet=quiet)
     if not compiled:
         console.print("Compiling the inner loops; that takes half a minute, and is done once.")
         delivery.warm_up()

@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, SeedOption, console_for, print_json, progress_bar, shown
+from wherry.commands.common import JsonOption, SeedOption, console_for, one_of, print_json, progress_bar, shown
 from wherry.errors import InputError
 
 DOMAINS = ("taxi",)
 
 
 def learn(
-    domain: Annotated[str, typer.Argument(help="What to learn: taxi.")],
+    domain: Annotated[str, typer.Argument(help="What to learn: taxi.", autocompletion=one_of(DOMAINS))],
     size: Annotated[int, typer.Option(help="The grid's side: 5 or 10.")] = 5,
     learner: Annotated[
         str,

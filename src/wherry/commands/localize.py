@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, SeedOption, console_for, print_json, progress_bar, shown
+from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
 
 
 def localize(
@@ -20,6 +20,7 @@ def localize(
     lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")] = False,
     out: Annotated[Path | None, typer.Option(help="Where to write trajectory and picture.")] = None,
     as_json: JsonOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Find the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
     from wherry.experiments import localization
@@ -36,7 +37,7 @@ def localize(
             lenient=lenient,
         )
     )
-    console = console_for(as_json=as_json)
+    console = console_for(as_json=as_json, quiet=quiet)
     with progress_bar(console, "scans") as progress:
         task = progress.add_task("localizing", total=len(run))
         for located in run.steps():

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, SeedOption, console_for, print_json, progress_bar, shown
+from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
 
 
 def map_log(
@@ -23,6 +23,7 @@ def map_log(
     resolution: Annotated[float, typer.Option(help="m, a grid cell's side.")] = 0.05,
     lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")] = False,
     as_json: JsonOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Make a map and a trajectory of recorded scans and odometry (SLAM)."""
     from wherry.experiments import slam
@@ -40,7 +41,7 @@ def map_log(
             lenient=lenient,
         )
     )
-    console = console_for(as_json=as_json)
+    console = console_for(as_json=as_json, quiet=quiet)
     with progress_bar(console, "scans") as progress:
         task = progress.add_task("mapping", total=run.scans)
         for done in run.steps():

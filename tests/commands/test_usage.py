@@ -1,0 +1,73 @@
+"""Wrong usage is told in one line, whatever is wrong; shells complete; pipes get no colours."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+from typer.testing import CliRunner
+
+from wherry.cli import app
+from wherry.commands.common import console_for, one_of
+
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["deliver", "--boxes", "x"], "wherry: --boxes: must be a valid integer\n"),
+        (["deliver", "--bixes", "3"], "wherry: --bixes: no such option (Possible options: --boxes)\n"),
+        (["learn", "taxi", "--seed", "-1"], "wherry: --seed: must be greater than or equal to 0\n"),
+        (["learn", "taxi", "--size"], "wherry: --size: option '--size' requires an argument\n"),
+        (["learn"], "wherry: DOMAIN: is missing\n"),
+        (["deliver", "boxes"], "wherry: got unexpected extra argument(s) (boxes)\n"),
+        (["dliver"], "wherry: no such command 'dliver'"),
+        (["--nope"], "wherry: --nope: no such option\n"),
+    ],
+)
+def test_wrong_usage_is_told_in_one_line(call: Call, arguments: list[str], line: str) -> None:
+    status, out, err = call(*arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith(line)
+    assert err.count("\n") == 1
+
+
+def test_no_command_is_a_question_for_help(call: Call) -> None:
+    status, out, err = call()
+    assert (status, err) == (0, "")
+    assert "deliver" in out
+
+
+def test_shells_complete_commands_and_values() -> None:
+    def offered(line: str) -> list[str]:
+        words = {"_WHERRY_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split(" ")) - 1)}
+        done = subprocess.run(
+            [sys.executable, "-m", "wherry"], env=os.environ | words, capture_output=True, text=True, check=False
+        )
+        return done.stdout.split()
+
+    assert offered("wherry le") == ["learn"]
+    assert offered("wherry learn ta") == ["taxi"]
+
+
+def test_values_to_complete_begin_as_typed() -> None:
+    assert one_of(("bayes", "doormax", "doormax-letter"))("door") == ["doormax", "doormax-letter"]
+
+
+def test_pipes_get_no_colours_and_quiet_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    console_for(as_json=False).print("[bold red]loud[/]")
+    console_for(as_json=False, quiet=True).print("said")
+    console_for(as_json=True).print("[bold]for people[/]")
+    assert capsys.readouterr() == ("loud\n", "for people\n")
+
+
+def test_every_command_helps() -> None:
+    for command in app.registered_commands:
+        name = command.name or getattr(command.callback, "__name__", "")
+        done = CliRunner().invoke(app, [name, "--help"])
+        assert done.exit_code == 0
+        assert "Usage" in done.output
