@@ -1,0 +1,240 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from wherry.errors import InputError
+from wherry.ros import messages as ros
+from wherry.ros.messages import Field, Message, fields_of, message_types
+from wherry.ros.names import load_names
+from wherry.ros.ros2 import DdsTransport, configuration, domain_id, from_idl, idl_class, to_idl
+
+TOPICS = load_names().topics
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TYPES = message_types()
+NUMBERS = np.random.default_rng(0)
+
+
+def filled(message_type: type[Message]) -> Any:
+    """A message whose every field differs from its default."""
+    return message_type(*(_filled_value(entry) for entry in fields_of(message_type)))
+
+
+def _filled_value(entry: Field) -> Any:
+    count = 3 if entry.length == 0 else entry.length
+    if not isinstance(entry.kind, str):
+        return filled(entry.kind) if count is None else tuple(filled(entry.kind) for _ in range(count))
+    if entry.kind == "string":
+        return "wörd" if count is None else ("one", "", "three")
+    if entry.kind == "bool":
+        return True
+    dtype = np.dtype("uint8" if entry.kind == "byte" else entry.kind)
+    values = NUMBERS.integers(1, 100, count or 1).astype(dtype)
+    return values if count is not None else values[0].item()
+
+
+def as_real(message: Message) -> Any:
+    """The same in rosbags' classes, which serialize as ROS does."""
+    values = [getattr(message, entry.name) for entry in fields_of(type(message))]
+    return STORE.types[type(message).type_name](*(_real_value(value) for value in values))
+
+
+def _real_value(value: Any) -> Any:
+    if isinstance(value, Message):
+        return as_real(value)
+    if isinstance(value, tuple):
+        return [_real_value(item) for item in value]
+    return value
+
+
+def same(one: Any, other: Any) -> bool:
+    if isinstance(one, Message):
+        return type(one) is type(other) and all(
+            same(getattr(one, entry.name), getattr(other, entry.name)) for entry in fields(one)  # type: ignore[arg-type]
+        )
+    if isinstance(one, np.ndarray):
+        return bool(one.dtype == other.dtype and np.array_equal(one, other))
+    if isinstance(one, tuple):
+        return isinstance(other, tuple) and len(one) == len(other) and all(map(same, one, other))
+    return bool(one == other)
+
+
+@pytest.mark.parametrize("type_name", sorted(TYPES))
+def test_messages_are_serialized_as_ros_serializes_them(type_name: str) -> None:
+    message = filled(TYPES[type_name])
+    ours = to_idl(message).serialize(use_version_2=False)
+    theirs = bytes(STORE.serialize_cdr(as_real(message), type_name))
+    assert ours[4:] == theirs[4 : len(ours)]  # after the representation's header
+    assert len(theirs) - len(ours) < 4  # padding
+
+
+@pytest.mark.parametrize("type_name", sorted(TYPES))
+def test_messages_survive_serialization(type_name: str) -> None:
+    message = filled(TYPES[type_name])
+    sample = idl_class(TYPES[type_name]).deserialize(to_idl(message).serialize(use_version_2=False))
+    assert same(from_idl(TYPES[type_name], sample), message)
+
+
+def test_idl_types_have_ros_names() -> None:
+    assert idl_class(ros.LaserScan).__idl_typename__.replace(".", "::") == "sensor_msgs::msg::dds_::LaserScan_"
+
+
+def test_it_stays_on_loopback_unless_asked() -> None:
+    assert 'name="lo"' in configuration("lo")
+    assert "<AllowMulticast>false" in configuration("lo")
+    assert 'name="eth0"' in configuration("eth0")
+    assert "127.0.0.1" not in configuration("eth0")
+
+
+@pytest.mark.parametrize("text", ["-1", "233", "one", "1.0", "١"])
+def test_a_wrong_domain_is_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    with pytest.raises(InputError, match="ROS_DOMAIN_ID"):
+        domain_id()
+
+
+def test_the_domain_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    assert domain_id() == 7
+    monkeypatch.delenv("ROS_DOMAIN_ID")
+    assert domain_id() == 0
+
+
+def test_an_interface_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "190")
+    with pytest.raises(InputError, match="--interface: nowhere0"):
+        DdsTransport("nowhere0")
+
+
+class Heard:
+    """Keeps what a topic brings, and waits for it."""
+
+    def __init__(self) -> None:
+        self.messages: list[Any] = []
+        self._arrived = threading.Condition()
+
+    def __call__(self, message: Message) -> None:
+        with self._arrived:
+            self.messages.append(message)
+            self._arrived.notify_all()
+
+    def wait_for(self, count: int) -> list[Any]:
+        with self._arrived:
+            assert self._arrived.wait_for(lambda: len(self.messages) >= count, timeout=10.0), "nothing arrived"
+        return self.messages
+
+
+@pytest.fixture
+def pair(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[DdsTransport, DdsTransport]]:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "191")
+    with DdsTransport() as one, DdsTransport() as other:
+        yield one, other
+
+
+def wait_until(condition: Any) -> None:
+    deadline = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < deadline, "it never came true"
+        time.sleep(0.01)
+
+
+def test_messages_arrive_in_order(pair: tuple[DdsTransport, DdsTransport]) -> None:
+    one, other = pair
+    heard = Heard()
+    other.subscribe(TOPICS.tf, heard)
+    one.advertise(TOPICS.tf)
+    wait_until(lambda: one.subscribers_of(TOPICS.tf) == 1 and other.publishers_of(TOPICS.tf) == 1)
+    for second in range(50):
+        one.publish(TOPICS.tf, ros.TFMessage((ros.TransformStamped(ros.Header(ros.Time(second))),)))
+    arrived = [message.transforms[0].header.stamp.sec for message in heard.wait_for(50)]
+    assert arrived == list(range(50))
+
+
+def test_who_comes_late_gets_the_last_latched_message(pair: tuple[DdsTransport, DdsTransport]) -> None:
+    one, other = pair
+    grid = filled(ros.OccupancyGrid)
+    one.publish(TOPICS.map, ros.OccupancyGrid())
+    one.publish(TOPICS.map, grid)
+    heard = Heard()
+    other.subscribe(TOPICS.map, heard)
+    assert same(heard.wait_for(1)[0], grid)
+    time.sleep(0.1)
+    assert len(heard.messages) == 1
+
+
+def test_both_kinds_of_velocity_share_a_topic(pair: tuple[DdsTransport, DdsTransport]) -> None:
+    one, other = pair
+    plain, stamped = Heard(), Heard()
+    assert TOPICS.cmd_vel.name == TOPICS.cmd_vel_stamped.name
+    other.subscribe(TOPICS.cmd_vel, plain)
+    other.subscribe(TOPICS.cmd_vel_stamped, stamped)
+    one.advertise(TOPICS.cmd_vel)
+    one.advertise(TOPICS.cmd_vel_stamped)
+    wait_until(lambda: one.subscribers_of(TOPICS.cmd_vel) == 2)
+    time.sleep(0.2)
+    one.publish(TOPICS.cmd_vel, ros.Twist(ros.Vector3(0.1)))
+    one.publish(TOPICS.cmd_vel_stamped, ros.TwistStamped(twist=ros.Twist(ros.Vector3(0.2))))
+    assert plain.wait_for(1)[0].linear.x == 0.1
+    assert stamped.wait_for(1)[0].twist.linear.x == 0.2
+
+
+def test_only_others_are_counted(pair: tuple[DdsTransport, DdsTransport]) -> None:
+    one, other = pair
+    one.advertise(TOPICS.scan)
+    other.advertise(TOPICS.scan)
+    wait_until(lambda: one.publishers_of(TOPICS.scan) == other.publishers_of(TOPICS.scan) == 1)
+    assert one.publishers_of(TOPICS.odom) == 0
+    other.close()
+
+
+def test_a_process_that_is_killed_leaves_no_message_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "192")
+    program = (
+        "import time; from wherry.ros.ros2 import DdsTransport; from wherry.ros.names import load_names\n"
+        "from wherry.ros.messages import Bool, Twist\n"
+        "transport, topics = DdsTransport(), load_names().topics\n"
+        "while True: transport.publish(topics.cmd_vel, Twist()); time.sleep(0.02)"
+    )
+    with DdsTransport() as transport:
+        heard = Heard()
+        transport.subscribe(TOPICS.cmd_vel, heard)
+        with subprocess.Popen([sys.executable, "-c", program], env=os.environ) as process:
+            heard.wait_for(5)
+            process.kill()
+        time.sleep(0.3)
+        count = len(heard.messages)
+        time.sleep(0.3)
+        assert len(heard.messages) == count
+
+
+def test_a_listener_that_hangs_does_not_hold_up_the_publisher(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "193")
+    program = (
+        "import time; from wherry.ros.ros2 import DdsTransport; from wherry.ros.names import load_names\n"
+        "transport, topics = DdsTransport(), load_names().topics\n"
+        "transport.subscribe(topics.tf, lambda message: None); time.sleep(60)"
+    )
+    with DdsTransport() as transport, subprocess.Popen([sys.executable, "-c", program], env=os.environ) as process:
+        try:
+            transport.advertise(TOPICS.tf)
+            wait_until(lambda: transport.subscribers_of(TOPICS.tf) == 1)
+            process.send_signal(19)  # SIGSTOP
+            message = replace(filled(ros.TFMessage))
+            longest = 0.0
+            for _ in range(500):
+                started = time.perf_counter()
+                transport.publish(TOPICS.tf, message)
+                longest = max(longest, time.perf_counter() - started)
+            assert longest < 0.1
+        finally:
+            process.kill()
