@@ -1,0 +1,132 @@
+"""Trace files: what a run leaves behind, to be played again.
+
+A file is a line that says what it is, then frames (`wherry.views.frames`) as one zlib stream that is flushed after
+every frame, so that a file which a crash cuts short is read up to its last whole frame.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
+
+from wherry.errors import InputError
+from wherry.files import read_bytes
+from wherry.trace import Record, thinned
+from wherry.views.frames import LARGEST_FRAME, LENGTHS, Decoder, Encoder
+
+MAGIC = b"wherry-trace: 1\n"
+FILE_NAME = "trace.wherry"
+LARGEST_FILE = 1_000_000_000  # bytes, packed and unpacked
+RECORDED_EVERY = 0.4  # s between two records of what is seen
+COMPRESSION = 6
+
+
+class Recorder:
+    """A sink that writes a trace file; use it as a context manager.
+
+    Args:
+        path: The file; what was there before is replaced.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._file: BinaryIO = path.open("wb")
+        except OSError as error:
+            raise InputError(path, "", f"cannot be written: {error.strerror}") from error
+        self._encoder = Encoder()
+        self._compressor = zlib.compressobj(COMPRESSION)
+        self._file.write(MAGIC)
+        self._record = thinned(self._write, RECORDED_EVERY)
+
+    def __call__(self, record: Record) -> None:
+        """Write a record, and see to it that it survives a crash of this process."""
+        self._record(record)
+
+    def _write(self, record: Record) -> None:
+        data = self._compressor.compress(self._encoder.encode(record))
+        self._file.write(data + self._compressor.flush(zlib.Z_SYNC_FLUSH))
+        self._file.flush()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the file."""
+        if not self._file.closed:
+            self._file.write(self._compressor.flush(zlib.Z_FINISH))
+            self._file.close()
+
+
+def packed(frames: bytes) -> bytes:
+    """A trace file's content of frames in a row."""
+    return MAGIC + zlib.compress(frames, COMPRESSION)
+
+
+def find_trace(run: Path) -> Path:
+    """The trace of a run's folder, or the file itself."""
+    return run / FILE_NAME if run.is_dir() else run
+
+
+def load_frames(path: Path) -> bytes:
+    """The whole frames of a trace file in a row, checked.
+
+    Raises:
+        InputError: The file cannot be read or is no trace, or a frame in it is damaged.
+    """
+    return b"".join(data for _, data in _frames(path))
+
+
+def load_trace(run: Path) -> list[Record]:
+    """The records of a trace file, or of a run's folder.
+
+    Raises:
+        InputError: The file cannot be read or is no trace, or a record in it is damaged.
+    """
+    path = find_trace(run)
+    decoder = Decoder(str(path))
+    return [decoder.decode(data, where) for where, data in _frames(path)]
+
+
+def _frames(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Every whole frame of a file, with its place in words; each has been through `Decoder.decode`'s checks.
+
+    The rest of a file that was cut short is left out.
+    """
+    content = read_bytes(path, limit=LARGEST_FILE)
+    if not content.startswith(MAGIC):
+        raise InputError(path, "first line", f"is not {MAGIC.decode().strip()!r}: no trace, or of another version")
+    unpacker = zlib.decompressobj()
+    try:
+        data = unpacker.decompress(content[len(MAGIC) :], LARGEST_FILE)
+    except zlib.error as error:
+        raise InputError(path, "", f"is damaged: {error}") from error
+    if unpacker.unconsumed_tail:
+        raise InputError(path, "", f"holds more than {LARGEST_FILE:,} bytes")
+    decoder = Decoder(str(path))
+    at = number = 0
+    while at + LENGTHS.size <= len(data):
+        length = LENGTHS.unpack_from(data, at)[0]
+        where = f"frame {number + 1}"
+        if length > LARGEST_FRAME:
+            raise InputError(path, where, f"claims to have {length:,} bytes")
+        end = at + 8 + length
+        if end > len(data):
+            break
+        whole = data[at:end]
+        decoder.decode(whole, where)
+        yield where, whole
+        at, number = end, number + 1
+    if number == 0:
+        raise InputError(path, "", "holds no record")
