@@ -10,6 +10,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -17,12 +19,12 @@ import numpy as np
 from wherry.domains.taxi import PROBES, SIZES, TaxiGrid, taxi_grid, taxi_parents
 from wherry.episodes import Decision, PolicyAgent, run
 from wherry.errors import InputError
+from wherry.experiments.tabular_q_learning import Tables, TabularQLearning
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.bounds import UnknownAnswers
 from wherry.learning.doormax import Doormax
 from wherry.learning.factored_rmax import FactoredRmax
 from wherry.learning.learners import RuleLearner
-from wherry.learning.q_learning import QLearning
 from wherry.learning.rmax import Rmax
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Transition
@@ -34,7 +36,7 @@ from wherry.planning.value_iteration import ValueIteration
 LONGEST_EPISODE = 100  # steps
 CURIOSITY = 8.0  # what it is worth to the Bayesian learner to settle a doubt; a delivery is worth 20
 OPTIMISTIC_VALUE = 20.0  # Q-learning's first values where they are to be optimistic: nothing is worth more
-PATIENCE = 1_000_000  # steps after which a learner is said not to converge
+PATIENCE = 20_000_000  # steps after which a learner is said not to converge
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +140,7 @@ class Contender:
     best: Callable[[State], Action]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Arena:
     """Where contenders compete; tables that say nothing of what was learnt are shared by all repetitions.
 
@@ -162,6 +164,17 @@ class Arena:
         probes = [environment.state_of(*probe) for probe in PROBES]
         lengths = [_steps_to_end(environment, optimal.policy, probe, limit=LONGEST_EPISODE) for probe in probes]
         return cls(environment, tuple(zip(probes, lengths, strict=True)), StateSpace(), StateSpace())
+
+    @cached_property
+    def tables(self) -> Tables:
+        """The grid's states as numbers, for learners that need very many steps."""
+        plan = self.environment.plan
+        starts = [
+            self.environment.state_of((cell.x, cell.y), passenger, destination)
+            for cell in plan.cells()
+            for passenger, destination in permutations(sorted(plan.marks), 2)
+        ]
+        return Tables.of(self.environment, starts)
 
 
 def _steps_to_end(environment: TaxiGrid, policy: Callable[[State], Action], start: State, limit: int) -> int:
@@ -209,25 +222,15 @@ def _factored_rmax(arena: Arena, rng: np.random.Generator) -> Contender:
     return Contender(PolicyAgent(learner, planner), planner.policy)
 
 
-def _q_learning(arena: Arena, rng: np.random.Generator) -> Contender:
-    learner = QLearning(arena.environment.domain, rng)
-    return Contender(PolicyAgent(learner, learner), learner.best)
-
-
-def _optimistic_q_learning(arena: Arena, rng: np.random.Generator) -> Contender:
-    learner = QLearning(arena.environment.domain, rng, exploration=0.0, first_value=OPTIMISTIC_VALUE)
-    return Contender(PolicyAgent(learner, learner), learner.best)
-
-
-LEARNERS: Mapping[str, Callable[[Arena, np.random.Generator], Contender]] = {
+LEARNERS: Mapping[str, Callable[[Arena, np.random.Generator], Contender] | TabularQLearning] = {
     "bayes": _bayes,
     "doormax": _doormax,
     "doormax-near-miss": _near_miss,
     "doormax-letter": _letter,
     "factored-rmax": _factored_rmax,
     "rmax": _rmax,
-    "q-learning": _q_learning,
-    "q-learning-optimistic": _optimistic_q_learning,
+    "q-learning": TabularQLearning(),
+    "q-learning-optimistic": TabularQLearning(exploration=0.0, first_value=OPTIMISTIC_VALUE),
 }
 """The learners that can be compared; doormax-letter is the paper's own, without refutation."""
 
@@ -269,21 +272,26 @@ class TaxiExperiment:
 
     def _repeat(self, arena: Arena, rng: np.random.Generator, patience: int) -> Repetition:
         """Let a contender learn until it solves all probes, or patience ends."""
-        contender = LEARNERS[self.settings.learner](arena, rng)
+        begin = LEARNERS[self.settings.learner]
+        if isinstance(begin, TabularQLearning):
+            curve, seconds = begin.learn(arena.tables, arena.probes, rng, longest=LONGEST_EPISODE, patience=patience)
+            steps, solved = curve[-1]
+            return Repetition(steps, solved == len(arena.probes), seconds, curve, unknown_answers=None)
+        contender = begin(arena, rng)
         agent = _Stopwatch(contender.agent)
         self.learner = agent.learner if isinstance(agent.learner, Doormax | BayesianLearner) else None
-        steps, solved, curve = 0, 0, list[tuple[int, int]]()
+        steps, solved, points = 0, 0, list[tuple[int, int]]()
         while solved < len(arena.probes) and steps < patience:
             steps += sum(1 for _ in run(arena.environment, agent, rng, max_steps=LONGEST_EPISODE))
             solved = sum(
                 _steps_to_end(arena.environment, contender.best, probe, limit=fewest) == fewest
                 for probe, fewest in arena.probes
             )
-            curve.append((steps, solved))
+            points.append((steps, solved))
         answers = agent.unknown_answers
         self._bound = None if answers is None else answers.bound
         most = None if answers is None else answers.most
-        return Repetition(steps, solved == len(arena.probes), agent.seconds, tuple(curve), most)
+        return Repetition(steps, solved == len(arena.probes), agent.seconds, tuple(points), most)
 
 
 def solved_at_once(learner: Doormax | BayesianLearner, arena: Arena) -> int:
