@@ -13,7 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from wherry.errors import InputError
 from wherry.robot import Body, Odometry, Scan, Velocity
@@ -33,7 +33,7 @@ from wherry.ros.diagnostics import ERROR, OK, WARN, Refusals, status_of
 from wherry.ros.latch import SPACING, LatchCommand, LatchState, from_latch_state, to_latch_command
 from wherry.ros.measurements import Row, StampGuard, TimeWentBackError
 from wherry.ros.names import Names
-from wherry.ros.transport import Transport
+from wherry.ros.transport import Topic, Transport
 from wherry.space.pose import Pose
 
 STALE = 0.4  # s; with a scan older than that, the robot does not drive
@@ -104,7 +104,7 @@ class RosRobot:
 
     def _connect(self) -> None:
         topics, transport = self._topics, self._transport
-        self._command_topic = topics.cmd_vel_stamped if self._stamped else topics.cmd_vel
+        self._command_topic: Topic[Any] = topics.cmd_vel_stamped if self._stamped else topics.cmd_vel
         transport.advertise(self._command_topic)
         transport.advertise(topics.latch_command)
         transport.subscribe(topics.tf_static, self._hear_links)
@@ -135,9 +135,8 @@ class RosRobot:
                 self._news.wait(POLL)
             lidar = self._parameters.lidar or self._lidar()
             self._body = self._parameters.body(lidar or Pose())
-        self._simulated = (
-            self._transport.publishers_of(self._topics.clock) > 0 if use_sim_time is None else use_sim_time
-        )
+        clocks = self._transport.publishers_of(self._topics.clock)
+        self._simulated = clocks > 0 if use_sim_time is None else use_sim_time
 
     def _missing(self) -> list[str]:
         """What has to be heard first."""
@@ -377,10 +376,10 @@ class RosRobot:
         command = LatchCommand(self._number, close)
         for _ in range(LATCH_TRIES):
             self._transport.publish(self._topics.latch_command, to_latch_command(command))
+            deadline = time.monotonic() + LATCH_PATIENCE
             with self._news:
-                if self._news.wait_for(
-                    lambda: self._latch is not None and self._latch.answers(command), LATCH_PATIENCE
-                ):
-                    assert self._latch is not None  # noqa: S101 - as just seen; for the type checker
-                    return self._latch
+                while (left := deadline - time.monotonic()) > 0.0:
+                    if self._latch is not None and self._latch.answers(command):
+                        return self._latch
+                    self._news.wait(left)
         raise RobotLostError(f"{self._topics.latch_state.name}: the latch does not answer")
