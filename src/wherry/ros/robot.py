@@ -104,7 +104,9 @@ class RosRobot:
 
     def _connect(self) -> None:
         topics, transport = self._topics, self._transport
-        self._command_topic: Topic[Any] = topics.cmd_vel_stamped if self._stamped else topics.cmd_vel
+        self._command_topic: Topic[Any] = topics.cmd_vel
+        if self._stamped:
+            self._command_topic = topics.cmd_vel_stamped
         transport.advertise(self._command_topic)
         transport.advertise(topics.latch_command)
         transport.subscribe(topics.tf_static, self._hear_links)
