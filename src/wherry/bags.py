@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +18,13 @@ from wherry.space.trajectory import Trajectory
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-SUFFIXES = (".bag", ".mcap", ".db3")
-SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
+SUFFIXES = (".bag", ".mcap", ".db3", ".active")
+UNFINISHED = ".active"  # what recorders call bags that they have not finished
+SCAN, ODOMETRY, TRANSFORMS = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 ROBOT_FRAMES = ("base_link", "base_footprint")
+ODOMETRY_FRAMES = ("odom", "odom_combined")
 MOST_BEAMS = 20_000
+MOST_READINGS = 200_000_000  # of all scans together; 1.6 GB
 
 
 def is_bag(path: str | Path) -> bool:
@@ -32,8 +36,8 @@ def is_bag(path: str | Path) -> bool:
 def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
     """Read the first LaserScan topic (``/scan`` if there is one) and the first Odometry topic (``/odom``) of a bag.
 
-    Scans get the odometry of their instant by interpolation, and the lidar its place from a transform of the robot's
-    frame to the scans' frame.
+    Without Odometry messages the transforms of the robot's frame in the odom frame count. Scans get the odometry of
+    their instant by interpolation, and the lidar its place from a transform of the robot's frame to the scans' frame.
 
     Args:
         path: A ROS 1 bag, a ROS 2 bag's folder, or one of its .mcap or .db3 files.
@@ -43,69 +47,146 @@ def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
         InputError: The rosbags package is missing, the bag cannot be read or has no scans, or (unless lenient) a
             message is broken: the error names it.
     """
-    try:
-        from rosbags.highlevel import AnyReader, AnyReaderError  # noqa: PLC0415
-        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(path, "", "is a ROS bag: pip install 'wherry[bags]' to read it") from error
     path = Path(path)
     if not path.exists():
         raise InputError(path, "", "No such file or directory")
-    folder = path.parent if path.suffix in (".mcap", ".db3") and (path.parent / "metadata.yaml").is_file() else path
+    if path.suffix == UNFINISHED:
+        rescue = "rosbag reindex, mcap recover or ros2 bag reindex"
+        raise InputError(path, "", f"is a recording that was cut off; {rescue} may make a bag of it")
     try:
-        with AnyReader([folder], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            return _read(path, reader, lenient)
-    except (AnyReaderError, OSError, ValueError, KeyError) as error:
-        raise InputError(path, "", f"is not a bag that can be read: {error}") from error
+        from rosbags.highlevel import AnyReader  # noqa: PLC0415
+        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(path, "", "is a ROS bag: pip install 'wherry[bags]' to read it") from error
+    folder = path.parent if path.suffix in (".mcap", ".db3") and (path.parent / "metadata.yaml").is_file() else path
+    reader = None
+    try:
+        reader = AnyReader([folder], default_typestore=get_typestore(Stores.LATEST))
+        reader.open()
+    except Exception as error:  # on a damaged bag rosbags raises errors of a dozen kinds, here and below
+        raise InputError(path, "", f"is not a bag that can be read: {_first_line(error)}") from error
+    try:
+        return _read(_Bag(path, reader), lenient)
+    finally:
+        reader.close()
 
 
-def _read(path: Path, reader: AnyReader, lenient: bool) -> LidarLog:
+@dataclass(frozen=True)
+class _Bag:
+    """A bag that is open.
+
+    Attributes:
+        path: What the user calls it.
+        reader: Of its messages.
+    """
+
+    path: Path
+    reader: AnyReader
+
+    def topic(self, kind: str, preferred: str) -> str:
+        """The preferred topic of a kind, else the first by name; empty if there is none."""
+        names = sorted(connection.topic for connection in self.reader.connections if connection.msgtype == kind)
+        if preferred in names:
+            return preferred
+        return names[0] if names else ""
+
+    def messages(self, topic: str, kind: str) -> Iterator[tuple[int, Any]]:
+        """A topic's messages of a kind, numbered from 1.
+
+        Raises:
+            InputError: The bag is damaged there.
+        """
+        found = [entry for entry in self.reader.connections if (entry.topic, entry.msgtype) == (topic, kind)]
+        if not found:
+            return
+        number = 0
+        try:
+            for number, (connection, _, raw) in enumerate(self.reader.messages(connections=found), start=1):
+                yield number, self.reader.deserialize(raw, connection.msgtype)
+        except Exception as error:
+            name = f"{topic}, message {number + 1}"
+            raise InputError(self.path, name, f"the bag is damaged here: {_first_line(error)}") from error
+
+
+def _first_line(error: Exception) -> str:
+    """What an error says, in one line."""
+    lines = str(error).splitlines()
+    return (lines[0] if lines else type(error).__name__)[:200]
+
+
+def _read(bag: _Bag, lenient: bool) -> LidarLog:
     """Everything that is needed of an open bag."""
     skipped: list[str] = []
-    scans: list[Scan] = []
-    poses: dict[float, Pose] = {}
-    frame = ""
-    for number, message in _messages(reader, _topic(reader, ODOMETRY, "/odom")):
-        time, pose = _seconds(message), _pose(message.pose.pose)
-        reason = "" if np.isfinite([time, *pose.as_array()]).all() else "has a number that is not finite"
-        if poses and time < next(reversed(poses)):
-            reason = "time runs backwards"
-        if not _refused(path, f"odometry {number}", reason, lenient, skipped):
-            poses[time] = pose
-    for number, message in _messages(reader, _topic(reader, SCAN, "/scan")):
-        scan, frame = _scan(message), message.header.frame_id
-        reason = _fault(scan, scans[-1] if scans else None)
-        if not _refused(path, f"scan {number}", reason, lenient, skipped):
-            scans.append(scan)
-    if not scans:
-        raise InputError(path, "", "has no LaserScan messages in it")
-    times = np.array(list(poses))
-    odometry = Trajectory(times, np.array([pose.as_array() for pose in poses.values()]).reshape(-1, 3))
-    if len(times) < 2:
+    odometry = _odometry(bag, lenient, skipped)
+    scans, frame = _scans(bag, lenient, skipped)
+    lidar = _mount(bag, frame)
+    if len(odometry.times) < 2:
         none = Trajectory(np.zeros(0), np.zeros((0, 3)))
-        return LidarLog(tuple(scans), (None,) * len(scans), none, _mount(reader, frame), tuple(skipped))
+        return LidarLog(scans, (None,) * len(scans), none, lidar, tuple(skipped))
     at_scans = odometry.at(np.array([scan.time for scan in scans]))
     each = tuple(
         Odometry(scan.time, Pose.from_array(pose), Velocity()) for scan, pose in zip(scans, at_scans, strict=True)
     )
-    return LidarLog(tuple(scans), each, odometry, _mount(reader, frame), tuple(skipped))
+    return LidarLog(scans, each, odometry, lidar, tuple(skipped))
 
 
-def _topic(reader: AnyReader, kind: str, preferred: str) -> str:
-    """The preferred topic of a kind, else the first by name; empty if there is none."""
-    names = sorted(connection.topic for connection in reader.connections if connection.msgtype == kind)
-    if preferred in names:
-        return preferred
-    return names[0] if names else ""
+def _odometry(bag: _Bag, lenient: bool, skipped: list[str]) -> Trajectory:
+    """All odometry; of several messages of one instant the last counts."""
+    poses: dict[float, Pose] = {}
+    latest = -np.inf
+    for name, time, pose in _odometry_messages(bag):
+        reason = "" if np.isfinite([time, *pose.as_array()]).all() else "has a number that is not finite"
+        if time < latest:
+            reason = f"time runs backwards, from {latest:.6f} to {time:.6f}"
+        if not _refused(bag.path, name, reason, lenient, skipped):
+            poses[time], latest = pose, time
+    return Trajectory(np.array(list(poses)), np.array([pose.as_array() for pose in poses.values()]).reshape(-1, 3))
 
 
-def _messages(reader: AnyReader, topic: str) -> Iterator[tuple[int, Any]]:
-    """A topic's messages, numbered from 1."""
-    connections = [connection for connection in reader.connections if connection.topic == topic]
-    if not connections:
+def _odometry_messages(bag: _Bag) -> Iterator[tuple[str, float, Pose]]:
+    """What each is called, its time, s, and base_link in the odom frame."""
+    topic = bag.topic(ODOMETRY, "/odom")
+    if topic:
+        for number, message in bag.messages(topic, ODOMETRY):
+            yield (
+                f"odometry {number}",
+                _seconds(message),
+                _pose(message.pose.pose.position, message.pose.pose.orientation),
+            )
         return
-    for number, (connection, _, raw) in enumerate(reader.messages(connections=connections), start=1):
-        yield number, reader.deserialize(raw, connection.msgtype)
+    for number, message in bag.messages("/tf", TRANSFORMS):
+        for transform in message.transforms:
+            ends = (transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/"))
+            if ends[0] in ODOMETRY_FRAMES and ends[1] in ROBOT_FRAMES:
+                place = transform.transform
+                yield f"/tf {number}", _seconds(transform), _pose(place.translation, place.rotation)
+
+
+def _scans(bag: _Bag, lenient: bool, skipped: list[str]) -> tuple[tuple[Scan, ...], str]:
+    """All scans, and the frame that they are in.
+
+    Raises:
+        InputError: There are none, or too many.
+    """
+    scans: list[Scan] = []
+    frame = ""
+    readings = 0
+    for number, message in bag.messages(bag.topic(SCAN, "/scan"), SCAN):
+        scan, frame = _scan(message), message.header.frame_id
+        readings += len(scan.ranges)
+        if readings > MOST_READINGS:
+            raise InputError(
+                bag.path, f"scan {number}", f"is the last of {MOST_READINGS:,} readings that can be taken in"
+            )
+        reason = _fault(scan, scans[-1] if scans else None)
+        if not _refused(bag.path, f"scan {number}", reason, lenient, skipped):
+            scans.append(scan)
+    if not scans:
+        kinds = sorted({connection.msgtype for connection in bag.reader.connections if connection.topic == "/scan"})
+        other = f"; its /scan is of {kinds[0]}" if kinds and kinds != [SCAN] else ""
+        left_out = f" ({len(skipped)} broken ones were left out, the first: {skipped[0]})" if skipped else ""
+        raise InputError(bag.path, "", f"has no LaserScan messages in it{other}{left_out}")
+    return tuple(scans), frame
 
 
 def _refused(path: Path, name: str, reason: str, lenient: bool, skipped: list[str]) -> bool:
@@ -146,16 +227,15 @@ def _scan(message: Any) -> Scan:
     )
 
 
-def _mount(reader: AnyReader, frame: str) -> Pose:
+def _mount(bag: _Bag, frame: str) -> Pose:
     """The lidar's pose in the robot's frame, if the bag has it as one transform."""
     frame = frame.lstrip("/")
     for topic in ("/tf_static", "/tf"):
-        for _, message in _messages(reader, topic):
+        for _, message in bag.messages(topic, TRANSFORMS):
             for transform in message.transforms:
                 parent = transform.header.frame_id.lstrip("/")
                 if parent in ROBOT_FRAMES and transform.child_frame_id.lstrip("/") == frame:
-                    place, turn = transform.transform.translation, transform.transform.rotation
-                    return Pose(float(place.x), float(place.y), _yaw(turn))
+                    return _pose(transform.transform.translation, transform.transform.rotation)
     return IDENTITY
 
 
@@ -165,9 +245,9 @@ def _seconds(message: Any) -> float:
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
-def _pose(message: Any) -> Pose:
-    """A geometry_msgs/Pose in the plane."""
-    return Pose(float(message.position.x), float(message.position.y), _yaw(message.orientation))
+def _pose(place: Any, rotation: Any) -> Pose:
+    """A geometry_msgs/Pose or Transform in the plane."""
+    return Pose(float(place.x), float(place.y), _yaw(rotation))
 
 
 def _yaw(quaternion: Any) -> float:

@@ -1,0 +1,446 @@
+"""Bags: what a robot senses and believes, recorded for ROS 1 and ROS 2 without ROS (the rosbags package).
+
+What is recorded has the topics, frames and types of `wherry.ros.names`; every stamp is of the robot's one clock. A
+transform comes before the scan that needs it.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from threading import Lock
+from types import SimpleNamespace, TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+from wherry.errors import InputError
+from wherry.logs import LidarLog
+from wherry.robot import Body, Odometry, Robot, Scan, Velocity
+from wherry.ros import messages as ros
+from wherry.ros.conversion import (
+    Link,
+    header_of,
+    to_grid,
+    to_laser_scan,
+    to_odometry,
+    to_path,
+    to_pose,
+    to_pose_array,
+    to_transform,
+    to_twist,
+)
+from wherry.ros.latch import LatchState, to_latch_state
+from wherry.ros.messages import Header, M, Message, cached, fields_of
+from wherry.ros.names import Names, load_names
+from wherry.ros.transport import Quality, Topic
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Floats, Pose
+from wherry.trace import Explored, Record, Seen, Stepped
+
+MAP_EVERY = 5.0  # s between two maps of a growing one, as with gmapping
+UNFINISHED = ".active"  # after the name of a bag that is being recorded, as rosbag itself has it
+NO_COVARIANCE = np.zeros(36)
+TF2_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"  # rosbags' types of ROS 1 lack it
+NANOSECONDS = 1_000_000_000
+
+
+class _Storage(Protocol):
+    """A kind of bag."""
+
+    def connect(self, topic: Topic[Any]) -> Any:
+        """Open a topic."""
+        ...
+
+    def write(self, connection: Any, message: Message, nanoseconds: int) -> None:
+        """Add a message."""
+        ...
+
+    def close(self) -> None:
+        """Write what makes it a whole bag."""
+        ...
+
+    @property
+    def finished(self) -> Path:
+        """Where the whole bag is then."""
+        ...
+
+
+class _Ros1Bag:
+    """A file of format 2.0, as rosbag writes it."""
+
+    def __init__(self, path: Path, unfinished: Path) -> None:
+        from rosbags.rosbag1 import Writer  # noqa: PLC0415 - optional
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
+
+        self._types = get_typestore(Stores.ROS1_NOETIC)
+        self._types.register(get_types_from_msg(TF2_MESSAGE, ros.TFMessage.type_name))
+        self._numbers: dict[Any, int] = {}
+        self._writer = Writer(unfinished)
+        self._writer.open()
+        self.finished = unfinished
+
+    def connect(self, topic: Topic[Any]) -> Any:
+        latching = int(topic.quality is Quality.LATCHED)
+        kind = topic.message_type.type_name
+        return self._writer.add_connection(topic.name, kind, typestore=self._types, latching=latching)
+
+    def write(self, connection: Any, message: Message, nanoseconds: int) -> None:
+        number = self._numbers.get(connection.id, 0)
+        self._numbers[connection.id] = number + 1
+        numbered = self._numbered(message, number)
+        self._writer.write(connection, nanoseconds, self._types.serialize_ros1(numbered, message.type_name))
+
+    def close(self) -> None:
+        self._writer.close()
+
+    def _numbered(self, message: Any, number: int) -> Any:
+        """The message with ROS 1's sequence numbers in its headers."""
+        if isinstance(message, Header):
+            return SimpleNamespace(seq=number, stamp=message.stamp, frame_id=message.frame_id)
+        if isinstance(message, tuple):
+            return [self._numbered(element, number) for element in message]
+        if not isinstance(message, Message) or not _has_header(type(message)):
+            return message
+        names = (field.name for field in fields_of(type(message)))
+        return SimpleNamespace(**{name: self._numbered(getattr(message, name), number) for name in names})
+
+
+@cached
+def _has_header(message_type: type[Message]) -> bool:
+    """Whether there is a header anywhere in messages of a type."""
+    kinds = [field.kind for field in fields_of(message_type) if not isinstance(field.kind, str)]
+    return any(kind is Header or _has_header(kind) for kind in kinds)
+
+
+class _Ros2Bag:
+    """A folder as rosbag2 writes it, or the one MCAP file out of it; message definitions are in it."""
+
+    def __init__(self, path: Path, unfinished: Path, *, mcap: bool) -> None:
+        from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415 - optional
+        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        folder = unfinished / path.stem if mcap else unfinished / path.name
+        plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+        self._writer = Writer(folder, version=9, storage_plugin=plugin)
+        self._writer.open()
+        self.finished = folder / f"{folder.name}.mcap" if mcap else folder
+
+    def connect(self, topic: Topic[Any]) -> Any:
+        kind = topic.message_type.type_name
+        return self._writer.add_connection(topic.name, kind, typestore=self._types, offered_qos_profiles=[_qos(topic)])
+
+    def write(self, connection: Any, message: Message, nanoseconds: int) -> None:
+        self._writer.write(connection, nanoseconds, self._types.serialize_cdr(message, message.type_name))
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+def _qos(topic: Topic[Any]) -> Any:
+    """A topic's QoS as rosbag2 keeps it, so that a replay offers the same."""
+    from rosbags.interfaces import (  # noqa: PLC0415 - optional
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+
+    never = QosTime(sec=0, nsec=0)
+    latched, best_effort = topic.quality is Quality.LATCHED, topic.quality is Quality.SENSOR
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=1 if latched else 10,
+        reliability=QosReliability.BEST_EFFORT if best_effort else QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=never,
+        lifespan=never,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=never,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+def _mcap(path: Path, unfinished: Path) -> _Storage:
+    return _Ros2Bag(path, unfinished, mcap=True)
+
+
+def _folder(path: Path, unfinished: Path) -> _Storage:
+    return _Ros2Bag(path, unfinished, mcap=False)
+
+
+FORMATS: Mapping[str, Callable[[Path, Path], _Storage]] = {".bag": _Ros1Bag, ".mcap": _mcap, "": _folder}
+"""By the path's suffix: ROS 1, ROS 2 as one MCAP file, ROS 2 as a folder with SQLite, which every ROS 2 reads."""
+
+
+class Bag:
+    """A bag that is being recorded; a context manager.
+
+    Until it is closed it is called PATH.active, and so is what is left of it if the process is killed: ``rosbag
+    reindex``, ``mcap recover`` or ``ros2 bag reindex`` rescue what was written.
+
+    Args:
+        path: Its name; the suffix says which kind, see `FORMATS`.
+
+    Raises:
+        InputError: rosbags is not installed, the suffix is of no kind of bag, something of that name is there, or it
+            cannot be written to.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._unfinished = self.path.with_name(self.path.name + UNFINISHED)
+        self._connections: dict[str, Any] = {}
+        self._lock = Lock()
+        self._check()
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._storage: _Storage | None = FORMATS[self.path.suffix](self.path, self._unfinished)
+        except ImportError as error:
+            raise InputError(path, "", "is to be a ROS bag: pip install 'wherry[bags]' to record one") from error
+        except OSError as error:
+            raise InputError(path, "", f"cannot be written: {error.strerror}") from error
+
+    def _check(self) -> None:
+        """Refuse names that say no kind of bag, and to write over anything."""
+        if self.path.suffix not in FORMATS:
+            raise InputError("--record", str(self.path), "is neither .bag (ROS 1), .mcap, nor a folder's name (ROS 2)")
+        if self.path.exists():
+            raise InputError("--record", str(self.path), "is there already; recordings are not written over")
+        if self._unfinished.exists():
+            raise InputError(
+                "--record", str(self._unfinished), "is there, of a recording that was cut off; move it away"
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write(self, topic: Topic[M], message: M, seconds: float) -> None:
+        """Add a message; from any thread.
+
+        Args:
+            topic: With its absolute name.
+            message: Of the topic's type.
+            seconds: s, on the robot's clock.
+
+        Raises:
+            InputError: The disk is full or gone.
+            ValueError: The bag is closed.
+        """
+        with self._lock:
+            if self._storage is None:
+                raise ValueError(f"{self.path} is closed")
+            try:
+                if topic.name not in self._connections:
+                    self._connections[topic.name] = self._storage.connect(topic)
+                self._storage.write(self._connections[topic.name], message, round(seconds * NANOSECONDS))
+            except OSError as error:
+                raise InputError(self._unfinished, "", f"cannot be written any further: {error.strerror}") from error
+
+    def close(self) -> None:
+        """Make it a whole bag and give it its name; what comes after the first call does nothing.
+
+        Raises:
+            InputError: It cannot be written; what there is keeps the unfinished name.
+        """
+        with self._lock:
+            storage, self._storage = self._storage, None
+            if storage is None:
+                return
+            try:
+                storage.close()
+                storage.finished.rename(self.path)
+                if self._unfinished.is_dir():
+                    shutil.rmtree(self._unfinished)
+            except OSError as error:
+                raise InputError(self._unfinished, "", f"cannot be finished: {error.strerror}") from error
+
+
+class Recording:
+    """Records a robot and what its driver believes: hand out `robot` instead of the robot, and use this as a sink.
+
+    Args:
+        bag: Where to; the caller closes it.
+        names: What everything is called; by default as everybody calls it.
+        laser_height: m, of the lidar over base_link.
+    """
+
+    def __init__(self, bag: Bag, names: Names | None = None, *, laser_height: float = 0.0) -> None:
+        names = names or load_names()
+        self._bag = bag
+        self._topics, self._frames = names.topics, names.frames
+        self._laser_height = laser_height
+        self._odometry: Odometry | None = None
+        self._next_map = -np.inf
+
+    def robot(self, robot: Robot) -> RecordedRobot:
+        """The same robot, recorded."""
+        return RecordedRobot(robot, self)
+
+    def __call__(self, record: Record) -> None:
+        """Record what was told, if ROS has a message for it."""
+        if isinstance(record, Seen):
+            self._seen(record)
+        elif isinstance(record, Explored):
+            if record.time >= self._next_map or record.fraction >= 1.0:
+                self._next_map = record.time + MAP_EVERY
+                self.map(record.grid, record.time)
+        elif isinstance(record, Stepped):
+            self._bag.write(self._topics.plan, to_path(record.plan, record.time, self._frames.map), record.time)
+
+    def measured(self, measurement: Scan | Odometry, lidar: Pose) -> None:
+        """Record a measurement.
+
+        Args:
+            measurement: What the robot measured.
+            lidar: The lidar's pose in base_link.
+        """
+        if isinstance(measurement, Odometry):
+            if self._odometry is None:
+                self._write_mount(measurement.time, lidar)
+            self._odometry = measurement
+            link = Link(self._frames.odom, self._frames.base_link, measurement.time, measurement.pose)
+            self._write_link(link)
+            odometry = to_odometry(measurement, self._frames.odom, self._frames.base_link, NO_COVARIANCE)
+            self._bag.write(self._topics.odom, odometry, measurement.time)
+        else:
+            self._bag.write(self._topics.scan, to_laser_scan(measurement, self._frames.laser), measurement.time)
+
+    def commanded(self, velocity: Velocity, seconds: float) -> None:
+        """Record what the wheels were told at an instant, s."""
+        self._bag.write(self._topics.cmd_vel, to_twist(velocity), seconds)
+
+    def latched(self, seconds: float, *, loaded: bool) -> None:
+        """Record whether the latch holds a box since an instant, s."""
+        self._bag.write(self._topics.latch_state, to_latch_state(LatchState(seconds, loaded, 0.0)), seconds)
+
+    def believed(self, pose: Pose, particles: Floats, seconds: float) -> None:
+        """Record where the robot is believed to be at an instant, s.
+
+        Args:
+            pose: base_link in the map frame.
+            particles: [N, 3] x m, y m, θ rad, map frame; may be empty.
+            seconds: s; odometry of it was recorded before.
+        """
+        if self._odometry is not None:
+            map_from_odom = pose @ self._odometry.pose.inverse
+            self._write_link(Link(self._frames.map, self._frames.odom, seconds, map_from_odom))
+        if len(particles):
+            header = header_of(seconds, self._frames.map)
+            estimate = ros.PoseWithCovariance(to_pose(pose), _covariance(particles, pose))
+            self._bag.write(self._topics.amcl_pose, ros.PoseWithCovarianceStamped(header, estimate), seconds)
+            cloud = to_pose_array(particles, seconds, self._frames.map)
+            self._bag.write(self._topics.particlecloud, cloud, seconds)
+
+    def map(self, grid: OccupancyGrid, seconds: float) -> None:
+        """Record a map."""
+        self._bag.write(self._topics.map, to_grid(grid, seconds, self._frames.map), seconds)
+
+    def _seen(self, record: Seen) -> None:
+        self.believed(record.pose, record.particles.astype(np.float64), record.time)
+        path = to_path(record.path, record.time, self._frames.map)
+        self._bag.write(self._topics.predicted_path, path, record.time)
+
+    def _write_mount(self, seconds: float, lidar: Pose) -> None:
+        link = Link(self._frames.base_link, self._frames.laser, seconds, lidar)
+        message = ros.TFMessage((to_transform(link, self._laser_height),))
+        self._bag.write(self._topics.tf_static, message, seconds)
+
+    def _write_link(self, link: Link) -> None:
+        self._bag.write(self._topics.tf, ros.TFMessage((to_transform(link),)), link.time)
+
+
+def _covariance(particles: Floats, mean: Pose) -> Floats:
+    """[36] as ROS has it, over x, y, z and the rotations about them: how far particles are from a pose."""
+    off = particles - mean.as_array()
+    off[:, 2] = np.arctan2(np.sin(off[:, 2]), np.cos(off[:, 2]))
+    covariance = np.zeros((6, 6))
+    covariance[np.ix_((0, 1, 5), (0, 1, 5))] = off.T @ off / len(off)
+    return covariance.ravel()
+
+
+class RecordedRobot:
+    """A robot like the one that it wraps, but for that everything is recorded.
+
+    Args:
+        robot: What drives.
+        recording: Told everything.
+    """
+
+    def __init__(self, robot: Robot, recording: Recording) -> None:
+        self._robot = robot
+        self._recording = recording
+        self._time = 0.0
+
+    @property
+    def body(self) -> Body:
+        """The robot's shape and limits."""
+        return self._robot.body
+
+    def receive(self) -> Scan | Odometry:
+        """Return the next measurement."""
+        measurement = self._robot.receive()
+        self._time = measurement.time
+        self._recording.measured(measurement, self.body.lidar)
+        return measurement
+
+    def command(self, velocity: Velocity) -> None:
+        """Drive so."""
+        self._robot.command(velocity)
+        self._recording.commanded(velocity, self._time)
+
+    def close_latch(self) -> bool:
+        """Close the latch; return whether it holds a box now."""
+        holds = self._robot.close_latch()
+        self._recording.latched(self._time, loaded=holds)
+        return holds
+
+    def open_latch(self) -> bool:
+        """Open the latch; return whether the fork is free now."""
+        is_free = self._robot.open_latch()
+        self._recording.latched(self._time, loaded=not is_free)
+        return is_free
+
+
+class LogRecording:
+    """Records what a log holds, with what was found out about each of its scans.
+
+    Args:
+        bag: Where to; the caller closes it.
+        log: The log.
+    """
+
+    def __init__(self, bag: Bag, log: LidarLog) -> None:
+        self._recording = Recording(bag)
+        self._log = log
+        self._written = 0  # odometry so far
+
+    def scan(self, index: int, pose: Pose, particles: Floats) -> None:
+        """Record a scan, the odometry up to it, and where the robot was.
+
+        Args:
+            index: Of the scan; each once, in order.
+            pose: base_link in the map frame then.
+            particles: [N, 3] x m, y m, θ rad, map frame; may be empty.
+        """
+        scan, odometry = self._log.scans[index], self._log.odometry
+        while self._written < len(odometry.times) and odometry.times[self._written] <= scan.time:
+            now = Pose.from_array(odometry.poses[self._written])
+            measured = Odometry(float(odometry.times[self._written]), now, Velocity())
+            self._recording.measured(measured, self._log.lidar)
+            self._written += 1
+        self._recording.believed(pose, particles, scan.time)
+        self._recording.measured(scan, self._log.lidar)
+
+    def map(self, grid: OccupancyGrid) -> None:
+        """Record the map, when the last scan was taken."""
+        self._recording.map(grid, self._log.scans[-1].time)
