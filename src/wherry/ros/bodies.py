@@ -83,7 +83,7 @@ def load_body(path: str | Path | None = None) -> BodyParameters:
 
 def own_body() -> str:
     """The file of wherry's own robot, to begin another one with."""
-    return (resources.files("wherry.ros") / "config" / "body.yaml").read_text(encoding="utf-8")
+    return (resources.files("wherry.ros") / "body.yaml").read_text(encoding="utf-8")
 
 
 def _lidar(source: str | Path, value: Any) -> Pose | None:

@@ -205,7 +205,7 @@ class DdsTransport:
     ) -> None:
         self.close()
 
-    def advertise(self, topic: Topic[M]) -> None:
+    def advertise(self, topic: Topic[Any]) -> None:
         """As `Transport.advertise`."""
         self._writer(topic)
 
@@ -226,11 +226,11 @@ class DdsTransport:
             self._listeners.append((take, heard))
             self._waitset.attach(unread)
 
-    def publishers_of(self, topic: Topic[M]) -> int:
+    def publishers_of(self, topic: Topic[Any]) -> int:
         """As `Transport.publishers_of`."""
         return self._count(self._publications, topic)
 
-    def subscribers_of(self, topic: Topic[M]) -> int:
+    def subscribers_of(self, topic: Topic[Any]) -> int:
         """As `Transport.subscribers_of`."""
         return self._count(self._subscriptions, topic)
 

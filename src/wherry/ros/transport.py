@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, Protocol
+from typing import Any, Generic, Protocol
 
 from wherry.ros.messages import M
 
@@ -44,7 +44,7 @@ class Transport(Protocol):
         """1 or 2: of ROS."""
         ...
 
-    def advertise(self, topic: Topic[M]) -> None:
+    def advertise(self, topic: Topic[Any]) -> None:
         """Say that messages will be published on a topic, so that others can connect before the first one."""
         ...
 
@@ -60,11 +60,11 @@ class Transport(Protocol):
         """
         ...
 
-    def publishers_of(self, topic: Topic[M]) -> int:
+    def publishers_of(self, topic: Topic[Any]) -> int:
         """How many others, apart from this node, publish on a topic now."""
         ...
 
-    def subscribers_of(self, topic: Topic[M]) -> int:
+    def subscribers_of(self, topic: Topic[Any]) -> int:
         """How many others, apart from this node, listen to a topic now."""
         ...
 
