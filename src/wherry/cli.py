@@ -19,6 +19,8 @@ from wherry.commands.learn import learn
 from wherry.commands.localize import localize
 from wherry.commands.map import map_log
 from wherry.commands.reproduce import reproduce
+from wherry.commands.rviz import rviz
+from wherry.commands.view import view
 from wherry.errors import InputError
 
 BAD_INPUT = 2
@@ -35,6 +37,8 @@ app.command("map")(map_log)
 app.command()(localize)
 app.command()(learn)
 app.command()(reproduce)
+app.command()(rviz)
+app.command()(view)
 app.add_typer(export_app, name="export")
 
 

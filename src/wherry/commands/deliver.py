@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json
+from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 
 
 def deliver(
@@ -20,12 +21,16 @@ def deliver(
     out: Annotated[
         Path | None, typer.Option(help="Where to write report, map and rules; without it, runs/WORLD-seedN.")
     ] = None,
+    view: ViewOption = False,
+    host: HostOption = LOOPBACK,
+    port: PortOption = PORT,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
     from wherry.experiments import delivery
     from wherry.kernels import are_compiled
+    from wherry.trace import both
     from wherry.views.terminal import DeliveryProgress, print_rules, print_table
 
     settings = delivery.Settings(
@@ -39,11 +44,12 @@ def deliver(
         delivery.warm_up()
     for cell in run.unreachable:
         console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from below cannot be reached by any robot.")
-    with DeliveryProgress(console, len(run.plan.boxes)) as progress:
-        result = run(progress)
-    print_rules(console, run.rules)
-    print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.status}", result.figures)
-    console.print(f"Pictures, map and rules: {run.out / 'report.html'}")
+    with watched(f"wherry: {run.plan.name}", run.out, console, view=view, host=host, port=port) as sink:
+        with DeliveryProgress(console, len(run.plan.boxes)) as progress:
+            result = run(both(progress, sink))
+        print_rules(console, run.rules)
+        print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.status}", result.figures)
+        console.print(f"Pictures, map and rules: {run.out / 'report.html'}")
     if as_json:
         print_json(result.as_json())
     raise typer.Exit(result.exit_status)

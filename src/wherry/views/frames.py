@@ -18,7 +18,7 @@ import json
 import math
 import struct
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -114,6 +114,17 @@ def frame(header: Header, arrays: Arrays) -> bytes:
         parts.append(data + b"\0" * (-len(data) % 4))
     body = struct.pack("<I", len(text)) + b"".join(parts)
     return struct.pack("<II", len(body), zlib.crc32(body)) + body
+
+
+def split(frames: bytes) -> Iterator[bytes]:
+    """Each of the whole frames in a row; what is left at the end is no whole frame."""
+    at = 0
+    while at + LENGTHS.size <= len(frames):
+        end = at + 8 + LENGTHS.unpack_from(frames, at)[0]
+        if end > len(frames):
+            return
+        yield frames[at:end]
+        at = end
 
 
 def _seen_parts(seen: Seen, most_particles: int) -> tuple[Header, Arrays]:

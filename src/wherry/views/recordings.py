@@ -15,7 +15,7 @@ from typing import BinaryIO, Self
 from wherry.errors import InputError
 from wherry.files import read_bytes
 from wherry.trace import Record, thinned
-from wherry.views.frames import LARGEST_FRAME, LENGTHS, Decoder, Encoder
+from wherry.views.frames import Decoder, Encoder, split
 
 MAGIC = b"wherry-trace: 1\n"
 FILE_NAME = "trace.wherry"
@@ -115,18 +115,10 @@ def _frames(path: Path) -> Iterator[tuple[str, bytes]]:
     if unpacker.unconsumed_tail:
         raise InputError(path, "", f"holds more than {LARGEST_FILE:,} bytes")
     decoder = Decoder(str(path))
-    at = number = 0
-    while at + LENGTHS.size <= len(data):
-        length = LENGTHS.unpack_from(data, at)[0]
-        where = f"frame {number + 1}"
-        if length > LARGEST_FRAME:
-            raise InputError(path, where, f"claims to have {length:,} bytes")
-        end = at + 8 + length
-        if end > len(data):
-            break
-        whole = data[at:end]
-        decoder.decode(whole, where)
-        yield where, whole
-        at, number = end, number + 1
+    number = 0
+    for number, frame in enumerate(split(data), start=1):
+        where = f"frame {number}"
+        decoder.decode(frame, where)
+        yield where, frame
     if number == 0:
         raise InputError(path, "", "holds no record")

@@ -1,0 +1,72 @@
+"""Options of the commands whose runs can be watched, and what they mean."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import webbrowser
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from wherry.trace import Sink
+
+ViewOption = Annotated[bool, typer.Option("--view", help="Show the run on a page in the browser, live.")]
+HostOption = Annotated[
+    str, typer.Option(help="With --view: the address to serve the page on; elsewhere than here it needs a token.")
+]
+PortOption = Annotated[int, typer.Option(min=0, max=65535, help="With --view: the port of the page.")]
+
+LOOPBACK, PORT = "127.0.0.1", 8642
+
+
+@contextlib.contextmanager
+def watched(
+    title: str, out: Path | None, console: Console, *, view: bool, host: str = LOOPBACK, port: int = PORT
+) -> Iterator[Sink]:
+    """A sink that records the run in its folder and, if wished, shows it on a page.
+
+    Args:
+        title: Of the page.
+        out: The folder for trace.wherry; None to record nothing.
+        console: Where to say where the page is.
+        view: Whether to show the run. The page then stays until everybody has closed it, or until Ctrl-C.
+        host: The address to serve on.
+        port: The port.
+    """
+    from wherry.trace import both, ignore
+
+    with contextlib.ExitStack() as stack:
+        sinks: list[Sink] = []
+        if out is not None:
+            from wherry.views.recordings import FILE_NAME, Recorder
+
+            sinks.append(stack.enter_context(Recorder(out / FILE_NAME)))
+        if view:
+            from wherry.views.web.broadcast import Broadcast
+            from wherry.views.web.server import serve
+
+            broadcast = Broadcast()
+            server = stack.enter_context(serve(broadcast, title, host=host, port=port, folder=out))
+            show(server.url, console)
+            sinks.append(broadcast)
+        yield both(*sinks) if sinks else ignore
+        if view:
+            broadcast.end()
+            console.print(f"The run is over. Close the page, or press Ctrl-C: {server.url}", highlight=False)
+            with contextlib.suppress(KeyboardInterrupt):
+                server.wait_until_nobody_watches()
+
+
+def show(url: str, console: Console) -> None:
+    """Say where a page is, and open it where there is a screen."""
+    console.print(f"Page: {url}", highlight=False, soft_wrap=True)
+    has_screen = sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if has_screen or os.environ.get("BROWSER"):
+        webbrowser.open(url)

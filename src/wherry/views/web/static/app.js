@@ -1,0 +1,236 @@
+"use strict";
+// Ties trace, player, scene and panels together, and listens to mouse, fingers and keys.
+
+const settings = JSON.parse(element("settings").textContent);
+const trace = new Trace();
+const player = new Player(trace);
+const scene = new Scene(element("canvas"), trace);
+const panels = new Panels(trace, (time) => player.seek(time));
+const PAN_STEP = 60; // px a key press
+const CLICK_REACH = 4; // px that a finger may move while it clicks
+
+// Theme: what was chosen before, else what the system prefers.
+function setTheme(name) {
+  document.documentElement.dataset.theme = name;
+  scene.theme();
+}
+function remembered() {
+  try {
+    return localStorage.getItem("wherry-theme");
+  } catch {
+    return null; // storage may be forbidden
+  }
+}
+setTheme(new URLSearchParams(location.search).get("theme") ?? remembered() ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+function switchTheme() {
+  const name = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+  setTheme(name);
+  try {
+    localStorage.setItem("wherry-theme", name);
+  } catch {
+    // then it holds until the page is closed
+  }
+}
+element("theme").addEventListener("click", switchTheme);
+
+// Layers, which are their own legend.
+for (const [layer, [words, colour]] of Object.entries(LAYERS)) {
+  const box = make("input");
+  box.type = "checkbox";
+  box.checked = true;
+  box.addEventListener("change", () => (box.checked ? scene.hidden.delete(layer) : scene.hidden.add(layer)));
+  const mark = make("i");
+  mark.style.setProperty("--c", `var(${colour})`);
+  element("layers").append(make("label", "", box, mark, make("span", "", words)));
+}
+if (matchMedia("(max-width: 720px)").matches) element("legend").open = false;
+
+// Connection.
+function say(state) {
+  const link = element("link");
+  const words = { live: "live", over: "run over", lost: "no server", file: "recording" };
+  link.textContent = words[state];
+  link.dataset.state = state;
+  const notice = element("notice");
+  notice.hidden = state !== "lost";
+  notice.textContent = trace.over
+    ? "The run is over and its server has stopped. This page keeps all of it until you close it."
+    : "The server does not answer: the run was stopped, or is gone. What came until now can still be played.";
+  element("live").hidden = state === "file" || (state === "over" && !player.following);
+}
+function beginAnew() {
+  const fresh = new Trace();
+  trace.records = fresh.records;
+  Object.assign(trace, { moments: [], end: 0, begin: null, over: false });
+  scene.map.forget();
+  scene.selected = null;
+  panels.forget();
+  player.time = 0;
+}
+if (settings.source === "socket") readSocket(trace, beginAnew, say);
+else
+  readCarriedTrace(element("trace").textContent, trace).then(() => {
+    element("trace").remove();
+    say("file");
+  });
+if (settings.files) {
+  const report = element("report");
+  report.hidden = false;
+  report.search = location.search;
+}
+if (settings.speed !== undefined) {
+  element("speed").value = settings.speed;
+  player.setSpeed(settings.speed);
+}
+
+// Transport.
+const press = (name, action) => element(name).addEventListener("click", action);
+press("play", () => player.toggle());
+press("back", () => player.step(-1));
+press("forward", () => player.step(1));
+press("live", () => player.goLive());
+element("speed").addEventListener("change", () => player.setSpeed(Number(element("speed").value)));
+element("seek").addEventListener("input", () => player.seek(Number(element("seek").value)));
+
+// View.
+function follow() {
+  scene.mode = scene.mode === "follow" ? "free" : "follow";
+  if (scene.mode === "follow") scene.scale = Math.max(scene.scale, 90);
+}
+press("zoom-in", () => scene.zoom(1.4));
+press("zoom-out", () => scene.zoom(1 / 1.4));
+press("fit", () => (scene.mode = "fit"));
+press("follow", follow);
+
+const canvas = element("canvas");
+const pointers = new Map();
+let travelled = 0;
+canvas.addEventListener("pointerdown", (event) => {
+  canvas.setPointerCapture(event.pointerId);
+  pointers.set(event.pointerId, [event.offsetX, event.offsetY]);
+  if (pointers.size === 1) travelled = 0;
+});
+canvas.addEventListener("pointermove", (event) => {
+  const before = pointers.get(event.pointerId);
+  if (!before) {
+    canvas.classList.toggle("over", ["robot", "box", "warehouse", "thing"].includes(scene.pick(event.offsetX, event.offsetY)?.kind));
+    return;
+  }
+  const now = [event.offsetX, event.offsetY];
+  const others = [...pointers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
+  travelled += Math.hypot(now[0] - before[0], now[1] - before[1]);
+  if (others.length) {
+    const apart = (place) => Math.hypot(place[0] - others[0][0], place[1] - others[0][1]);
+    scene.zoom(apart(now) / Math.max(apart(before), 1), (now[0] + others[0][0]) / 2, (now[1] + others[0][1]) / 2);
+  } else if (travelled > CLICK_REACH) {
+    canvas.classList.add("dragging");
+    scene.pan(now[0] - before[0], now[1] - before[1]);
+  }
+  pointers.set(event.pointerId, now);
+});
+for (const end of ["pointerup", "pointercancel"])
+  canvas.addEventListener(end, (event) => {
+    pointers.delete(event.pointerId);
+    canvas.classList.remove("dragging");
+    if (end === "pointerup" && travelled <= CLICK_REACH) scene.selected = scene.pick(event.offsetX, event.offsetY);
+  });
+canvas.addEventListener(
+  "wheel",
+  (event) => {
+    event.preventDefault();
+    scene.zoom(Math.exp(-event.deltaY * 0.0015), event.offsetX, event.offsetY);
+  },
+  { passive: false },
+);
+
+const KEYS = {
+  " ": () => player.toggle(),
+  "+": () => scene.zoom(1.4),
+  "=": () => scene.zoom(1.4),
+  "-": () => scene.zoom(1 / 1.4),
+  0: () => (scene.mode = "fit"),
+  f: follow,
+  l: () => player.goLive(),
+  t: switchTheme,
+  Escape: () => (scene.selected = null),
+};
+const PANS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("select, input[type=range]")) return;
+  if (event.key === " " && event.target.closest("button, summary, input")) return; // space presses what has the focus
+  const pan = event.target === canvas && PANS[event.key];
+  const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+  if (pan) scene.pan(pan[0] * PAN_STEP, pan[1] * PAN_STEP);
+  else if (step) player.step(step);
+  else if (KEYS[event.key]) KEYS[event.key]();
+  else return;
+  event.preventDefault();
+});
+
+// What the page shows, told to those who cannot see colours change.
+function updateControls() {
+  document.body.toggleAttribute("data-playing", player.playing);
+  element("play").setAttribute("aria-label", player.playing ? "Pause" : "Play");
+  element("fit").setAttribute("aria-pressed", scene.mode === "fit");
+  element("follow").setAttribute("aria-pressed", scene.mode === "follow");
+  element("live").setAttribute("aria-pressed", player.following || (player.atEnd && player.playing && !trace.over));
+  element("waiting").hidden = trace.begin !== null;
+  const text = `${clockText(player.time)} / ${clockText(trace.end)}`;
+  if (element("clock").textContent !== text) element("clock").replaceChildren(clockText(player.time), make("small", "", ` / ${clockText(trace.end)}`));
+  const seek = element("seek");
+  if (Number(seek.max) !== trace.end) seek.max = trace.end;
+  seek.min = trace.begin ?? 0;
+  if (document.activeElement !== seek || player.playing) seek.value = player.time;
+  seek.setAttribute("aria-valuetext", clockText(player.time));
+}
+
+// The timeline's bands of phases, and a notch for every box that was delivered.
+let banded = "";
+function updatePhases() {
+  const { Said, Stepped } = trace.records;
+  const begin = trace.begin ?? 0;
+  const long = Math.max(trace.end - begin, 1);
+  const key = `${Said.length} ${Stepped.length} ${long.toFixed(0)}`;
+  if (key === banded) return;
+  banded = key;
+  const place = (time) => `${(100 * (time - begin)) / long}%`;
+  const bands = Said.filter((said, at) => at === 0 || said.phase !== Said[at - 1].phase);
+  const nodes = bands.map((said, at) => {
+    const band = make("i");
+    band.style.left = place(said.time);
+    band.style.right = `${100 - (100 * ((bands[at + 1]?.time ?? trace.end) - begin)) / long}%`;
+    band.style.setProperty("--c", `var(--${said.phase}-phase)`);
+    return band;
+  });
+  for (let at = 1; at < Stepped.length; at++)
+    if (Stepped[at].delivered > Stepped[at - 1].delivered) {
+      const notch = make("b");
+      notch.style.left = place(Stepped[at].time);
+      nodes.push(notch);
+    }
+  element("phases").replaceChildren(...nodes);
+}
+
+const SCALES = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100]; // m
+function updateScale() {
+  const length = SCALES.findLast((metres) => metres * scene.scale <= 130) ?? SCALES[0];
+  element("scale-bar").style.width = `${length * scene.scale}px`;
+  element("scale-text").textContent = `${length} m`;
+}
+
+let before = performance.now();
+function frame(now) {
+  player.advance(Math.min((now - before) / 1000, 0.25));
+  before = now;
+  scene.look(player.time);
+  scene.draw();
+  panels.update(player.time);
+  panels.inspect(scene.selected, scene);
+  updateControls();
+  updatePhases();
+  updateScale();
+  requestAnimationFrame(frame);
+}
+new ResizeObserver(() => scene.resize()).observe(canvas);
+scene.resize();
+requestAnimationFrame(frame);

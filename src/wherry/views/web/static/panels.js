@@ -1,0 +1,340 @@
+"use strict";
+// What stands beside the map: condition, rules, unknowns, boxes, log, and the attributes of what was clicked on.
+
+const element = (name) => document.getElementById(name);
+
+// <tag class="…">…children</tag>; strings become text, so nothing that a trace says is ever read as HTML.
+function make(tag, style, ...children) {
+  const made = document.createElement(tag);
+  if (style) made.className = style;
+  made.append(...children);
+  return made;
+}
+
+const PHASES = { explore: "Explores", localize: "Localizes", survey: "Looks for boxes", learn: "Learns", deliver: "Delivers", map: "Maps", done: "Done" };
+const SVG = "http://www.w3.org/2000/svg";
+
+function clockText(seconds) {
+  const whole = Math.max(0, Math.floor(seconds));
+  const minutes = Math.floor(whole / 60);
+  return `${minutes}:${String(whole % 60).padStart(2, "0")}`;
+}
+
+// Signs of a condition, those that matter apart from those that do not.
+function pattern(condition) {
+  const made = make("code", "pattern");
+  for (const sign of condition) made.append(make(sign === "*" ? "i" : "b", "", sign));
+  return made;
+}
+
+function inWords(condition, terms) {
+  const words = [...condition].flatMap((sign, at) => (sign === "*" ? [] : [(sign === "1" ? "" : "not ") + (terms[at] ?? `term ${at + 1}`)]));
+  return words.length ? "if " + words.join(" and ") : "always";
+}
+
+const covers = (condition, terms) => [...condition].every((sign, at) => sign === "*" || sign === terms[at]);
+
+class Panels {
+  constructor(trace, seek) {
+    this.trace = trace;
+    this.seek = seek;
+    this.forget();
+  }
+
+  forget() {
+    this.logged = { Said: 0, Stepped: 0, Learnt: 0 };
+    this.entries = []; // {time, node}
+    this.marked = -1; // the last entry that is not later than now
+    this.shown = {};
+    element("log").replaceChildren();
+    element("bits").replaceChildren();
+  }
+
+  // Whether a value differs from when it was last asked for under a name.
+  changed(name, value) {
+    if (this.shown[name] === value) return false;
+    this.shown[name] = value;
+    return true;
+  }
+
+  update(time) {
+    const { trace } = this;
+    const began = trace.records.Began[0];
+    if (!began) return;
+    const step = trace.at("Stepped", time);
+    const perceived = trace.at("Perceived", time);
+    const learnt = trace.at("Learnt", time);
+    const condition = perceived?.condition ?? step?.condition;
+    this.updateTitle(began, time);
+    this.updateNow(time);
+    this.updateBits(began, condition);
+    this.updateRules(began, learnt, condition, time);
+    this.updateProgress(step, perceived, time);
+    this.updateExplored(trace.at("Explored", time), Boolean(step) || began.task === "localize");
+    this.updateLog(time);
+  }
+
+  updateTitle(began, time) {
+    if (this.changed("title", began)) element("subject").textContent = `${began.task} · ${began.subject}`;
+    const phase = this.trace.at("Said", time)?.phase;
+    if (this.changed("phase", phase)) {
+      element("phase").hidden = !phase;
+      element("phase").textContent = PHASES[phase] ?? phase ?? "";
+      element("phase").style.setProperty("--phase", `var(--${phase}-phase)`);
+    }
+  }
+
+  // What it is doing: the action whose end comes next, if that is known already; else what it said last.
+  updateNow(time) {
+    const { trace } = this;
+    const steps = trace.records.Stepped;
+    const next = steps[trace.indexAt("Stepped", time) + 1] ?? steps.at(-1);
+    const acting = next && trace.records.Learnt[0] && time >= trace.records.Learnt[0].time && !this.isDone(time);
+    const said = trace.at("Said", time);
+    if (!this.changed("now", acting ? next : said)) return;
+    const action = element("action");
+    action.hidden = !acting;
+    if (acting) {
+      action.textContent = next.action;
+      action.dataset.learning = next.learning;
+      const why = next.learning ? "An experiment: it does not know yet what this does here." : "Part of its plan: it knows what this does.";
+      element("why").textContent = why;
+    } else element("why").textContent = said?.text ?? "";
+  }
+
+  isDone(time) {
+    return this.trace.at("Said", time)?.phase === "done";
+  }
+
+  updateBits(began, condition) {
+    element("symbols").hidden = !began.terms.length;
+    if (!began.terms.length || !this.changed("bits", condition)) return;
+    const list = element("bits");
+    if (!list.children.length)
+      for (const term of began.terms) {
+        const name = make("span", "", term.replace(/\((robot|taxi), /, "("));
+        name.title = term;
+        list.append(make("li", "", make("b", "", "0"), name));
+      }
+    element("condition").textContent = condition ?? "";
+    [...list.children].forEach((item, at) => {
+      const on = condition?.[at] === "1";
+      item.classList.toggle("on", on);
+      item.firstChild.textContent = condition?.[at] ?? "–";
+      item.setAttribute("aria-label", `${began.terms[at]}: ${on ? "holds" : "does not hold"}`);
+    });
+  }
+
+  updateRules(began, learnt, condition, time) {
+    element("knowledge").hidden = !began.terms.length;
+    if (!began.terms.length) return;
+    const rulesChanged = this.changed("learnt", learnt);
+    if (!rulesChanged && !this.changed("applies", condition)) return;
+    this.shown.applies = condition;
+    if (rulesChanged) this.makeRules(began, learnt, time);
+    for (const item of element("rules").querySelectorAll("[data-condition]"))
+      item.classList.toggle("applies", condition !== undefined && covers(item.dataset.condition, condition));
+    for (const item of element("rules").querySelectorAll(".fails code")) item.classList.toggle("on", item.textContent === condition);
+  }
+
+  makeRules(began, learnt, time) {
+    const open = new Set([...element("rules").querySelectorAll("details[open]")].map((item) => item.dataset.action));
+    const previous = new Set(this.ruleKeys ?? []);
+    const fresh = this.rulesTime !== undefined && time >= this.rulesTime;
+    const rules = learnt?.rules ?? [];
+    const failures = learnt?.failures ?? {};
+    this.rulesTime = time;
+    this.ruleKeys = rules.map((rule) => rule.join(" "));
+    const items = began.actions.flatMap((action) => {
+      const made = rules.filter((rule) => rule[0] === action).map(([, condition, effect]) => {
+        const item = this.ruleItem(action, condition, effect, began.terms);
+        if (fresh && !previous.has([action, condition, effect].join(" "))) item.classList.add("new");
+        return item;
+      });
+      const failing = failures[action] ?? [];
+      if (failing.length && !made.length) made.push(make("li", "", make("div", "rule-top", make("b", "", action), make("span", "soft", "no effect known"))));
+      if (failing.length) made.at(-1).append(this.failureList(action, failing, open.has(action)));
+      return made;
+    });
+    element("rules").replaceChildren(...items);
+    element("no-rules").hidden = items.length > 0;
+    element("rule-count").textContent = rules.length || "";
+  }
+
+  ruleItem(action, condition, effect, terms) {
+    const top = make("div", "rule-top", make("b", "", action), make("span", "", effect), pattern(condition));
+    const item = make("li", "", top, make("div", "rule-when", inWords(condition, terms)));
+    item.dataset.condition = condition;
+    return item;
+  }
+
+  failureList(action, conditions, open) {
+    const summary = make("summary", "", `fails in ${conditions.length}`);
+    summary.title = `Conditions in which ${action} does nothing`;
+    const details = make("details", "", summary, make("div", "fails", ...conditions.map((condition) => make("code", "", condition))));
+    details.dataset.action = action;
+    details.open = open;
+    return details;
+  }
+
+  updateProgress(step, perceived, time) {
+    element("progress").hidden = !step;
+    if (!step) return;
+    const steps = this.trace.records.Stepped;
+    if (this.changed("step", step) | this.changed("steps", steps.length)) this.drawChart(steps, this.trace.indexAt("Stepped", time));
+    const held = perceived?.things.some((thing) => thing.values.in_bot) ? 1 : 0;
+    if (!this.changed("boxes", `${step.delivered} ${step.remaining} ${held}`)) return;
+    const all = step.delivered + step.remaining;
+    element("delivered").textContent = `${step.delivered} of ${all}`;
+    element("boxes").setAttribute("aria-label", `${step.delivered} of ${all} boxes delivered, ${held} in the fork`);
+    element("boxes").replaceChildren(
+      ...Array.from({ length: Math.min(all, 40) }, (_, at) => make("i", at < step.delivered ? "done" : at < step.delivered + held ? "held" : "")),
+    );
+  }
+
+  // Unknown pairs after every action as a line of steps, what is still to come faintly.
+  drawChart(steps, here) {
+    const most = Math.max(1, ...steps.map((step) => step.unknown));
+    const wide = Math.max(steps.length - 1, 1);
+    const point = (at) => [(160 * at) / wide, 53 - (48 * steps[at].unknown) / most];
+    const line = (from, to) => {
+      let text = "";
+      for (let at = from; at <= to; at++) {
+        const [x, y] = point(at);
+        text += at === from ? `M${x.toFixed(1)} ${y.toFixed(1)}` : `H${x.toFixed(1)}V${y.toFixed(1)}`;
+      }
+      return text;
+    };
+    const shape = (tag, attributes) => {
+      const made = document.createElementNS(SVG, tag);
+      for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+      return made;
+    };
+    const done = line(0, here);
+    element("chart").replaceChildren(
+      shape("line", { x1: 0, x2: 160, y1: 53, y2: 53 }),
+      shape("path", { class: "area", d: `${done}V53H0Z` }),
+      shape("path", { class: "rest", d: line(here, steps.length - 1) }),
+      shape("path", { d: done }),
+    );
+    element("unknown").textContent = steps[here].unknown;
+  }
+
+  updateExplored(explored, past) {
+    const fraction = explored && !past ? explored.fraction : null;
+    if (!this.changed("explored", fraction)) return;
+    element("exploring").hidden = fraction === null;
+    const percent = Math.round((fraction ?? 0) * 100);
+    element("explored").textContent = `${percent} %`;
+    element("meter").setAttribute("aria-valuenow", percent);
+    element("meter").firstElementChild.style.width = `${percent}%`;
+  }
+
+  updateLog(time) {
+    this.extendLog();
+    const here = lastBefore(this.entries, time, (entry) => entry.time);
+    if (!this.changed("log", `${here} ${this.entries.length}`)) return;
+    const list = element("log");
+    list.querySelector(".here")?.classList.remove("here");
+    for (let at = Math.min(this.marked, here) + 1; at <= Math.max(this.marked, here); at++)
+      this.entries[at].node.classList.toggle("later", at > here);
+    this.marked = here;
+    const node = this.entries[here]?.node;
+    if (!node) return;
+    node.classList.add("here");
+    if (!list.matches(":hover") && document.activeElement !== list) list.scrollTop = node.offsetTop - list.offsetTop - list.clientHeight * 0.7;
+  }
+
+  // Put what was said, done and learnt since the last time into the log, in the order of time.
+  extendLog() {
+    const { records } = this.trace;
+    const lines = [];
+    for (; this.logged.Said < records.Said.length; this.logged.Said++) {
+      const said = records.Said[this.logged.Said];
+      lines.push([said.time, 1, "said", said.text]);
+    }
+    for (; this.logged.Stepped < records.Stepped.length; this.logged.Stepped++) {
+      const step = records.Stepped[this.logged.Stepped];
+      const outcome = step.moved ? "" : " · nothing happens";
+      lines.push([step.time, 0, "act", `${step.action} in ${step.condition}${step.learning ? " · experiment" : ""}${outcome}`]);
+    }
+    for (; this.logged.Learnt < records.Learnt.length; this.logged.Learnt++) {
+      const now = records.Learnt[this.logged.Learnt];
+      for (const words of newRules(records.Learnt[this.logged.Learnt - 1], now)) lines.push([now.time, 2, "rule", words]);
+    }
+    if (!lines.length) return;
+    lines.sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+    const made = document.createDocumentFragment();
+    for (const [time, , style, text] of lines) {
+      const node = make("li", `${style} later`, make("time", "", clockText(time)), make("span", "", text));
+      node.addEventListener("click", () => this.seek(time));
+      this.entries.push({ time, node });
+      made.append(node);
+    }
+    element("log").append(made);
+  }
+
+  // The attributes of what was clicked on.
+  inspect(picked, scene) {
+    const panel = element("inspector");
+    const told = picked && scene.instant ? attributesOf(picked, scene) : null;
+    panel.hidden = !told;
+    if (!told) {
+      this.shown.inspected = null;
+      return;
+    }
+    const [title, colour, rows] = told;
+    if (!this.changed("inspected", JSON.stringify(told))) return;
+    const close = make("button", "icon", "×");
+    close.setAttribute("aria-label", "Close");
+    close.addEventListener("click", () => (scene.selected = null));
+    const mark = make("i");
+    mark.style.setProperty("--c", `var(${colour})`);
+    const list = make("dl");
+    for (const [name, value] of rows) list.append(make("dt", "", name), make("dd", "", String(value)));
+    panel.replaceChildren(make("header", "", mark, make("span", "", title), close), list);
+  }
+}
+
+// What is new in one set of rules against the one before, in words.
+function newRules(before, now) {
+  const old = new Map((before?.rules ?? []).map(([action, condition, effect]) => [`${action} ${effect}`, condition]));
+  return now.rules
+    .filter(([action, condition, effect]) => old.get(`${action} ${effect}`) !== condition)
+    .map(([action, condition, effect]) => {
+      const was = old.get(`${action} ${effect}`);
+      return was ? `${action}: ${effect} — now ${condition}, was ${was}` : `${action}: ${effect} under ${condition}`;
+    });
+}
+
+const metres = (value) => `${value.toFixed(2)} m`;
+const degrees = (value) => `${((value * 180) / Math.PI).toFixed(0)}°`;
+
+// Title, colour and rows of attributes; null if the thing is gone.
+function attributesOf(picked, scene) {
+  const { instant } = scene;
+  const thing = instant.perceived?.things.find((item) => item.name === (picked.kind === "robot" ? "robot" : picked.name));
+  const values = Object.entries(thing?.values ?? {}).map(([name, value]) => [`${thing.kind.toLowerCase()}.${name}`, value]);
+  const place = scene.placeOf(picked);
+  const where = place ? [["map", `${metres(place.x)}, ${metres(place.y)}`]] : [];
+  if (picked.kind === "robot") {
+    const { seen, pose } = instant;
+    if (!pose) return null;
+    const rows = [["heading", degrees(pose[2])], ["latch", seen.loaded ? "holds a box" : "empty"], ["laser", `${seen.points.length / 2} points`]];
+    if (seen.particles.length) rows.push(["particles", seen.particles.length / 3]);
+    return ["Robot", "--robot", [...values, ...where, ...rows]];
+  }
+  if (picked.kind === "box" || picked.kind === "thing") {
+    if (!place && !thing) return null;
+    return [`${thing?.kind ?? "Box"} ${picked.name ?? ""}`, "--box", [...values, ...where]];
+  }
+  if (picked.kind === "warehouse")
+    return ["Warehouse", "--warehouse", [["warehouse.x", picked.cell[0]], ["warehouse.y", picked.cell[1]], ...where]];
+  const percent = scene.map.percentAt(picked.x, picked.y);
+  const rows = [...where, ["P(occupied)", percent === null ? "unknown" : `${percent} %`]];
+  if (instant.cells) {
+    const [x, y] = scene.cellAt(instant.cells, picked.x, picked.y);
+    rows.unshift(["cell", `${x}, ${y}`]);
+  }
+  return [percent !== null && percent > 65 ? "Wall" : "Place", percent > 65 ? "--wall" : "--soft", rows];
+}

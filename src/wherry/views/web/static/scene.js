@@ -1,0 +1,465 @@
+"use strict";
+// Draws an instant of a trace: map, cells, warehouse, trail, laser, plan, path, boxes, robot, particles.
+
+const LAYERS = {
+  laser: ["Laser", "--laser"],
+  particles: ["Particle cloud", "--particle"],
+  path: ["Path ahead", "--path"],
+  trail: ["Way driven", "--trail"],
+  boxes: ["Boxes", "--box"],
+  warehouse: ["Warehouse", "--warehouse"],
+  cells: ["Cells", "--soft"],
+};
+const TRAIL = 90; // s
+const MARGIN = 0.6; // m around the map
+const CLOSEST = 2000; // px a metre
+const FARTHEST = 1; // px a metre
+
+class Scene {
+  constructor(canvas, trace) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d", { alpha: false });
+    this.trace = trace;
+    this.map = new MapPicture();
+    this.mode = "fit"; // "fit", "follow" or "free"
+    this.centre = [0, 0]; // m, map frame
+    this.scale = 60; // px a metre
+    this.hidden = new Set();
+    this.selected = null;
+    this.instant = null;
+  }
+
+  // Read the colours of the theme.
+  theme() {
+    const style = getComputedStyle(document.documentElement);
+    this.colour = (name) => style.getPropertyValue(name).trim();
+    this.colours = {};
+    for (const name of ["laser", "particle", "path", "plan", "trail", "box", "warehouse", "unknown", "free", "wall", "grid", "robot", "robot-edge", "accent", "soft", "ink"])
+      this.colours[name] = this.colour(`--${name}`);
+    this.map.paint(rgb(this.colours.free), rgb(this.colours.wall), rgb(this.colours.unknown));
+  }
+
+  resize() {
+    const { width, height } = this.canvas.getBoundingClientRect();
+    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    this.width = width;
+    this.height = height;
+    this.canvas.width = Math.max(1, Math.round(width * ratio));
+    this.canvas.height = Math.max(1, Math.round(height * ratio));
+    this.ratio = this.canvas.width / Math.max(width, 1);
+    if (this.mode === "fit") this.fit();
+  }
+
+  // What there is to see at a time; the robot's pose is interpolated between two records.
+  look(time) {
+    const { trace } = this;
+    const at = trace.indexAt("Seen", time);
+    const seen = trace.records.Seen[at];
+    this.map.show(trace.records.Explored, trace.indexAt("Explored", time));
+    this.instant = {
+      time,
+      at,
+      seen,
+      pose: seen && between(seen.pose, seen.time, trace.records.Seen[at + 1], "pose", time),
+      lidar: seen && between(seen.lidar, seen.time, trace.records.Seen[at + 1], "lidar", time),
+      cells: trace.at("CellsLaid", time),
+      step: trace.at("Stepped", time),
+      perceived: trace.at("Perceived", time),
+      began: trace.records.Began[0],
+    };
+    if (this.mode === "fit") this.fit();
+    if (this.mode === "follow" && this.instant.pose) this.centre = [this.instant.pose[0], this.instant.pose[1]];
+  }
+
+  // The whole map in the picture.
+  fit() {
+    const box = this.map.extent() ?? this.cellsExtent();
+    if (!box || !this.width) return;
+    const [west, south, east, north] = box;
+    this.centre = [(west + east) / 2, (south + north) / 2];
+    const across = Math.min(this.width / (east - west + 2 * MARGIN), this.height / (north - south + 2 * MARGIN));
+    this.scale = Math.min(Math.max(across, FARTHEST), CLOSEST);
+  }
+
+  cellsExtent() {
+    const cells = this.instant?.cells;
+    if (!cells || !cells.walls.length) return null;
+    const box = [Infinity, Infinity, -Infinity, -Infinity];
+    for (let n = 0; n < cells.walls.length; n += 3) {
+      for (const [dx, dy] of [[0, 0], [1, 1]]) {
+        const [x, y] = this.inMap(cells, (cells.walls[n] + dx) * cells.size, (cells.walls[n + 1] + dy) * cells.size);
+        [box[0], box[1]] = [Math.min(box[0], x), Math.min(box[1], y)];
+        [box[2], box[3]] = [Math.max(box[2], x), Math.max(box[3], y)];
+      }
+    }
+    return box;
+  }
+
+  // A point of the cells' frame, m, in the map frame.
+  inMap(cells, x, y) {
+    const [ox, oy, theta] = cells.origin;
+    return [ox + Math.cos(theta) * x - Math.sin(theta) * y, oy + Math.sin(theta) * x + Math.cos(theta) * y];
+  }
+
+  // From metres to pixels of the page, and back.
+  project(x, y) {
+    return [this.width / 2 + (x - this.centre[0]) * this.scale, this.height / 2 - (y - this.centre[1]) * this.scale];
+  }
+
+  unproject(px, py) {
+    return [this.centre[0] + (px - this.width / 2) / this.scale, this.centre[1] - (py - this.height / 2) / this.scale];
+  }
+
+  zoom(factor, px = this.width / 2, py = this.height / 2) {
+    const [x, y] = this.unproject(px, py);
+    this.scale = Math.min(Math.max(this.scale * factor, FARTHEST), CLOSEST);
+    if (this.mode === "follow") return;
+    this.mode = "free";
+    this.centre = [x - (px - this.width / 2) / this.scale, y + (py - this.height / 2) / this.scale];
+  }
+
+  pan(dx, dy) {
+    this.mode = "free";
+    this.centre = [this.centre[0] - dx / this.scale, this.centre[1] + dy / this.scale];
+  }
+
+  shows(layer) {
+    return !this.hidden.has(layer);
+  }
+
+  draw() {
+    const { context, instant, colours } = this;
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.fillStyle = colours.unknown;
+    context.fillRect(0, 0, this.canvas.width, this.canvas.height);
+    if (!instant) return;
+    // From here on in metres of the map frame, y upwards; lines are as many pixels wide as `px` times so many.
+    const scale = this.scale * this.ratio;
+    context.setTransform(scale, 0, 0, -scale, (this.width / 2) * this.ratio - this.centre[0] * scale, (this.height / 2) * this.ratio + this.centre[1] * scale);
+    this.px = 1 / this.scale;
+    context.lineJoin = context.lineCap = "round";
+    this.drawMap();
+    if (instant.cells) this.drawCells(instant.cells);
+    if (this.shows("trail")) this.drawTrail();
+    if (!instant.seen) {
+      this.drawThings();
+      return;
+    }
+    if (this.shows("laser")) this.drawLaser();
+    if (this.shows("path")) this.drawPaths();
+    if (this.shows("boxes")) this.drawBoxes();
+    this.drawRobot();
+    if (this.shows("particles")) this.drawParticles();
+    this.drawSelection();
+  }
+
+  drawMap() {
+    const { context, map } = this;
+    if (!map.bounds) return;
+    const [x, y, theta] = map.origin;
+    const [x0, y0, x1, y1] = map.bounds;
+    const side = TILE * map.resolution;
+    context.save();
+    context.translate(x, y);
+    context.rotate(theta);
+    context.imageSmoothingEnabled = this.scale * this.ratio * map.resolution < 1.5;
+    context.drawImage(map.canvas, x0 * side, y0 * side, (x1 - x0) * side, (y1 - y0) * side);
+    context.restore();
+  }
+
+  drawCells(cells) {
+    const { context, colours, px } = this;
+    const [ox, oy, theta] = cells.origin;
+    context.save();
+    context.translate(ox, oy);
+    context.rotate(theta);
+    if (this.shows("cells") && cells.size * this.scale > 14) {
+      let [low, high] = [[Infinity, Infinity], [-Infinity, -Infinity]];
+      for (let n = 0; n < cells.walls.length; n += 3) {
+        for (const axis of [0, 1]) {
+          low[axis] = Math.min(low[axis], cells.walls[n + axis]);
+          high[axis] = Math.max(high[axis], cells.walls[n + axis]);
+        }
+      }
+      context.beginPath();
+      for (let x = low[0] + 1; x <= high[0] + 1; x++) context.rect(x * cells.size, (low[1] + 1) * cells.size, 0, (high[1] - low[1]) * cells.size);
+      for (let y = low[1] + 1; y <= high[1] + 1; y++) context.rect((low[0] + 1) * cells.size, y * cells.size, (high[0] - low[0]) * cells.size, 0);
+      context.strokeStyle = colours.grid;
+      context.lineWidth = px;
+      context.stroke();
+    }
+    if (!this.map.bounds) {
+      context.beginPath();
+      for (let n = 0; n < cells.walls.length; n += 3) {
+        const [x, y, north] = [cells.walls[n] * cells.size, cells.walls[n + 1] * cells.size, cells.walls[n + 2]];
+        if (north) context.rect(x, y + cells.size, cells.size, 0);
+        else context.rect(x + cells.size, y, 0, cells.size);
+      }
+      context.strokeStyle = colours.wall;
+      context.lineWidth = 0.08 * cells.size;
+      context.stroke();
+    }
+    if (this.shows("warehouse")) {
+      const inset = 0.03 * cells.size;
+      for (let n = 0; n < cells.warehouse.length; n += 2) {
+        context.beginPath();
+        context.rect(cells.warehouse[n] * cells.size + inset, cells.warehouse[n + 1] * cells.size + inset, cells.size - 2 * inset, cells.size - 2 * inset);
+        context.globalAlpha = 0.28;
+        context.fillStyle = colours.warehouse;
+        context.fill();
+        context.globalAlpha = 1;
+        context.strokeStyle = colours.warehouse;
+        context.lineWidth = Math.max(0.02, 1.5 * px);
+        context.stroke();
+      }
+    }
+    context.restore();
+  }
+
+  drawTrail() {
+    const { context, trace, instant, px } = this;
+    const seen = trace.records.Seen;
+    const first = Math.max(0, trace.indexAt("Seen", instant.time - TRAIL));
+    if (!instant.pose) return;
+    context.beginPath();
+    const stride = Math.max(1, Math.floor((instant.at - first) / 600));
+    for (let at = first; at <= instant.at; at += stride) context.lineTo(seen[at].pose[0], seen[at].pose[1]);
+    context.lineTo(instant.pose[0], instant.pose[1]);
+    context.strokeStyle = this.colours.trail;
+    context.globalAlpha = 0.6;
+    context.lineWidth = Math.max(0.025, 1.5 * px);
+    context.stroke();
+    context.globalAlpha = 1;
+  }
+
+  drawLaser() {
+    const { context, px, colours } = this;
+    const { seen, lidar } = this.instant;
+    const [x, y] = seen.pose;
+    const { points } = seen;
+    if (!points.length) return;
+    context.beginPath();
+    context.moveTo(seen.lidar[0], seen.lidar[1]);
+    for (let n = 0; n < points.length; n += 2) {
+      context.lineTo(seen.lidar[0], seen.lidar[1]);
+      context.lineTo(x + points[n] * POSITION_STEP, y + points[n + 1] * POSITION_STEP);
+    }
+    context.strokeStyle = colours.laser;
+    context.globalAlpha = 0.1;
+    context.lineWidth = px;
+    context.stroke();
+    context.globalAlpha = 1;
+    const side = Math.max(3 * px, 0.035);
+    context.fillStyle = colours.laser;
+    context.beginPath();
+    for (let n = 0; n < points.length; n += 2)
+      context.rect(x + points[n] * POSITION_STEP - side / 2, y + points[n + 1] * POSITION_STEP - side / 2, side, side);
+    context.fill();
+  }
+
+  drawPaths() {
+    const { context, px, colours } = this;
+    const { seen, step, pose } = this.instant;
+    if (step && step.plan.length > 2) {
+      context.beginPath();
+      for (let n = 0; n < step.plan.length; n += 2) context.lineTo(step.plan[n], step.plan[n + 1]);
+      context.strokeStyle = colours.plan;
+      context.globalAlpha = 0.75;
+      context.lineWidth = Math.max(0.035, 2 * px);
+      context.setLineDash([0.1, Math.max(0.1, 6 * px)]);
+      context.stroke();
+      context.setLineDash([]);
+      context.globalAlpha = 1;
+      const last = step.plan.length - 2;
+      this.disc(step.plan[last], step.plan[last + 1], Math.max(0.07, 4 * px), colours.plan);
+    }
+    if (seen.path.length > 2) {
+      context.beginPath();
+      for (let n = 0; n < seen.path.length; n += 2)
+        context.lineTo(seen.pose[0] + seen.path[n] * POSITION_STEP, seen.pose[1] + seen.path[n + 1] * POSITION_STEP);
+      context.strokeStyle = colours.path;
+      context.lineWidth = Math.max(0.05, 2.5 * px);
+      context.stroke();
+    }
+  }
+
+  disc(x, y, radius, fill, edge) {
+    const { context, px } = this;
+    context.beginPath();
+    context.arc(x, y, radius, 0, 2 * Math.PI);
+    context.fillStyle = fill;
+    context.fill();
+    if (edge) {
+      context.strokeStyle = edge;
+      context.lineWidth = 1.5 * px;
+      context.stroke();
+    }
+  }
+
+  // [x, y] m of every box on the floor.
+  boxes() {
+    const { seen } = this.instant;
+    const places = [];
+    if (seen)
+      for (let n = 0; n < seen.boxes.length; n += 2)
+        places.push([seen.pose[0] + seen.boxes[n] * POSITION_STEP, seen.pose[1] + seen.boxes[n + 1] * POSITION_STEP]);
+    return places;
+  }
+
+  drawBoxes() {
+    const radius = Math.max(this.instant.began?.box_radius || 0.1, 4 * this.px);
+    for (const [x, y] of this.boxes()) this.disc(x, y, radius, this.colours.box, this.colours["robot-edge"]);
+  }
+
+  // From above: two prongs with the wheels, the body with the lidar at the back, and the load between them.
+  drawRobot() {
+    const { context, px, colours, instant } = this;
+    const { pose, lidar, seen, began } = instant;
+    const radius = Math.max(began?.robot_radius || 0.2, 7 * px);
+    const [x, y, theta] = pose;
+    context.save();
+    context.translate(x, y);
+    context.rotate(theta);
+    context.scale(radius, radius);
+    context.beginPath();
+    context.moveTo(0.72, 0.95);
+    context.lineTo(-0.62, 0.95);
+    context.lineTo(-0.95, 0.6);
+    context.lineTo(-0.95, -0.6);
+    context.lineTo(-0.62, -0.95);
+    context.lineTo(0.72, -0.95);
+    context.lineTo(0.72, -0.66);
+    context.lineTo(-0.42, -0.66);
+    context.lineTo(-0.42, 0.66);
+    context.lineTo(0.72, 0.66);
+    context.closePath();
+    context.fillStyle = colours.robot;
+    context.fill();
+    context.strokeStyle = colours["robot-edge"];
+    context.lineWidth = (1.5 * px) / radius;
+    context.stroke();
+    context.restore();
+    if (seen.loaded) this.disc(x, y, radius * 0.5, colours.box, colours["robot-edge"]);
+    this.disc(x + (lidar[0] - x) * (radius / (began?.robot_radius || 0.2)), y + (lidar[1] - y) * (radius / (began?.robot_radius || 0.2)), radius * 0.17, colours.laser);
+  }
+
+  drawParticles() {
+    const { context, px } = this;
+    const { seen } = this.instant;
+    const [x, y] = seen.pose;
+    const { particles } = seen;
+    if (!particles.length) return;
+    const length = Math.max(0.1, 6 * px);
+    context.beginPath();
+    for (let n = 0; n < particles.length; n += 3) {
+      const [px0, py0, theta] = [x + particles[n] * POSITION_STEP, y + particles[n + 1] * POSITION_STEP, particles[n + 2] * ANGLE_STEP];
+      context.moveTo(px0, py0);
+      context.lineTo(px0 + length * Math.cos(theta), py0 + length * Math.sin(theta));
+    }
+    context.strokeStyle = this.colours.particle;
+    context.globalAlpha = 0.55;
+    context.lineWidth = Math.max(0.008, px);
+    context.stroke();
+    context.globalAlpha = 1;
+  }
+
+  // Objects of a world without metres: a disc for what moves, in its cell.
+  drawThings() {
+    const { perceived, cells } = this.instant;
+    if (!perceived || !cells) return;
+    const fills = [this.colours.robot, this.colours.box, this.colours.warehouse, this.colours.path];
+    perceived.things.forEach((thing, at) => {
+      if (thing.values.x === undefined) return;
+      const [x, y] = this.inMap(cells, (thing.values.x + 0.5) * cells.size, (thing.values.y + 0.5) * cells.size);
+      this.disc(x, y, cells.size * (0.34 - 0.07 * at), fills[at % fills.length], this.colours["robot-edge"]);
+    });
+    this.drawSelection();
+  }
+
+  drawSelection() {
+    if (!this.selected) return;
+    const place = this.placeOf(this.selected);
+    if (!place) return;
+    const { context, px, colours } = this;
+    context.beginPath();
+    context.arc(place.x, place.y, Math.max(place.radius + 4 * px, 9 * px), 0, 2 * Math.PI);
+    context.strokeStyle = colours.accent;
+    context.lineWidth = 2.5 * px;
+    context.stroke();
+  }
+
+  // What lies under a pixel: {kind, …}; null for nothing that is known.
+  pick(px, py) {
+    const { instant } = this;
+    if (!instant) return null;
+    const [x, y] = this.unproject(px, py);
+    const slack = 6 / this.scale;
+    const near = (ox, oy, radius) => Math.hypot(x - ox, y - oy) <= radius + slack;
+    if (instant.pose && near(instant.pose[0], instant.pose[1], instant.began?.robot_radius || 0.2)) return { kind: "robot" };
+    const box = this.boxes().find(([bx, by]) => near(bx, by, instant.began?.box_radius || 0.1));
+    if (box) return { kind: "box", name: this.nameOfBox(box), x: box[0], y: box[1] };
+    if (instant.cells) {
+      const [cx, cy] = this.cellAt(instant.cells, x, y);
+      const thing = !instant.seen && instant.perceived?.things.find((item) => item.values.x === cx && item.values.y === cy);
+      if (thing) return { kind: "thing", name: thing.name };
+      const { warehouse } = instant.cells;
+      for (let n = 0; n < warehouse.length; n += 2)
+        if (warehouse[n] === cx && warehouse[n + 1] === cy) return { kind: "warehouse", cell: [cx, cy] };
+    }
+    return this.map.percentAt(x, y) === null ? null : { kind: "place", x, y };
+  }
+
+  cellAt(cells, x, y) {
+    const [ox, oy, theta] = cells.origin;
+    const [dx, dy] = [x - ox, y - oy];
+    return [
+      Math.floor((Math.cos(theta) * dx + Math.sin(theta) * dy) / cells.size),
+      Math.floor((Math.cos(theta) * dy - Math.sin(theta) * dx) / cells.size),
+    ];
+  }
+
+  // The name in the state of the box that stands at a place.
+  nameOfBox([x, y]) {
+    const { cells, perceived } = this.instant;
+    if (!cells || !perceived) return null;
+    const [cx, cy] = this.cellAt(cells, x, y);
+    return perceived.things.find((thing) => thing.kind === "Box" && thing.values.x === cx && thing.values.y === cy)?.name ?? null;
+  }
+
+  // Where what was picked is now, m; null if it is gone.
+  placeOf(picked) {
+    const { instant } = this;
+    const { cells, perceived, pose, began } = instant;
+    if (picked.kind === "robot") return pose && { x: pose[0], y: pose[1], radius: began?.robot_radius || 0.2 };
+    if (picked.kind === "place") return { x: picked.x, y: picked.y, radius: 0 };
+    if (picked.kind === "warehouse" && cells) {
+      const [x, y] = this.inMap(cells, (picked.cell[0] + 0.5) * cells.size, (picked.cell[1] + 0.5) * cells.size);
+      return { x, y, radius: cells.size / 2 };
+    }
+    if (picked.kind === "box") {
+      const thing = perceived?.things.find((item) => item.name === picked.name);
+      if (thing?.values.in_bot) return pose && { x: pose[0], y: pose[1], radius: 0.1 };
+      const nearest = this.boxes().find((box) => (picked.name ? this.nameOfBox(box) === picked.name : Math.hypot(box[0] - picked.x, box[1] - picked.y) < 0.3));
+      return nearest ? { x: nearest[0], y: nearest[1], radius: 0.1 } : null;
+    }
+    const thing = perceived?.things.find((item) => item.name === picked.name);
+    if (!thing || !cells) return null;
+    const [x, y] = this.inMap(cells, (thing.values.x + 0.5) * cells.size, (thing.values.y + 0.5) * cells.size);
+    return { x, y, radius: cells.size / 3 };
+  }
+}
+
+// A pose between two records, so that slow playing moves smoothly.
+function between(pose, time, next, name, now) {
+  if (!next || next.time - time > 3 || now <= time) return pose;
+  const share = Math.min((now - time) / (next.time - time), 1);
+  const [x, y, theta] = next[name];
+  const turn = Math.atan2(Math.sin(theta - pose[2]), Math.cos(theta - pose[2]));
+  return [pose[0] + (x - pose[0]) * share, pose[1] + (y - pose[1]) * share, pose[2] + turn * share];
+}
+
+function rgb(colour) {
+  const digits = colour.slice(1);
+  const wide = digits.length < 6 ? [...digits].map((digit) => digit + digit).join("") : digits;
+  return [0, 2, 4].map((at) => parseInt(wide.slice(at, at + 2), 16));
+}
