@@ -46,6 +46,10 @@ class MasterError(Exception):
     """The master does not answer, or refuses."""
 
 
+class RefusalError(MasterError):
+    """The master answers that it cannot do what it was asked for."""
+
+
 class Master:
     """Calls to the master.
 
@@ -62,15 +66,29 @@ class Master:
         """Call a method of the master's.
 
         Raises:
-            MasterError: It does not answer, or refuses.
+            MasterError: It does not answer.
+            RefusalError: It answers that it cannot.
         """
         try:
             code, message, value = getattr(self._proxy, method)(self._node, *arguments)
         except (OSError, http.client.HTTPException, Fault) as error:
             raise MasterError(f"{method}: {error}") from error
         if code != SUCCESS:
-            raise MasterError(f"{method}: {message}")
+            raise RefusalError(f"{method}: {message}")
         return value
+
+    def is_alive(self, node: str) -> bool:
+        """Whether a node still answers: a master keeps those that were killed.
+
+        Raises:
+            MasterError: The master does not answer.
+        """
+        try:
+            uri = urlparse(self.ask("lookupNode", node))
+            socket.create_connection((uri.hostname or "", uri.port or 0), timeout=REPLY_WITHIN).close()
+        except (RefusalError, OSError):
+            return False
+        return True
 
     def close(self) -> None:
         """Hang up."""
@@ -208,7 +226,7 @@ class MasterWatch:
         """Whether another node has taken this one's name, which ROS answers by shutting this one down."""
         try:
             return bool(self._master.ask("lookupNode", self._node) != self._node_uri)
-        except MasterError:
+        except RefusalError:
             return False
 
     def _register(self, missing: list[Registration]) -> None:
@@ -227,17 +245,5 @@ class MasterWatch:
         nodes = {
             key: [name for name in names if name != self._node] for key, names in known.items() if key[1] in topics
         }
-        alive = {name: self._is_alive(name) for name in set().union(*nodes.values())}
+        alive = {name: self._master.is_alive(name) for name in set().union(*nodes.values())}
         return {key: sum(alive[name] for name in names) for key, names in nodes.items()}
-
-    def _is_alive(self, node: str) -> bool:
-        """Whether a node still answers: a master keeps those that were killed."""
-        try:
-            uri = urlparse(self._master.ask("lookupNode", node))
-        except MasterError:
-            return False
-        try:
-            socket.create_connection((uri.hostname or "", uri.port or 0), timeout=REPLY_WITHIN).close()
-        except OSError:
-            return False
-        return True
