@@ -11,16 +11,17 @@ from wherry.mapping.correlative import Window, correlate, response_at
 from wherry.mapping.motion_prior import MotionNoise
 from wherry.mapping.refinement import Refinement, refine
 from wherry.mapping.submap import Submap
-from wherry.space.pose import Pose
+from wherry.mapping.uncertainty import inverse
+from wherry.space.pose import Floats, Pose, wrap
 
 LEAST_POINTS = 20  # fewer tell nothing
 LEAST_RESPONSE = 0.2  # of a search; below, odometry is believed; a scan taken 2 m on may be mostly new
 LEAST_MATCHED = 0.5  # of surfaces, where a scan is tracked from odometry alone
 SEARCHED = 3.0  # σ of odometry that are searched
 POINTS = 180  # of a scan, for finding its place
-REFINED, REFINED_ANGLE = 0.06, math.radians(1.5)  # m and rad; refining a match by more must not make it worse
+REFINED_ANGLE = math.radians(1.5)  # rad; turning a match by more must not make it worse
 MOST_LOSS = 0.02  # of response that it may cost
-SEARCH_NOISE, SEARCH_NOISE_ANGLE = 0.05, math.radians(0.7)  # m and rad, σ of a match that was not refined
+SEARCH_COVARIANCE = np.diag([0.05**2, 0.05**2, math.radians(0.7) ** 2])  # m, m, rad, of a match that was not refined
 
 
 def find_scan(submap: Submap, cloud: Cloud, expected: Pose, movement: Pose, noise: MotionNoise) -> Refinement | None:
@@ -43,16 +44,25 @@ def find_scan(submap: Submap, cloud: Cloud, expected: Pose, movement: Pose, nois
     found = correlate(submap, cloud.thinned(POINTS).points, window)
     if found.response < LEAST_RESPONSE:
         return None
-    match = refine(submap, cloud, found.pose, expected=expected, prior=noise.information(movement))
-    moved = match.pose.relative_to(found.pose)
-    if math.hypot(moved.x, moved.y) < REFINED and abs(moved.theta) < REFINED_ANGLE:
+    prior = noise.information(movement)
+    match = refine(submap, cloud, found.pose, expected=expected, prior=prior)
+    if abs(match.pose.relative_to(found.pose).theta) < REFINED_ANGLE:
         return match
     loss = response_at(submap, cloud.points, found.pose) - response_at(submap, cloud.points, match.pose)
-    if loss <= MOST_LOSS:
-        return match
-    # The surfaces lead astray, as they may where there are few: what fits the points as a whole is believed.
-    known = np.diag([SEARCH_NOISE**-2, SEARCH_NOISE**-2, SEARCH_NOISE_ANGLE**-2])
-    return Refinement(found.pose, known, match.matched, match.residual)
+    return match if loss <= MOST_LOSS else _held(found.pose, match, expected, prior)
+
+
+def _held(found: Pose, match: Refinement, expected: Pose, prior: Floats) -> Refinement:
+    """The place that the search found, held by odometry where the points do not hold it.
+
+    Where surfaces are few they may lead the refinement astray; how well they hold a pose they tell all the same.
+    """
+    covariance = SEARCH_COVARIANCE + inverse(match.information + np.eye(3))
+    information = inverse(covariance)
+    off = expected.as_array() - found.as_array()
+    off[2] = wrap(off[2])
+    pose = found.as_array() + inverse(information + prior) @ prior @ off
+    return Refinement(Pose.from_array(pose), information, match.matched, match.residual)
 
 
 def track_scan(submap: Submap, cloud: Cloud, expected: Pose, movement: Pose, noise: MotionNoise) -> Refinement | None:
