@@ -15,15 +15,16 @@ from wherry.mapping.closures import Closure, search_window, try_closure
 from wherry.mapping.cloud import Cloud, merged
 from wherry.mapping.keyscans import Keyscan, MapDrawing
 from wherry.mapping.motion_prior import ODOMETRY, STEADY_MOTION, is_within
-from wherry.mapping.pieces import NO_COVARIANCE, Edge, Front, Piece
+from wherry.mapping.pieces import NO_COVARIANCE, Edge, EdgeList, Front, Piece, SubmapStore
 from wherry.mapping.pose_graph import PoseGraph, optimized
 from wherry.mapping.refinement import Refinement
 from wherry.mapping.scan_matching import find_scan, track_scan
 from wherry.mapping.slam import NO_DISCS
-from wherry.mapping.uncertainty import carried, inverse, relative_covariances, turned
+from wherry.mapping.submap import Submap
+from wherry.mapping.uncertainty import carried, carried_each, inverse, relative_covariances, turned
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import IDENTITY, Floats, Pose
+from wherry.space.pose import IDENTITY, Floats, Pose, relative
 from wherry.space.trajectory import Trajectory
 
 STILL_DISTANCE, STILL_ANGLE = 0.005, math.radians(0.2)  # m and rad; a scan taken nearer than this is not matched
@@ -79,7 +80,7 @@ class GraphSlam:
         nodes: [K, 3] m, m, rad, map frame: base_link at each of them, as it is known now.
         closures: Every loop closure that was tried.
         edges: What was measured between keyscans.
-        pieces: The submaps, in the order of their beginnings.
+        pieces: What the submaps are made of, in the order of their beginnings.
         ways: What is known between pieces, numbered as in ``pieces``.
         front: Where the robot is on the last of them.
         pending: How many accepted closures are not worked in yet.
@@ -92,12 +93,13 @@ class GraphSlam:
         self.keyscans: list[Keyscan] = []
         self.nodes = np.zeros((0, 3))
         self.closures: list[Closure] = []
-        self.edges: list[Edge] = []
+        self.edges = EdgeList()
         self.pieces: list[Piece] = []
         self.front: Front | None = None
         self.passed: list[tuple[float, int, Pose]] = []
-        self.ways: list[Edge] = []
+        self.ways = EdgeList()
         self.pending = 0
+        self._submaps = SubmapStore(self.keyscans)
         self._drawing = MapDrawing(
             lidar, self.settings.resolution, self.settings.range_limit, self.settings.empty_range
         )
@@ -133,7 +135,7 @@ class GraphSlam:
             return self.pose
 
         cloud = Cloud.of(scan, self.lidar, self.settings.range_limit)
-        submap = self.pieces[front.piece].submap
+        submap = self._submap(front.piece)
         since_key = expected.relative_to(front.key_pose)
         if is_within(since_key, self.settings.keyscan_distance, self.settings.keyscan_angle):
             match = track_scan(submap, cloud, expected, movement, noise)
@@ -157,8 +159,7 @@ class GraphSlam:
         cloud = Cloud.of(scan, self.lidar, self.settings.range_limit)
         self.keyscans.append(Keyscan(scan, cloud))
         self.nodes = np.zeros((1, 3))
-        self.pieces.append(Piece(0))
-        self.pieces[0].add(0, cloud, IDENTITY)
+        self.pieces.append(Piece(0, members=[(0, IDENTITY)]))
         self.front = Front.begin(scan.time, odometry)
         self.passed.append((scan.time, 0, IDENTITY))
         return IDENTITY
@@ -187,24 +188,27 @@ class GraphSlam:
             since = placed.relative_to(front.key_pose)
             self.edges.append(Edge(front.key, key, since, noise.covariance(since)))
         front = front.moved(scan.time, placed, odometry).with_key(key, noise, information)
-        return self._grow(front, cloud)
+        return self._grow(front)
 
-    def _grow(self, front: Front, cloud: Cloud) -> Front:
+    def _grow(self, front: Front) -> Front:
         """Add the last keyscan to the submaps that grow: the one that is tracked, and its successor if there is one."""
         tracked = self.pieces[front.piece]
-        tracked.add(front.key, cloud, front.key_pose)
+        tracked.members.append((front.key, front.key_pose))
         if front.piece < len(self.pieces) - 1:
             successor = self.pieces[-1]
-            successor.add(front.key, cloud, front.key_pose.relative_to(successor.start))
+            successor.members.append((front.key, front.key_pose.relative_to(successor.start)))
             if len(tracked.members) >= self.settings.submap_scans:
                 covariance = successor.start_covariance + WAY_DOUBT * _roughness(successor.start)
                 self.ways.append(Edge(front.piece, front.piece + 1, successor.start, covariance))
                 return front.on_next(successor.start)
         elif len(tracked.members) >= self.settings.submap_scans // 2:
-            self.pieces.append(Piece(front.key, front.key_pose, front.covariance))
-            self.pieces[-1].add(front.key, cloud, IDENTITY)
+            self.pieces.append(Piece(front.key, front.key_pose, front.covariance, [(front.key, IDENTITY)]))
             return replace(front, next_covariance=NO_COVARIANCE)
         return front
+
+    def _submap(self, piece: int) -> Submap:
+        """A piece's submap."""
+        return self._submaps.of(piece, self.pieces[piece])
 
     def _search_closures(self, front: Front) -> None:
         """Try to close loops from the last keyscan to the submaps that it may lie in."""
@@ -219,7 +223,7 @@ class GraphSlam:
             piece = self.pieces[number]
             expected = self._node(front.key).relative_to(self._node(piece.origin))
             window = search_window(expected, covariance)
-            closure = try_closure(front.time, front.key, piece.origin, piece.submap, surroundings, window)
+            closure = try_closure(front.time, front.key, piece.origin, self._submap(number), surroundings, window)
             self.closures.append(closure)
             if closure.accepted:
                 self._close(front, number, closure)
@@ -240,23 +244,21 @@ class GraphSlam:
         if front.piece < 2:
             return []
         covariances = relative_covariances(
-            front.piece,
-            len(self.pieces),
-            np.array([[way.first, way.second] for way in self.ways]),
-            np.array([way.measured.as_array() for way in self.ways]),
-            np.array([way.covariance for way in self.ways]),
+            front.piece, len(self.pieces), self.ways.ends, self.ways.measured, self.ways.covariances
         )
-        found = []
-        for number, piece in enumerate(self.pieces[: front.piece - 1]):
-            # Of the piece as the robot sees it, turned into how the robot is seen from the piece, at the robot's place.
-            seen = self._node(front.key).relative_to(self._node(piece.origin))
-            covariance = turned(carried(covariances[number], seen.inverse) + front.covariance, seen.theta)
-            reach = 3.0 * math.sqrt(max(covariance[0, 0], covariance[1, 1]))
-            away = float(np.hypot(*(self.nodes[piece.keys, :2] - self.nodes[front.key, :2]).T).min())
-            if away < SIGHT + reach:
-                found.append((away, number, covariance))
-        found.sort(key=lambda entry: entry[:2])
-        return [(number, covariance) for _, number, covariance in found]
+        tried = self.pieces[: front.piece - 1]
+        # Of the pieces as the robot sees them, turned into how the robot is seen from them, at the robot's place.
+        here = np.tile(self.nodes[front.key], (len(tried), 1))
+        origins = self.nodes[[piece.origin for piece in tried]]
+        turns = np.zeros_like(here)
+        turns[:, 2] = here[:, 2] - origins[:, 2]
+        seen = carried_each(covariances[: len(tried)], relative(origins, here)) + front.covariance
+        seen = carried_each(seen, turns)
+        reach = SIGHT + 3.0 * np.sqrt(np.maximum(seen[:, 0, 0], seen[:, 1, 1]))
+        away = np.hypot(*(self.nodes[:, :2] - self.nodes[front.key, :2]).T)
+        nearest = np.array([away[piece.origin : piece.members[-1][0] + 1].min() for piece in tried])
+        order = np.argsort(nearest, kind="stable")
+        return [(int(number), seen[number]) for number in order[nearest[order] < reach[order]]]
 
     def _optimize(self) -> None:
         """Bend the map so that it agrees best with everything that was measured."""
@@ -268,10 +270,10 @@ class GraphSlam:
         """The pose graph: keyscans and what was measured between them."""
         return PoseGraph(
             self.nodes,
-            np.array([[edge.first, edge.second] for edge in self.edges], dtype=np.int64).reshape(-1, 2),
-            np.array([edge.measured.as_array() for edge in self.edges]).reshape(-1, 3),
-            np.linalg.inv(np.array([edge.covariance for edge in self.edges]).reshape(-1, 3, 3)),
-            np.array([edge.robust for edge in self.edges], dtype=np.bool_),
+            self.edges.ends,
+            self.edges.measured,
+            inverse(self.edges.covariances),
+            self.edges.robust,
         )
 
     def _node(self, key: int) -> Pose:

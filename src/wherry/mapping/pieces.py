@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from wherry.mapping.cloud import Cloud
+from wherry.mapping.keyscans import Keyscan
 from wherry.mapping.motion_prior import ODOMETRY, STEADY_MOTION, MotionNoise
 from wherry.mapping.submap import Submap
 from wherry.mapping.uncertainty import carried, inverse
@@ -15,6 +17,7 @@ from wherry.robot import Odometry
 from wherry.space.pose import IDENTITY, Floats, Pose
 
 NO_COVARIANCE = np.zeros((3, 3))
+ROOM = 512 * 2**20  # bytes, of submaps
 
 
 @dataclass(frozen=True)
@@ -36,33 +39,103 @@ class Edge:
     robust: bool = False
 
 
+class EdgeList:
+    """Edges as arrays that grow; reading them costs nothing, however many there are."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._ends = np.zeros((0, 2), np.int64)
+        self._measured = np.zeros((0, 3))
+        self._covariances = np.zeros((0, 3, 3))
+        self._robust = np.zeros(0, np.bool_)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, edge: Edge) -> None:
+        """Add an edge."""
+        if self._count == len(self._ends):
+            room = max(self._count, 64)
+            self._ends = np.concatenate([self._ends, np.zeros((room, 2), np.int64)])
+            self._measured = np.concatenate([self._measured, np.zeros((room, 3))])
+            self._covariances = np.concatenate([self._covariances, np.zeros((room, 3, 3))])
+            self._robust = np.concatenate([self._robust, np.zeros(room, np.bool_)])
+        self._ends[self._count] = edge.first, edge.second
+        self._measured[self._count] = edge.measured.as_array()
+        self._covariances[self._count] = edge.covariance
+        self._robust[self._count] = edge.robust
+        self._count += 1
+
+    @property
+    def ends(self) -> NDArray[np.int64]:
+        """[E, 2] the first and the second node."""
+        return self._ends[: self._count]
+
+    @property
+    def measured(self) -> Floats:
+        """[E, 3] m, m, rad: pose of the second in the frame of the first."""
+        return self._measured[: self._count]
+
+    @property
+    def covariances(self) -> Floats:
+        """[E, 3, 3] of that, in the frame of the second."""
+        return self._covariances[: self._count]
+
+    @property
+    def robust(self) -> NDArray[np.bool_]:
+        """[E] whether an edge might be wrong."""
+        return self._robust[: self._count]
+
+
 @dataclass
 class Piece:
-    """A submap and the keyscans in it.
+    """The keyscans of a submap; they follow one another.
 
     Attributes:
-        origin: The keyscan in whose frame it is.
+        origin: The keyscan in whose frame it is, the first of them.
         start: Pose of that keyscan in the frame of the piece before.
         start_covariance: [3, 3] of that, in the keyscan's frame.
-        submap: The map.
         members: Its keyscans, with their poses in it.
     """
 
     origin: int
     start: Pose = IDENTITY
     start_covariance: Floats = field(default_factory=lambda: NO_COVARIANCE)
-    submap: Submap = field(default_factory=Submap)
     members: list[tuple[int, Pose]] = field(default_factory=list)
 
-    def add(self, key: int, cloud: Cloud, placed: Pose) -> None:
-        """Add a keyscan at a pose in the piece's frame."""
-        self.submap.add(cloud.seen_from(placed))
-        self.members.append((key, placed))
 
-    @property
-    def keys(self) -> list[int]:
-        """Its keyscans."""
-        return [key for key, _ in self.members]
+class SubmapStore:
+    """The submaps of pieces. Those that were not asked for lately are dropped, and made again when they are.
+
+    Submaps are the bulk of a large site: a square around each place that the robot passed, and they overlap. What they
+    follow from, the points of their scans, is much smaller.
+
+    Args:
+        keyscans: The clouds of all keyscans, which grow outside.
+        room: Bytes that submaps may take, the one asked for last not counted.
+    """
+
+    def __init__(self, keyscans: Sequence[Keyscan], room: int = ROOM) -> None:
+        self._keyscans = keyscans
+        self._room = room
+        self._submaps: dict[int, Submap] = {}  # by piece, the one asked for last comes last
+
+    def of(self, number: int, piece: Piece) -> Submap:
+        """A piece's submap, with all its members in it."""
+        submap = self._submaps.pop(number, None)
+        if submap is None:
+            self._make_room()
+            submap = Submap()
+        self._submaps[number] = submap
+        for key, placed in piece.members[submap.scans :]:
+            submap.add(self._keyscans[key].cloud.seen_from(placed))
+        return submap
+
+    def _make_room(self) -> None:
+        """Drop submaps, those first that were not asked for longest."""
+        taken = sum(submap.nbytes for submap in self._submaps.values())
+        while taken > self._room:
+            taken -= self._submaps.pop(next(iter(self._submaps))).nbytes
 
 
 @dataclass(frozen=True)

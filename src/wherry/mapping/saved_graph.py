@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from wherry.mapping.closures import Closure
 from wherry.mapping.cloud import Cloud
 from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
 from wherry.mapping.keyscans import Keyscan
-from wherry.mapping.pieces import Edge, Front, Piece
+from wherry.mapping.pieces import Edge, EdgeList, Front, Piece
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Floats, Pose
 
@@ -89,7 +89,7 @@ def save_graph(slam: GraphSlam, path: str | Path) -> None:
         "scan_fields": fields,
         "scan_ranges": np.concatenate([scan.ranges for scan in scans]),
         **_edge_arrays("edge", slam.edges),
-        "edge_robust": [edge.robust for edge in slam.edges],
+        "edge_robust": slam.edges.robust,
         **_edge_arrays("way", slam.ways),
         "piece_origin": [piece.origin for piece in slam.pieces],
         "piece_start": [piece.start.as_array() for piece in slam.pieces],
@@ -138,7 +138,7 @@ def load_graph(path: str | Path) -> GraphSlam:
 
 
 def _restored(head: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> GraphSlam:
-    """Graph SLAM in the state that was saved; submaps are made again from their scans."""
+    """Graph SLAM in the state that was saved; submaps are made again from their scans when they are asked for."""
     slam = GraphSlam(_pose(np.array(head["lidar"], dtype=np.float64)), GraphSlamSettings(**head["settings"]))
     begins = np.concatenate([[0], np.cumsum(arrays["scan_fields"][:, 5].astype(np.int64))])
     for number, (time, angle_min, step, range_min, range_max, _) in enumerate(arrays["scan_fields"].tolist()):
@@ -147,14 +147,16 @@ def _restored(head: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Gr
         slam.keyscans.append(Keyscan(scan, Cloud.of(scan, slam.lidar, slam.settings.range_limit)))
     slam.nodes = arrays["nodes"]
     slam.pending = int(head["pending"])
-    slam.edges = _edges("edge", arrays, arrays["edge_robust"])
-    slam.ways = _edges("way", arrays, np.zeros(len(arrays["way_ends"]), np.bool_))
+    for edge in _edges("edge", arrays, arrays["edge_robust"]):
+        slam.edges.append(edge)
+    for way in _edges("way", arrays, np.zeros(len(arrays["way_ends"]), np.bool_)):
+        slam.ways.append(way)
     for origin, start, covariance in zip(
         arrays["piece_origin"], arrays["piece_start"], arrays["piece_covariance"], strict=True
     ):
         slam.pieces.append(Piece(int(origin), _pose(start), covariance))
     for piece, key, pose in zip(arrays["member_piece"], arrays["member_key"], arrays["member_pose"], strict=True):
-        slam.pieces[piece].add(int(key), slam.keyscans[key].cloud, _pose(pose))
+        slam.pieces[piece].members.append((int(key), _pose(pose)))
     slam.passed = [
         (float(time), int(key), _pose(pose))
         for time, key, pose in zip(arrays["passed_time"], arrays["passed_key"], arrays["passed_pose"], strict=True)
@@ -232,22 +234,20 @@ def _shaped(value: Any, kind: str, shape: tuple[int, ...]) -> NDArray[Any]:
     return array
 
 
-def _edge_arrays(name: str, edges: Sequence[Edge]) -> dict[str, Any]:
-    """Edges as arrays."""
+def _edge_arrays(name: str, edges: EdgeList) -> dict[str, Any]:
+    """Edges as the file's arrays."""
     return {
-        f"{name}_ends": [[edge.first, edge.second] for edge in edges],
-        f"{name}_measured": [edge.measured.as_array() for edge in edges],
-        f"{name}_covariance": [edge.covariance for edge in edges],
+        f"{name}_ends": edges.ends,
+        f"{name}_measured": edges.measured,
+        f"{name}_covariance": edges.covariances,
     }
 
 
-def _edges(name: str, arrays: Mapping[str, NDArray[Any]], robust: NDArray[Any]) -> list[Edge]:
-    """Edges from arrays."""
+def _edges(name: str, arrays: Mapping[str, NDArray[Any]], robust: NDArray[Any]) -> Iterator[Edge]:
+    """Edges from the file's arrays."""
     ends, measured, covariances = (arrays[f"{name}_{part}"] for part in ("ends", "measured", "covariance"))
-    return [
-        Edge(int(first), int(second), _pose(pose), covariance, bool(doubted))
-        for (first, second), pose, covariance, doubted in zip(ends, measured, covariances, robust, strict=True)
-    ]
+    for (first, second), pose, covariance, doubted in zip(ends, measured, covariances, robust, strict=True):
+        yield Edge(int(first), int(second), _pose(pose), covariance, bool(doubted))
 
 
 def _pose(array: Floats) -> Pose:

@@ -22,7 +22,7 @@ LEVELS = (1, 4, 8)  # cells
 SMEAR = 0.06  # m, σ of a likelihood
 REACH = 3  # cells, how far a point is smeared
 FULL = 255  # the likelihood of a cell with a point in it
-GROWTH = 64  # cells, room made beyond what is needed
+GROWTH = 64  # cells, room made beyond what is needed, at least
 SAME_SURFACE = 0.7  # cosine of the angle between two normals up to which they are one surface's
 
 
@@ -60,10 +60,9 @@ class Submap:
         )
 
     @property
-    def extent(self) -> tuple[Floats, Floats]:
-        """The lowest and the highest corner of what it covers, [2] m each, submap frame."""
-        size = np.array(self.surfel_at.shape[::-1])
-        return (self.corner * RESOLUTION).astype(np.float64), ((self.corner + size) * RESOLUTION).astype(np.float64)
+    def nbytes(self) -> int:
+        """Bytes that it takes."""
+        return self.likelihood.nbytes + self.surfel_at.nbytes + self.surfels.nbytes
 
     def _make_room(self, points: Floats) -> None:
         """Grow the arrays so that points, [N, 2] m, and all that is smeared around them fit."""
@@ -74,8 +73,9 @@ class Submap:
             end = self.corner + np.array([width, height])
             if (low >= self.corner).all() and (high <= end).all():
                 return
-            low = np.where(low < self.corner, low - GROWTH, self.corner)
-            high = np.where(high > end, high + GROWTH, end)
+            spare = np.maximum(GROWTH, (end - self.corner) // 4)  # a share, so that a large map is seldom copied
+            low = np.where(low < self.corner, low - spare, self.corner)
+            high = np.where(high > end, high + spare, end)
         columns, rows = high - low
         likelihood = np.zeros((len(LEVELS), rows, columns), np.uint8)
         surfel_at = np.full((rows, columns), -1, np.int32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 
 import numpy as np
@@ -40,8 +41,19 @@ def carried(covariance: Floats, pose: Pose) -> Floats:
     return adjoint @ covariance @ adjoint.T
 
 
+def carried_each(covariances: Floats, poses: Floats) -> Floats:
+    """`carried` of many: covariances [N, 3, 3], poses [N, 3] m, m, rad."""
+    adjoints = np.zeros((len(poses), 3, 3))
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    adjoints[:, 0, 0], adjoints[:, 0, 1], adjoints[:, 0, 2] = cos, -sin, poses[:, 1]
+    adjoints[:, 1, 0], adjoints[:, 1, 1], adjoints[:, 1, 2] = sin, cos, -poses[:, 0]
+    adjoints[:, 2, 2] = 1.0
+    seen: Floats = adjoints @ covariances @ adjoints.transpose(0, 2, 1)
+    return seen
+
+
 def inverse(matrix: Floats) -> Floats:
-    """The inverse of a covariance or an information [3, 3]."""
+    """The inverse of a covariance or an information [3, 3], or of many, [N, 3, 3]."""
     inverted: Floats = np.linalg.inv(matrix).astype(np.float64)
     return inverted
 
@@ -67,13 +79,11 @@ def _spread(
     size = np.full(count, np.inf)
     size[source] = 0.0
     done = np.zeros(count, np.bool_)
-    for _ in range(count):
-        node = -1
-        for n in range(count):
-            if not done[n] and size[n] < np.inf and (node < 0 or size[n] < size[node]):
-                node = n
-        if node < 0:
-            break
+    queue = [(0.0, source)]
+    while len(queue) > 0:
+        _, node = heapq.heappop(queue)
+        if done[node]:
+            continue
         done[node] = True
         for at in range(begins[node], begins[node + 1]):
             edge = order[at]
@@ -97,6 +107,7 @@ def _spread(
             if extent < size[other]:
                 size[other] = extent
                 known[other] = reached
+                heapq.heappush(queue, (extent, other))
     return known
 
 
