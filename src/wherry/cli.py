@@ -18,6 +18,7 @@ from wherry.commands.export import export_app
 from wherry.commands.learn import learn
 from wherry.commands.localize import localize
 from wherry.commands.map import map_log
+from wherry.commands.replay import replay
 from wherry.commands.reproduce import reproduce
 from wherry.commands.rviz import rviz
 from wherry.commands.view import view
@@ -36,6 +37,7 @@ app.command()(deliver)
 app.command("map")(map_log)
 app.command()(localize)
 app.command()(learn)
+app.command()(replay)
 app.command()(reproduce)
 app.command()(rviz)
 app.command()(view)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
+from wherry.bags import is_bag, read_bag
 from wherry.errors import InputError
 from wherry.files import write_atomically
 from wherry.localization.localizer import Localization, Localizer
@@ -39,7 +40,7 @@ class Settings:
     """What to run.
 
     Attributes:
-        log: A lidar log, see `logs.read_log`.
+        log: A lidar log, see `logs.read_log`, or a bag, see `bags.read_bag`.
         map_file: A map.yaml, a pose graph saved by mapping, or a wean.dat.
         params: An amcl yaml; None for LOG_PARAMETERS, or GLOBAL_PARAMETERS where
             the robot may be anywhere.
@@ -121,7 +122,8 @@ def prepare(settings: Settings) -> LocalizationRun:
     own = GLOBAL_PARAMETERS if settings.everywhere else LOG_PARAMETERS
     parameters = own if loaded is None else loaded.parameters
     grid = load_any_map(settings.map_file)
-    log = read_log(settings.log, lenient=settings.lenient)
+    read = read_bag if is_bag(settings.log) else read_log
+    log = read(settings.log, lenient=settings.lenient)
     odometry = [now for now in log.scan_odometry if now is not None]
     if len(odometry) < len(log.scans):
         raise InputError(settings.log, "", "has scans without odometry, which localization needs")

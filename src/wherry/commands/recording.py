@@ -1,0 +1,46 @@
+"""The option of the commands whose runs can be recorded as ROS bags, and what it means."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from wherry.robot import Robot
+    from wherry.trace import Sink
+
+RecordOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--record",
+        help="Record a ROS bag: NAME.bag for ROS 1, NAME.mcap or a new folder's NAME for ROS 2.",
+        metavar="NAME",
+    ),
+]
+
+
+@contextlib.contextmanager
+def recorded(path: Path | None, *, laser_height: float = 0.0) -> Iterator[tuple[Sink, Callable[[Robot], Robot]]]:
+    """What records a run: a sink, and what makes a recorded robot of a robot.
+
+    Args:
+        path: The bag; None to record nothing.
+        laser_height: m, of the robot's lidar over base_link.
+
+    Raises:
+        InputError: The bag cannot be written.
+    """
+    from wherry.trace import ignore
+
+    if path is None:
+        yield ignore, lambda robot: robot
+        return
+    from wherry.ros.recording import Bag, Recording
+
+    with Bag(path) as bag:
+        recording = Recording(bag, laser_height=laser_height)
+        yield recording, recording.robot

@@ -1,0 +1,62 @@
+"""``wherry replay``: a recorded robot, mapped and localized again."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
+
+
+def replay(
+    bag: Annotated[Path, typer.Argument(help="A ROS 1 .bag, a ROS 2 bag's folder, or an .mcap or .db3 file.")],
+    map_file: Annotated[
+        Path | None, typer.Option("--map", help="A map.yaml to localize on; without it, the bag is mapped first.")
+    ] = None,
+    backend: Annotated[str, typer.Option(help="The method of mapping: graph or particles.")] = "graph",
+    params: Annotated[Path | None, typer.Option(help="An amcl.yaml, of nav2 or of ROS 1.")] = None,
+    everywhere: Annotated[bool, typer.Option("--global", help="Localize without knowing where it begins.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Where to write; without it, runs/NAME-replay.")] = None,
+    seed: SeedOption = 0,
+    lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken messages, and count them.")] = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Run a bag's scans and odometry through mapping, and then through localization on the map that came of it.
+
+    Localization is then compared with mapping's own trajectory.
+    """
+    from wherry.experiments import replay as experiment
+    from wherry.views.terminal import print_table
+
+    run = experiment.prepare(
+        experiment.Settings(
+            bag=bag,
+            map_file=map_file,
+            backend=backend,
+            params=params,
+            everywhere=everywhere,
+            out=out or Path("runs") / f"{bag.stem}-replay",
+            seed=seed,
+            lenient=lenient,
+        )
+    )
+    console = console_for(as_json=as_json, quiet=quiet)
+    with progress_bar(console, "scans") as progress:
+        for stage, done, total in run.steps():
+            task = next((task.id for task in progress.tasks if task.description == stage), None)
+            task = progress.add_task(stage, total=total) if task is None else task
+            progress.update(task, completed=done)
+    figures: dict[str, object] = {"bag": str(bag), "mapping": None}
+    if run.mapping is not None:
+        figures["mapping"] = asdict(run.mapping)
+        print_table(console, f"Map of {bag.name}", {name: shown(value) for name, value in asdict(run.mapping).items()})
+    found = run.localization.as_dict()
+    figures["localization"] = found
+    print_table(console, f"{bag.name} on {run.map_file.name}", {name: shown(value) for name, value in found.items()})
+    console.print(f"Written to {run.out}", highlight=False)
+    if as_json:
+        print_json(figures)

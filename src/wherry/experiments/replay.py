@@ -1,0 +1,103 @@
+"""A bag through mapping and localization: what the robot's own stack would have made of what it sensed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from wherry.bags import is_bag
+from wherry.errors import InputError
+from wherry.experiments import localization, slam
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What to run.
+
+    Attributes:
+        bag: Of either ROS.
+        out: The folder for results: ``mapping/`` and ``localization/`` in it.
+        map_file: A map to localize on; None to map the bag first.
+        backend: The method of mapping.
+        params: An amcl yaml.
+        everywhere: Whether localization begins without knowing where the robot is.
+        seed: Of all that is random.
+        lenient: Whether to leave out broken messages.
+    """
+
+    bag: Path
+    out: Path
+    map_file: Path | None = None
+    backend: str = "graph"
+    params: Path | None = None
+    everywhere: bool = False
+    seed: int = 0
+    lenient: bool = False
+
+
+def prepare(settings: Settings) -> ReplayRun:
+    """Read and check what a user has given, before anything is done.
+
+    Raises:
+        InputError: The bag, the map, the parameters, the method or the folder cannot be used.
+    """
+    if not settings.bag.exists():
+        raise InputError(settings.bag, "", "No such file or directory")
+    if not is_bag(settings.bag):
+        raise InputError(settings.bag, "", "is no bag; wherry map and wherry localize take logs of other kinds")
+    if settings.map_file is not None:
+        return ReplayRun(settings, None, settings.map_file)
+    folder = settings.out / "mapping"
+    mapping = slam.prepare(
+        slam.Settings(
+            log=settings.bag, out=folder, backend=settings.backend, seed=settings.seed, lenient=settings.lenient
+        )
+    )
+    if any(odometry is None for odometry in mapping.log.scan_odometry):
+        raise InputError(settings.bag, "", "has no odometry, which localization needs; wherry map can do without")
+    return ReplayRun(settings, mapping, folder / "map.yaml")
+
+
+class ReplayRun:
+    """A bag that is being replayed: iterate `steps`, then look at the results.
+
+    Attributes:
+        out: The folder for results.
+        map_file: The map that is localized on.
+        mapping: The figures of mapping, if the bag was mapped.
+        localization: The figures of localization.
+    """
+
+    localization: localization.Result
+
+    def __init__(self, settings: Settings, mapping: slam.MappingRun | None, map_file: Path) -> None:
+        self.out = settings.out
+        self.map_file = map_file
+        self.mapping: slam.Result | None = None
+        self._settings = settings
+        self._mapping = mapping
+
+    def steps(self) -> Iterator[tuple[str, int, int]]:
+        """Run, yielding what is being done, how many scans are, and of how many."""
+        reference = None
+        if self._mapping is not None:
+            for done in self._mapping.steps():
+                yield "mapping", done, self._mapping.scans
+            self.mapping = self._mapping.result
+            reference = self.map_file.with_name("trajectory.tum")
+        run = localization.prepare(
+            localization.Settings(
+                log=self._settings.bag,
+                map_file=self.map_file,
+                params=self._settings.params,
+                reference=reference,
+                everywhere=self._settings.everywhere,
+                seed=self._settings.seed,
+                lenient=self._settings.lenient,
+            )
+        )
+        for located in run.steps():
+            yield "localizing", located.index + 1, len(run)
+        self.localization = run.result()
+        run.save(self.out / "localization")
