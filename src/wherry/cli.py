@@ -20,6 +20,7 @@ from wherry.commands.localize import localize
 from wherry.commands.map import map_log
 from wherry.commands.replay import replay
 from wherry.commands.reproduce import reproduce
+from wherry.commands.ros import ros_app
 from wherry.commands.rviz import rviz
 from wherry.commands.view import view
 from wherry.errors import InputError
@@ -42,6 +43,8 @@ app.command()(reproduce)
 app.command()(rviz)
 app.command()(view)
 app.add_typer(export_app, name="export")
+app.add_typer(ros_app(1), name="ros1")
+app.add_typer(ros_app(2), name="ros2")
 
 
 def main() -> None:

@@ -48,6 +48,7 @@ class Topics:
     # An outside stack's, and the agent's own
     map: Topic[ros.OccupancyGrid] = Topic("map", ros.OccupancyGrid, Quality.LATCHED)
     amcl_pose: Topic[ros.PoseWithCovarianceStamped] = Topic("amcl_pose", ros.PoseWithCovarianceStamped)
+    initialpose: Topic[ros.PoseWithCovarianceStamped] = Topic("initialpose", ros.PoseWithCovarianceStamped)
     # The agent's own
     particlecloud: Topic[ros.PoseArray] = Topic("particlecloud", ros.PoseArray)
     plan: Topic[ros.Path] = Topic("plan", ros.Path)

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Generic, Protocol
+from types import TracebackType
+from typing import Any, Generic, Protocol, Self
 
 from wherry.ros.messages import M
 
@@ -38,6 +39,12 @@ class Topic(Generic[M]):
 
 class Transport(Protocol):
     """A node of a ROS system; use it as a context manager, or call `close`."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None: ...
 
     @property
     def generation(self) -> int:

@@ -1,0 +1,160 @@
+"""``wherry ros1`` and ``wherry ros2``: the simulator for any ROS stack, the agent on any ROS robot."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json
+
+if TYPE_CHECKING:
+    from wherry.ros.transport import Transport
+
+NamesOption = Annotated[
+    Path | None, typer.Option("--names", help="A YAML file with namespace, frame_prefix, topics, frames and rates.")
+]
+NamespaceOption = Annotated[str, typer.Option(help="Before every relative topic name.")]
+PrefixOption = Annotated[str, typer.Option(help="Before every frame but the map's.")]
+RemapOption = Annotated[list[str] | None, typer.Option("--remap", help="NAME:=NEW for a topic; may be repeated.")]
+InterfaceOption = Annotated[
+    str, typer.Option(help="ROS 2: a network interface, such as eth0. ROS 1: an address, as ROS_IP. Else loopback.")
+]
+
+
+def ros_app(generation: int) -> typer.Typer:
+    """The commands of one generation of ROS."""
+    text = f"Speak ROS {generation}."
+    app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help=text)
+
+    @app.callback()
+    def speak() -> None: ...
+
+    speak.__doc__ = text
+    _add_simulate(app, generation)
+    _add_deliver(app, generation)
+    return app
+
+
+def _add_simulate(app: typer.Typer, generation: int) -> None:
+    @app.command()
+    def simulate(
+        world: Annotated[str, typer.Argument(help="A built-in world's name, or a world file.")],
+        boxes: Annotated[int | None, typer.Option(help="How many boxes; without it, what the world says.")] = None,
+        rate: Annotated[float, typer.Option(help="Simulated seconds a second.")] = 1.0,
+        duration: Annotated[float | None, typer.Option(min=0, help="Simulated seconds after which to end.")] = None,
+        seed: SeedOption = 0,
+        names: NamesOption = None,
+        namespace: NamespaceOption = "",
+        frame_prefix: PrefixOption = "",
+        remap: RemapOption = None,
+        interface: InterfaceOption = "",
+        as_json: JsonOption = False,
+        quiet: QuietOption = False,
+    ) -> None:
+        """A simulated robot with /scan, /odom, /tf and /clock that obeys /cmd_vel; until Ctrl-C."""
+        from wherry.experiments import ros_simulation
+        from wherry.ros.names import load_names
+
+        settings = ros_simulation.Settings(world=world, boxes=boxes, seed=seed, rate=rate)
+        called = load_names(names, namespace=namespace, frame_prefix=frame_prefix, remappings=remap or ())
+        simulation = ros_simulation.prepare(settings)
+        console = console_for(as_json=as_json, quiet=quiet)
+
+        def is_over() -> bool:
+            return duration is not None and simulation.time >= duration
+
+        with open_transport(generation, "wherry_simulator", namespace, interface) as transport:
+            console.print(f"{simulation.plan.name} at {rate:g} × real time; Ctrl-C ends it.", highlight=False)
+            with contextlib.suppress(KeyboardInterrupt):
+                ros_simulation.simulate(simulation, transport, called, rate, is_over)
+        result = ros_simulation.verdict(simulation)
+        console.print(
+            f"{result['sim_seconds']:.1f} s, {result['delivered']} of {result['boxes']} boxes delivered, "
+            f"{result['collisions']} collisions",
+            highlight=False,
+        )
+        if as_json:
+            print_json(result)
+
+
+def _add_deliver(app: typer.Typer, generation: int) -> None:
+    @app.command()
+    def deliver(
+        warehouse: Annotated[
+            list[str] | None,
+            typer.Option(help="X,Y of a cell of the warehouse, m, as seen from the start, x ahead; may be repeated."),
+        ] = None,
+        cell_size: Annotated[float, typer.Option(help="The cells' side, m.")] = 0.6,
+        map_file: Annotated[Path | None, typer.Option("--map", help="A map.yaml to use instead of exploring.")] = None,
+        rules: Annotated[Path | None, typer.Option(help="Learnt rules to start with.")] = None,
+        learner: Annotated[str, typer.Option(help="How the robot learns: bayes or doormax.")] = "bayes",
+        body: Annotated[Path | None, typer.Option(help="A YAML file with the robot's shape and limits.")] = None,
+        wait: Annotated[float, typer.Option(min=0, help="Seconds to wait for the robot.")] = 30.0,
+        use_sim_time: Annotated[
+            bool | None,
+            typer.Option("--use-sim-time/--use-real-time", help="Without it: whether anybody publishes /clock."),
+        ] = None,
+        stamped: Annotated[bool, typer.Option("--stamped", help="Send TwistStamped (ROS 2).")] = False,
+        seed: SeedOption = 0,
+        names: NamesOption = None,
+        namespace: NamespaceOption = "",
+        frame_prefix: PrefixOption = "",
+        remap: RemapOption = None,
+        interface: InterfaceOption = "",
+        out: Annotated[Path | None, typer.Option(help="Where to write map and rules.")] = None,
+        as_json: JsonOption = False,
+        quiet: QuietOption = False,
+    ) -> None:
+        """The agent on a robot of ROS: it explores, maps, learns what its actions do, and delivers every box."""
+        from wherry.experiments import delivery, ros_delivery
+        from wherry.experiments.robot_delivery import delivery_learner
+        from wherry.kernels import are_compiled
+        from wherry.ros.agent_node import AgentNode
+        from wherry.ros.bodies import load_body
+        from wherry.ros.names import load_names
+        from wherry.ros.robot import RobotLostError, RosRobot
+        from wherry.space.map_files import load_map
+        from wherry.views.terminal import DeliveryProgress, print_rules
+
+        called = load_names(names, namespace=namespace, frame_prefix=frame_prefix, remappings=remap or ())
+        order = ros_delivery.order_from(warehouse or (), cell_size)
+        knowledge = delivery_learner(learner, rules)
+        grid = None if map_file is None else load_map(map_file)
+        shape = load_body(body)
+        console = console_for(as_json=as_json, quiet=quiet)
+        if not are_compiled():
+            console.print("Compiling the inner loops; that takes half a minute, and is done once.")
+            delivery.warm_up()
+        with (
+            open_transport(generation, "wherry_agent", namespace, interface) as transport,
+            RosRobot(transport, called, shape, stamped=stamped) as robot,
+        ):
+            console.print("Waiting for the robot.")
+            robot.wait_until_ready(wait, use_sim_time=use_sim_time)
+            with AgentNode(robot, transport, called) as node, DeliveryProgress(console, 0) as progress:
+                try:
+                    figures, ready = ros_delivery.run(robot, node, order, knowledge, grid, progress, seed)
+                except RobotLostError as error:
+                    typer.echo(f"wherry: {error}", err=True)
+                    raise typer.Exit(1) from error
+        if out is not None:
+            ros_delivery.write(out, ready, knowledge)
+        print_rules(console, knowledge.sentences())
+        if as_json:
+            print_json(asdict(figures))
+        raise typer.Exit(1 if figures.remaining else 0)
+
+
+def open_transport(generation: int, name: str, namespace: str, interface: str) -> Transport:
+    """Become a node."""
+    if generation == 1:
+        from wherry.ros.ros1 import Ros1
+
+        return Ros1(name, namespace)
+    from wherry.ros.ros2 import LOOPBACK, DdsTransport
+
+    return DdsTransport(interface or LOOPBACK)

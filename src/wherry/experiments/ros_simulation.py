@@ -1,0 +1,79 @@
+"""The simulated robot as a robot of ROS: a world, real time, and the referee's verdict at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from wherry.errors import InputError
+from wherry.floorplan import find_world, place_boxes
+from wherry.ros.names import Names
+from wherry.ros.simulator_node import Hardware, SimulatorNode
+from wherry.ros.transport import Transport
+from wherry.simulation import Simulation, build
+from wherry.simulation.simulator import ODOMETRY_RATE
+
+LASER_HEIGHT = 0.15  # m, above base_link: the URDF's
+WHEEL_JOINTS = ("left_wheel_joint", "right_wheel_joint")
+FASTEST = 20.0  # simulated seconds a second
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What to simulate.
+
+    Attributes:
+        world: A built-in world's name, or a world file.
+        boxes: How many; None for what the world says.
+        seed: Of everything that is random.
+        rate: Simulated seconds a second.
+    """
+
+    world: str = "rooms"
+    boxes: int | None = None
+    seed: int = 0
+    rate: float = 1.0
+
+
+def prepare(settings: Settings) -> Simulation:
+    """Build the world; the same settings give the world that ``wherry deliver`` has with them.
+
+    Raises:
+        InputError: A setting cannot be used.
+    """
+    if settings.boxes is not None and settings.boxes < 0:
+        raise InputError("--boxes", "", f"{settings.boxes} is negative")
+    if not 0.0 < settings.rate <= FASTEST:
+        raise InputError("--rate", f"{settings.rate}", f"is not above 0 and at most {FASTEST:g}")
+    plan = find_world(settings.world)
+    places, physics, _ = np.random.default_rng(settings.seed).spawn(3)
+    if settings.boxes is not None or not plan.boxes:
+        plan = place_boxes(plan, plan.box_count if settings.boxes is None else settings.boxes, places)
+    return build(plan, physics)
+
+
+def simulate(
+    simulation: Simulation, transport: Transport, names: Names, rate: float, stopped: Callable[[], bool]
+) -> None:
+    """Run until ``stopped``."""
+    hardware = Hardware(
+        period=1 / ODOMETRY_RATE,
+        scan_period=1 / simulation.lidar.specification.rate,
+        laser_height=LASER_HEIGHT,
+        wheel_joints=WHEEL_JOINTS,
+        wheel_angles=lambda: simulation.physics.wheel_angles,
+    )
+    SimulatorNode(simulation, hardware, transport, names, rate=rate).run(stopped)
+
+
+def verdict(simulation: Simulation) -> dict[str, int | float]:
+    """What the referee saw."""
+    referee = simulation.referee
+    return {
+        "sim_seconds": simulation.time,
+        "boxes": len(simulation.plan.boxes),
+        "delivered": referee.delivered,
+        "collisions": len(referee.collisions),
+    }
