@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json
+from wherry.commands.recording import RecordOption, recorded
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 
 
@@ -21,6 +22,7 @@ def deliver(
     out: Annotated[
         Path | None, typer.Option(help="Where to write report, map and rules; without it, runs/WORLD-seedN.")
     ] = None,
+    record: RecordOption = None,
     view: ViewOption = False,
     host: HostOption = LOOPBACK,
     port: PortOption = PORT,
@@ -30,6 +32,8 @@ def deliver(
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
     from wherry.experiments import delivery
     from wherry.kernels import are_compiled
+    from wherry.simulation.drive import WHEEL_RADIUS
+    from wherry.simulation.model import LIDAR_HEIGHT
     from wherry.trace import both
     from wherry.views.terminal import DeliveryProgress, print_rules, print_table
 
@@ -44,12 +48,17 @@ def deliver(
         delivery.warm_up()
     for cell in run.unreachable:
         console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from below cannot be reached by any robot.")
-    with watched(f"wherry: {run.plan.name}", run.out, console, view=view, host=host, port=port) as sink:
+    with (
+        recorded(record, laser_height=LIDAR_HEIGHT - WHEEL_RADIUS) as (recording, recorded_robot),
+        watched(f"wherry: {run.plan.name}", run.out, console, view=view, host=host, port=port) as sink,
+    ):
         with DeliveryProgress(console, len(run.plan.boxes)) as progress:
-            result = run(both(progress, sink))
+            result = run(both(progress, sink, recording), recorded_robot)
         print_rules(console, run.rules)
         print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.status}", result.figures)
         console.print(f"Pictures, map and rules: {run.out / 'report.html'}")
+    if record is not None:
+        console.print(f"Bag: {record}", highlight=False)
     if as_json:
         print_json(result.as_json())
     raise typer.Exit(result.exit_status)

@@ -8,16 +8,18 @@ from typing import Annotated
 import typer
 
 from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
+from wherry.commands.recording import RecordOption, recorded_log
 
 
 def localize(
-    log: Annotated[Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped.")],
+    log: Annotated[Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped, or a ROS bag.")],
     map_file: Annotated[Path, typer.Option("--map", help="A map.yaml, a saved pose graph, or Wean Hall's wean.dat.")],
     params: Annotated[Path | None, typer.Option(help="An amcl.yaml, of nav2 or of ROS 1.")] = None,
     reference: Annotated[Path | None, typer.Option(help="A trajectory in TUM format to compare with.")] = None,
     everywhere: Annotated[bool, typer.Option("--global", help="Begin without knowing where the robot is.")] = False,
     seed: SeedOption = 0,
     lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")] = False,
+    record: RecordOption = None,
     out: Annotated[Path | None, typer.Option(help="Where to write trajectory and picture.")] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -38,10 +40,14 @@ def localize(
         )
     )
     console = console_for(as_json=as_json, quiet=quiet)
-    with progress_bar(console, "scans") as progress:
+    with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
         task = progress.add_task("localizing", total=len(run))
+        if recording is not None:
+            recording.map(run.grid, run.log.scans[0].time)
         for located in run.steps():
             progress.update(task, completed=located.index + 1)
+            if recording is not None:
+                recording.scan(located.index, located.found.pose, run.localizer.amcl.particles)
     result = run.result()
     if result.unknown_parameters:
         console.print(f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")

@@ -9,10 +9,11 @@ from typing import Annotated
 import typer
 
 from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
+from wherry.commands.recording import RecordOption, recorded_log
 
 
 def map_log(
-    log: Annotated[Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped.")],
+    log: Annotated[Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped, or a ROS bag.")],
     odometry: Annotated[
         Path | None, typer.Option(help="Denser odometry, t x y θ a line, to interpolate poses with.")
     ] = None,
@@ -22,6 +23,7 @@ def map_log(
     seed: SeedOption = 0,
     resolution: Annotated[float, typer.Option(help="m, a grid cell's side.")] = 0.05,
     lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")] = False,
+    record: RecordOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -42,10 +44,12 @@ def map_log(
         )
     )
     console = console_for(as_json=as_json, quiet=quiet)
-    with progress_bar(console, "scans") as progress:
+    with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
         task = progress.add_task("mapping", total=run.scans)
         for done in run.steps():
             progress.update(task, completed=done)
+        if recording is not None:
+            run.record(recording)
     assert run.result is not None  # noqa: S101 - steps() ends by setting it
     figures = asdict(run.result)
     print_table(console, f"Map of {log.name}", {name: shown(value) for name, value in figures.items()})

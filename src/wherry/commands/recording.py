@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from wherry.logs import LidarLog
     from wherry.robot import Robot
+    from wherry.ros.recording import LogRecording
     from wherry.trace import Sink
 
 RecordOption = Annotated[
@@ -44,3 +46,23 @@ def recorded(path: Path | None, *, laser_height: float = 0.0) -> Iterator[tuple[
     with Bag(path) as bag:
         recording = Recording(bag, laser_height=laser_height)
         yield recording, recording.robot
+
+
+@contextlib.contextmanager
+def recorded_log(path: Path | None, log: LidarLog) -> Iterator[LogRecording | None]:
+    """What records a log as a bag, with what was found out about it.
+
+    Args:
+        path: The bag; None to record nothing.
+        log: What is run through.
+
+    Raises:
+        InputError: The bag cannot be written.
+    """
+    if path is None:
+        yield None
+        return
+    from wherry.ros.recording import Bag, LogRecording
+
+    with Bag(path) as bag:
+        yield LogRecording(bag, log)

@@ -9,7 +9,7 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -26,6 +26,7 @@ from wherry.floorplan import Cell, FloorPlan, find_world, place_boxes
 from wherry.learning.learners import RuleLearner
 from wherry.learning.rules import save_rules
 from wherry.realization.mission import Mission, Order, Ready
+from wherry.robot import Robot
 from wherry.simulation import BoxPlace, Simulation, build
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
@@ -151,11 +152,12 @@ class DeliveryRun:
         self._marks: list[Mark] = []
         self._ready: Ready | None = None
 
-    def __call__(self, watch: Sink) -> Result:
+    def __call__(self, watch: Sink, wrap: Callable[[Robot], Robot] = lambda robot: robot) -> Result:
         """Run, score, and write map, rules and page; Ctrl-C ends it early and keeps what was learnt.
 
         Args:
             watch: Told what happens while it happens.
+            wrap: Makes the robot that is driven of the simulated one, such as one that is recorded.
         """
         started = time.perf_counter()
 
@@ -163,7 +165,7 @@ class DeliveryRun:
         sink = both(thinned(self._records.append, SCORED_EVERY), watch)
         sink(beginning(self.plan.name, self._learner, self._simulation.robot.body))
         try:
-            self._ready = self._get_ready(sink)
+            self._ready = self._get_ready(wrap(self._simulation.robot), sink)
             self._deliver(self._ready, sink)
             stopped = False
         except KeyboardInterrupt:
@@ -172,9 +174,9 @@ class DeliveryRun:
         self._write(result)
         return result
 
-    def _get_ready(self, sink: Sink) -> Ready:
+    def _get_ready(self, robot: Robot, sink: Sink) -> Ready:
         """Map or localize; the robot is told only where the warehouse is, as seen from where it starts."""
-        mission = Mission(self._simulation.robot, order_of(self.plan), sink, self._rng)
+        mission = Mission(robot, order_of(self.plan), sink, self._rng)
         return mission.explore() if self._grid is None else mission.find_itself(self._grid)
 
     @property

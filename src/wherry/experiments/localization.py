@@ -164,6 +164,12 @@ class LocalizationRun:
         reference: The true trajectory, if there is one.
         localizer: Started.
         unknown_parameters: Keys that were not understood.
+
+    Attributes:
+        grid: The map.
+        log: The scans.
+        localizer: As it is after the steps so far.
+        located: What came of each scan so far.
     """
 
     def __init__(
@@ -177,8 +183,8 @@ class LocalizationRun:
         unknown_parameters: tuple[str, ...] = (),
     ) -> None:
         self._settings = settings
-        self._grid = grid
-        self._log = log
+        self.grid = grid
+        self.log = log
         self._odometry = odometry
         self._reference = reference
         self._unknown = unknown_parameters
@@ -187,11 +193,11 @@ class LocalizationRun:
 
     def __len__(self) -> int:
         """How many scans there are."""
-        return len(self._log.scans)
+        return len(self.log.scans)
 
     def steps(self) -> Iterator[Located]:
         """Localize scan by scan."""
-        for index, (scan, odometry) in enumerate(zip(self._log.scans, self._odometry, strict=True)):
+        for index, (scan, odometry) in enumerate(zip(self.log.scans, self._odometry, strict=True)):
             before = time.perf_counter()
             found = self.localizer.update(odometry, scan)
             self.located.append(Located(index, found, time.perf_counter() - before))
@@ -201,7 +207,7 @@ class LocalizationRun:
     def trajectory(self) -> Trajectory:
         """Where the robot was at the scans so far."""
         poses = np.array([located.found.pose.as_array() for located in self.located]).reshape(-1, 3)
-        return Trajectory(np.array([scan.time for scan in self._log.scans[: len(poses)]]), poses)
+        return Trajectory(np.array([scan.time for scan in self.log.scans[: len(poses)]]), poses)
 
     def result(self) -> Result:
         """The figures, of the scans so far; at least one."""
@@ -219,7 +225,7 @@ class LocalizationRun:
             particles_mean=float(np.mean([one.estimate.particles for one in found])),
             scans=len(found),
             relocalizations=sum(bool(one.hypotheses) for one in found[1:]),
-            skipped=len(self._log.skipped),
+            skipped=len(self.log.skipped),
             unknown_parameters=self._unknown,
             seed=self._settings.seed,
         )
@@ -252,7 +258,7 @@ class LocalizationRun:
 
     def picture(self) -> bytes:
         """A PNG: the map, the way in green, red where the robot was probably lost, the last particles in red."""
-        grid = self._grid
+        grid = self.grid
         grey = np.rint(255.0 * (1.0 - grid.probability[::-1])).astype(np.uint8)
         image = Image.fromarray(grey).convert("RGB")
         draw = ImageDraw.Draw(image)

@@ -21,12 +21,14 @@ from wherry.mapping.metric import RelationErrors, Relations, load_relations, rel
 from wherry.mapping.pose_graph import optimized
 from wherry.mapping.saved_graph import save_graph
 from wherry.mapping.slam import Slam
+from wherry.ros.recording import LogRecording
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Floats
+from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory, save_tum
 
 WARM_UP = 30  # scans
+NO_PARTICLES = np.empty((0, 3))
 TRAJECTORY_COLOUR = (31, 84, 196)
 ACCEPTED_COLOUR = (24, 140, 60)
 REFUSED_COLOUR = (214, 120, 110)
@@ -176,6 +178,12 @@ class MappingRun:
         self.result = self._scored(taken * 1e3, seconds)
         if self.settings.out is not None:
             self._write(self.settings.out, grid)
+
+    def record(self, recording: LogRecording) -> None:
+        """Record the log with the trajectory and the map, once all `steps` are done."""
+        for index, pose in enumerate(self.slam.trajectory.at(np.array([scan.time for scan in self.log.scans]))):
+            recording.scan(index, Pose.from_array(pose), NO_PARTICLES)
+        recording.map(self.slam.grid(), self.log.scans[-1].time)
 
     def _warm_up(self) -> None:
         """Have everything compiled that mapping calls, by mapping a few scans, so that the clock measures mapping."""

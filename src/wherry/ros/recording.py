@@ -441,6 +441,6 @@ class LogRecording:
         self._recording.believed(pose, particles, scan.time)
         self._recording.measured(scan, self._log.lidar)
 
-    def map(self, grid: OccupancyGrid) -> None:
-        """Record the map, when the last scan was taken."""
-        self._recording.map(grid, self._log.scans[-1].time)
+    def map(self, grid: OccupancyGrid, seconds: float) -> None:
+        """Record a map, s."""
+        self._recording.map(grid, seconds)
