@@ -2,7 +2,7 @@
 
 Episodes begin at random. After every episode the greedy policy is tested from six probes, without learning. What
 counts is the steps taken in the environment, those of the tests excluded, until it solves all six in the fewest steps
-possible.
+possible. Other domains are run under the same protocol (`wherry.experiments.arenas`).
 """
 
 from __future__ import annotations
@@ -10,16 +10,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
-from itertools import permutations
 from typing import Any
 
 import numpy as np
 
-from wherry.domains.taxi import PROBES, SIZES, TaxiGrid, taxi_grid, taxi_parents
 from wherry.episodes import Decision, PolicyAgent, run
 from wherry.errors import InputError
-from wherry.experiments.tabular_q_learning import Tables, TabularQLearning
+from wherry.experiments.arenas import ARENAS, LONGEST_EPISODE, Arena
+from wherry.experiments.tabular_q_learning import TabularQLearning
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.bounds import UnknownAnswers
 from wherry.learning.doormax import Doormax
@@ -29,11 +27,8 @@ from wherry.learning.rmax import Rmax
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import Grounded
-from wherry.planning.state_space import StateSpace
 from wherry.planning.value_iteration import ValueIteration
 
-LONGEST_EPISODE = 100  # steps
 CURIOSITY = 8.0  # what it is worth to the Bayesian learner to settle a doubt; a delivery is worth 20
 OPTIMISTIC_VALUE = 20.0  # Q-learning's first values where they are to be optimistic: nothing is worth more
 PATIENCE = 20_000_000  # steps after which a learner is said not to converge
@@ -44,16 +39,20 @@ class Settings:
     """What to run.
 
     Attributes:
-        size: The grid's side, 5 or 10.
+        size: The grid's side, 5 or 10, for Taxi.
         learner: A key of `LEARNERS`.
         repetitions: How often, each time with other random numbers.
         seed: Of all that is random.
+        domain: A key of `ARENAS`.
+        world: The world to deliver in, for deliveries.
     """
 
     size: int = 5
     learner: str = "doormax"
     repetitions: int = 100
     seed: int = 0
+    domain: str = "taxi"
+    world: str = "small"
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +123,8 @@ class Result:
     def as_json(self) -> dict[str, float | int | str | None]:
         """The figures as plain data."""
         figures = {field.name: getattr(self, field.name) for field in fields(self)[2:]}
-        return {"size": self.settings.size, "learner": self.settings.learner, "seed": self.settings.seed, **figures}
+        settings = {name: getattr(self.settings, name) for name in ("domain", "size", "learner", "seed")}
+        return {**settings, **figures}
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,54 +138,6 @@ class Contender:
 
     agent: PolicyAgent
     best: Callable[[State], Action]
-
-
-@dataclass(frozen=True)
-class Arena:
-    """Where contenders compete; tables that say nothing of what was learnt are shared by all repetitions.
-
-    Attributes:
-        environment: The grid.
-        probes: The states to test from, each with the fewest steps that solve it.
-        acting: States as planners number them for acting.
-        testing: The same for testing.
-    """
-
-    environment: TaxiGrid
-    probes: tuple[tuple[State, int], ...]
-    acting: StateSpace
-    testing: StateSpace
-
-    @classmethod
-    def of_size(cls, size: int) -> Arena:
-        """The published grid of that size."""
-        environment = taxi_grid(size)
-        optimal = ValueIteration(Grounded(environment.domain, environment), optimistic=False)
-        probes = [environment.state_of(*probe) for probe in PROBES]
-        lengths = [_steps_to_end(environment, optimal.policy, probe, limit=LONGEST_EPISODE) for probe in probes]
-        return cls(environment, tuple(zip(probes, lengths, strict=True)), StateSpace(), StateSpace())
-
-    @cached_property
-    def tables(self) -> Tables:
-        """The grid's states as numbers, for learners that need very many steps."""
-        plan = self.environment.plan
-        starts = [
-            self.environment.state_of((cell.x, cell.y), passenger, destination)
-            for cell in plan.cells()
-            for passenger, destination in permutations(sorted(plan.marks), 2)
-        ]
-        return Tables.of(self.environment, starts)
-
-
-def _steps_to_end(environment: TaxiGrid, policy: Callable[[State], Action], start: State, limit: int) -> int:
-    """How many steps a policy takes to end the episode; more than the limit where it does not within that."""
-    state = start
-    for number in range(1, limit + 1):
-        done = environment.transition(state, policy(state))
-        if done.terminated:
-            return number
-        state = done.next_state
-    return limit + 1
 
 
 def _doormax(arena: Arena, rng: np.random.Generator, **options: Any) -> Contender:
@@ -217,7 +169,9 @@ def _rmax(arena: Arena, rng: np.random.Generator) -> Contender:
 
 
 def _factored_rmax(arena: Arena, rng: np.random.Generator) -> Contender:
-    learner = FactoredRmax(arena.environment.domain, taxi_parents)
+    if arena.parents is None:
+        raise InputError("--learner", "factored-rmax", f"needs to be told what depends on what in {arena.title}")
+    learner = FactoredRmax(arena.environment.domain, arena.parents)
     planner = ValueIteration(learner, space=arena.acting)
     return Contender(PolicyAgent(learner, planner), planner.policy)
 
@@ -242,24 +196,25 @@ class TaxiExperiment:
         settings: What to run.
 
     Raises:
-        InputError: There is no such grid or learner, or there is nothing to repeat.
+        InputError: There is no such domain, grid, world or learner, or there is nothing to repeat.
     """
 
     def __init__(self, settings: Settings) -> None:
-        if settings.size not in SIZES:
-            raise InputError("--size", str(settings.size), f"is none of {', '.join(map(str, SIZES))}")
+        if settings.domain not in ARENAS:
+            raise InputError("DOMAIN", settings.domain, f"is none of {', '.join(ARENAS)}")
         if settings.learner not in LEARNERS:
             raise InputError("--learner", settings.learner, f"is none of {', '.join(LEARNERS)}")
         if settings.repetitions < 1:
             raise InputError("--repetitions", str(settings.repetitions), "must be at least 1")
         self.settings = settings
+        self.arena = ARENAS[settings.domain](settings.size, settings.world)
         self.learner: RuleLearner | None = None  # the last repetition's, if it learns rules
         self._runs: list[Repetition] = []
         self._bound: int | None = None
 
     def repetitions(self) -> Iterator[Repetition]:
         """Run them all; each is given out when it is over."""
-        arena = Arena.of_size(self.settings.size)
+        arena = self.arena
         warm_up, *streams = np.random.default_rng(self.settings.seed).spawn(self.settings.repetitions + 1)
         self._repeat(arena, warm_up, patience=1)  # compiles the kernels, so that no repetition is charged for that
         for rng in streams:
@@ -283,10 +238,7 @@ class TaxiExperiment:
         steps, solved, points = 0, 0, list[tuple[int, int]]()
         while solved < len(arena.probes) and steps < patience:
             steps += sum(1 for _ in run(arena.environment, agent, rng, max_steps=LONGEST_EPISODE))
-            solved = sum(
-                _steps_to_end(arena.environment, contender.best, probe, limit=fewest) == fewest
-                for probe, fewest in arena.probes
-            )
+            solved = arena.solved(contender.best)
             points.append((steps, solved))
         answers = agent.unknown_answers
         self._bound = None if answers is None else answers.bound
@@ -299,10 +251,7 @@ def solved_at_once(learner: Doormax | BayesianLearner, arena: Arena) -> int:
 
     DOORMAX has to be settled first (`Doormax.settle`).
     """
-    policy = ValueIteration(learner, optimistic=False, space=arena.testing).policy
-    return sum(
-        _steps_to_end(arena.environment, policy, probe, limit=fewest) == fewest for probe, fewest in arena.probes
-    )
+    return arena.solved(ValueIteration(learner, optimistic=False, space=arena.testing).policy)
 
 
 class _Stopwatch(PolicyAgent):
