@@ -36,6 +36,7 @@ def ros_app(generation: int) -> typer.Typer:
     speak.__doc__ = text
     _add_simulate(app, generation)
     _add_deliver(app, generation)
+    _add_monitor(app, generation)
     return app
 
 
@@ -68,6 +69,7 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
             return duration is not None and simulation.time >= duration
 
         with open_transport(generation, "wherry_simulator", namespace, interface) as transport:
+            _tell_master(transport, namespace)
             console.print(f"{simulation.plan.name} at {rate:g} × real time; Ctrl-C ends it.", highlight=False)
             with contextlib.suppress(KeyboardInterrupt):
                 ros_simulation.simulate(simulation, transport, called, rate, is_over)
@@ -149,12 +151,60 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         raise typer.Exit(1 if figures.remaining else 0)
 
 
+def _add_monitor(app: typer.Typer, generation: int) -> None:
+    @app.command()
+    def monitor(
+        duration: Annotated[float, typer.Option(min=0, help="Seconds to listen.")] = 60.0,
+        names: NamesOption = None,
+        namespace: NamespaceOption = "",
+        remap: RemapOption = None,
+        interface: InterfaceOption = "",
+        as_json: JsonOption = False,
+        quiet: QuietOption = False,
+    ) -> None:
+        """Listen to a robot and its agent: messages that are missing, and the time from a scan to a velocity."""
+        import time
+
+        from wherry.commands.common import shown
+        from wherry.ros.monitor import Monitor
+        from wherry.ros.names import load_names
+        from wherry.views.terminal import print_table
+
+        called = load_names(names, namespace=namespace, remappings=remap or ())
+        console = console_for(as_json=as_json, quiet=quiet)
+        with open_transport(generation, "wherry_monitor", namespace, interface) as transport:
+            listener = Monitor(transport, called)
+            console.print(f"Listening for {duration:g} s; Ctrl-C ends it.", highlight=False)
+            with contextlib.suppress(KeyboardInterrupt):
+                time.sleep(duration)
+            figures = listener.figures()
+        print_table(console, f"ROS {generation}, heard", {name: shown(value) for name, value in figures.items()})
+        if as_json:
+            print_json(figures)
+        raise typer.Exit(0 if figures["scans"] else 1)
+
+
+def _tell_master(transport: Transport, namespace: str) -> None:
+    """In ROS 1 two things are parameters: that time is simulated, and what the robot looks like."""
+    from wherry.ros.description import robot_description
+    from wherry.ros.ros1 import Ros1
+    from wherry.simulation.model import robot_urdf
+
+    if isinstance(transport, Ros1):
+        transport.set_parameter("/use_sim_time", True)
+        transport.set_parameter(f"{namespace.rstrip('/')}/robot_description", robot_description(robot_urdf()))
+
+
 def open_transport(generation: int, name: str, namespace: str, interface: str) -> Transport:
     """Become a node."""
     if generation == 1:
+        import os
+
         from wherry.ros.ros1 import Ros1
 
-        return Ros1(name, namespace)
+        if interface:
+            os.environ["ROS_IP"] = interface  # as rospy takes it
+        return Ros1(name, namespace, interface)
     from wherry.ros.ros2 import LOOPBACK, DdsTransport
 
     return DdsTransport(interface or LOOPBACK)

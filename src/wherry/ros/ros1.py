@@ -25,7 +25,7 @@ from wherry.ros.ros1_master import (
 from wherry.ros.ros1_messages import from_ros1, ros1_class, ros1_module, to_ros1
 from wherry.ros.transport import Quality, Topic
 
-QUEUES = {Quality.SENSOR: 10, Quality.RELIABLE: 1000, Quality.LATCHED: 1000}  # messages waiting for a slow listener
+QUEUES = {Quality.SENSOR: 100, Quality.RELIABLE: 1000, Quality.LATCHED: 1000}  # messages waiting for a slow listener
 BUFFER = 1 << 22  # bytes that are read at once; rospy falls behind for good where a message is larger
 
 
@@ -35,6 +35,7 @@ class Ros1:
     Args:
         name: The node's name, without its namespace. A node of the same name that runs already is shut down by ROS.
         namespace: The node's; topics come with absolute names.
+        interface: The address at which other machines reach this one; empty for ``ROS_IP``, or else 127.0.0.1.
 
     Raises:
         InputError: rospy is not installed, no master answers, or it runs on another machine and ``ROS_IP`` is not set.
@@ -42,10 +43,10 @@ class Ros1:
 
     generation = 1
 
-    def __init__(self, name: str, namespace: str = "") -> None:
-        master_uri = choose_interface()
+    def __init__(self, name: str, namespace: str = "", interface: str = "") -> None:
+        master_uri = choose_interface(interface)
         if namespace:
-            os.environ["ROS_NAMESPACE"] = namespace  # rospy reads it when it is imported
+            os.environ["ROS_NAMESPACE"] = f"/{namespace.strip('/')}"  # rospy reads it when it is imported
         self._rospy = ros1_module("rospy")
         wait_for_master(master_uri)
         # argv: the options are not rospy's. Nothing here logs through ROS, or asks rospy for the time.

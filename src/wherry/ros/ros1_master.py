@@ -104,8 +104,11 @@ class _Impatient(Transport):
         return connection
 
 
-def choose_interface() -> str:
+def choose_interface(interface: str = "") -> str:
     """Settle, in the environment, which master to ask, and where to listen: on 127.0.0.1 unless told otherwise.
+
+    Args:
+        interface: An address of this machine; empty for ``ROS_IP`` or ``ROS_HOSTNAME``.
 
     Returns:
         The master's URI.
@@ -117,6 +120,8 @@ def choose_interface() -> str:
     host = urlparse(uri).hostname
     if host is None:
         raise InputError("ROS_MASTER_URI", uri, f"is no address such as {DEFAULT_URI}")
+    if interface:
+        os.environ["ROS_IP"] = interface
     if "ROS_IP" in os.environ or "ROS_HOSTNAME" in os.environ:
         return uri
     if host not in ("localhost", socket.gethostname()) and not host.startswith("127."):
