@@ -58,8 +58,8 @@ def test_conditions_see_the_walls_that_gymnasium_drew() -> None:
 
 @pytest.mark.parametrize(
     ("name", "task"),
-    [("doormax", {}), ("doormax", TASK), ("bayes", TASK)],
-    ids=["doormax", "doormax told", "bayes told"],
+    [("doormax", {}), ("doormax", TASK), ("bayes", {}), ("bayes", TASK)],
+    ids=["doormax", "doormax told", "bayes", "bayes told"],
 )
 def test_learners_solve_it(name: str, task: dict) -> None:
     """After 20 episodes the greedy policy is optimal from every start; rewards are learnt, or told."""

@@ -33,8 +33,11 @@ EXPECTED_TERMS = 0.5
 NOVELTY = 1e-4
 """How likely an action that is understood has yet another effect, which was never seen."""
 
-REMEMBERED_FAILURES = 100
-"""How many conditions in which an action failed are reckoned with while it never did anything: the latest ones."""
+END_SOMEWHERE = 0.01
+"""How likely the end that was never seen is reached by doing otherwise than ever before, what was tried left aside."""
+
+REMEMBERED_TRIES = 100
+"""How many conditions that an action was tried in are reckoned with where it may do something new: the latest ones."""
 
 ASSIGNMENT = "assignment"
 
@@ -254,14 +257,27 @@ class BayesianLearner:
         return expected
 
     def _surprise(self, action: str, whole: int) -> float:
-        """How likely an action does something that it was never seen to do, by the conditions that it was tried in."""
+        """How likely an action does something that it was never seen to do, by the conditions that it was tried in.
+
+        What an action that never did anything needs is some conjunction, and likeliest to hold where least was tried.
+        The same goes for the end of episodes, as long as none was seen: steps that all seem to be worth the same could
+        otherwise go on for ever.
+        """
         tried = self.tried[action]
         if whole in tried:
             return 0.0
-        if any(tried.values()):
-            return self.novelty
+        if not any(tried.values()):
+            return self._unexplored(action, whole)
+        if self.task.terminated is None and not self.rewards.end_seen:
+            return max(self.novelty, END_SOMEWHERE * self._unexplored(action, whole))
+        return self.novelty
+
+    def _unexplored(self, action: str, whole: int) -> float:
+        """How likely a conjunction that held in none of the conditions that an action was tried in holds here."""
         if action not in self._never_seen:
-            self._never_seen[action] = Concept.of(self.domain.size, self.factor, (), [*tried][-REMEMBERED_FAILURES:])
+            self._never_seen[action] = Concept.of(
+                self.domain.size, self.factor, (), [*self.tried[action]][-REMEMBERED_TRIES:]
+            )
         return self._never_seen[action].probability(whole)
 
     def rules(self) -> tuple[Rule, ...]:
@@ -291,7 +307,10 @@ class BayesianLearner:
         """Learn from one experience."""
         state, action = transition.state, transition.action.name
         whole, *own = self.domain.conditions(state, transition.action)
+        end_was_seen = self.rewards.end_seen
         changed = self._learn_worth(transition, whole)
+        if self.rewards.end_seen != end_was_seen:
+            self._think_again()
         changed |= self._learn_to_expect(action, whole, succeeded=not transition.failed)
         for item, terms in zip(state.objects, own, strict=True):
             for attribute, before, after in observed(item, transition.next_state.get(item.name)):
@@ -319,6 +338,10 @@ class BayesianLearner:
         """Work out all laws from the evidence, after that was read from a file."""
         for subject in self.evidence:
             self._find_laws(subject)
+        self._think_again()
+
+    def _think_again(self) -> None:
+        """Forget all answers, and let planners know."""
         self.revisions = {action: revision + 1 for action, revision in self.revisions.items()}
         self._answers.clear()
         self._never_seen.clear()

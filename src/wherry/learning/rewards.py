@@ -70,10 +70,12 @@ class Rewards:
         self.size = size
         self.generalize = generalize
         self.cases: dict[str, dict[Changed, _Cases]] = {}
+        self.end_seen = False  # whether some step ended an episode
 
     def add(self, action: str, terms: int, worth: Worth) -> bool:
         """Learn what a step was worth; return whether predictions may have changed."""
         cases = self.cases.setdefault(action, {}).setdefault(worth.changed, _Cases())
+        self.end_seen |= worth.terminated
         return cases.add(Condition.of(self.size, terms), (worth.reward, worth.terminated))
 
     def worths(self, action: str, terms: int) -> tuple[Worth, ...]:
