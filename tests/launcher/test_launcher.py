@@ -35,7 +35,9 @@ print("Collecting numpy>=2.0 (from wherry==0.1.0)")
 site_packages = Path(sys.prefix, "{SITE_PACKAGES}")
 (site_packages / "wherry.pth").write_text(str(Path.cwd() / "src"))
 if sys.argv[-1] == ".[dev]":
-    (site_packages / "pytest.py").write_text("import os, sys; print('pytest', sys.argv[1:], 'in', os.getcwd())")
+    for module in ("pytest", "sphinx"):
+        said = f"import os, sys; print({{module!r}}, sys.argv[1:], 'in', os.getcwd())"
+        (site_packages / f"{{module}}.py").write_text(said)
 cli = Path(sys.prefix, "bin", "wherry")
 cli.write_text('#!/bin/sh' + chr(10) + 'printf "<%s>" "$@"; exit "${{CLI_STATUS-0}}"')
 cli.chmod(0o755)
@@ -265,6 +267,12 @@ def test_tests_have_their_own_installation(clone: Clone) -> None:
         assert (status, output) == (0, f"pytest ['-k', 'two words'] in {clone.root}\n")
         assert clone.calls() == expected
     assert clone.run("deliver") == (0, "<deliver>", "")
+
+
+def test_builds_the_site(clone: Clone) -> None:
+    status, output, _ = clone.run("docs", "--quiet")
+    arguments = ["--fail-on-warning", "--keep-going", "--quiet", "docs", "site"]
+    assert (status, output) == (0, f"sphinx {arguments} in {clone.root}\n")
 
 
 def test_prefers_uv(clone: Clone) -> None:
