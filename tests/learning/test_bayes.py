@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -34,6 +35,24 @@ def test_what_failed_is_tried_where_more_is_different() -> None:
     assert surprise(bayes, "000") == 0.0
     assert 0.0 < surprise(bayes, "100") < surprise(bayes, "110") < surprise(bayes, "111")
     assert counter_of(ask(bayes, "000", counter=4)) == 4
+
+
+def test_the_end_is_looked_for_where_least_was_tried_until_it_was_seen() -> None:
+    bayes = learner()
+    teach(bayes, "000", (0, 1))
+    teach(bayes, "001", (0, 1))
+    assert surprise(bayes, "000") == 0.0
+    assert bayes.novelty < surprise(bayes, "100") < surprise(bayes, "110")
+    before = dict(bayes.revisions)
+    teach(bayes, "000", (0, 0), action=PULL, terminated=True)
+    assert all(bayes.revisions[action] > before[action] for action in before)  # so that planners ask again
+    assert surprise(bayes, "110") == pytest.approx(bayes.novelty, rel=0.1)
+
+
+def test_who_is_told_when_episodes_end_does_not_look_for_it() -> None:
+    bayes = learner(terminated=lambda state: False)
+    teach(bayes, "000", (0, 1))
+    assert surprise(bayes, "110") == pytest.approx(bayes.novelty, rel=0.1)
 
 
 def test_one_success_is_carried_over_the_less_the_more_is_different() -> None:
@@ -130,7 +149,9 @@ def test_what_changes_together_is_predicted_together() -> None:
     assert prediction.state == state_of(bayes.domain, "11", 1, True)
     (other, *_) = prediction.otherwise
     assert other.state == state_of(bayes.domain, "11", 0, False)
-    assert abs(prediction.probability + other.probability - 1) < 1e-3
+    total = sum(branch.probability for branch in (prediction, *prediction.otherwise))
+    assert abs(total - 1) < 1e-9
+    assert prediction.probability + other.probability > 0.99
 
 
 def test_an_effect_that_would_leave_the_bounds_does_not_happen() -> None:
