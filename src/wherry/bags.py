@@ -51,8 +51,7 @@ def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
     if not path.exists():
         raise InputError(path, "", "No such file or directory")
     if path.suffix == UNFINISHED:
-        rescue = "rosbag reindex, mcap recover or ros2 bag reindex"
-        raise InputError(path, "", f"is a recording that was cut off; {rescue} may make a bag of it")
+        raise InputError(path, "", "is a recording that was cut off; of an MCAP file in it, mcap recover makes a bag")
     try:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -43,7 +44,7 @@ def recorded(path: Path | None, *, laser_height: float = 0.0) -> Iterator[tuple[
         return
     from wherry.ros.recording import Bag, Recording
 
-    with Bag(path) as bag:
+    with _interrupted_when_terminated(), Bag(path) as bag:
         recording = Recording(bag, laser_height=laser_height)
         yield recording, recording.robot
 
@@ -64,5 +65,19 @@ def recorded_log(path: Path | None, log: LidarLog) -> Iterator[LogRecording | No
         return
     from wherry.ros.recording import Bag, LogRecording
 
-    with Bag(path) as bag:
+    with _interrupted_when_terminated(), Bag(path) as bag:
         yield LogRecording(bag, log)
+
+
+@contextlib.contextmanager
+def _interrupted_when_terminated() -> Iterator[None]:
+    """Let SIGTERM end a run as Ctrl-C does, so that its bag is finished."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

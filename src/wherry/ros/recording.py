@@ -180,8 +180,8 @@ FORMATS: Mapping[str, Callable[[Path, Path], _Storage]] = {".bag": _Ros1Bag, ".m
 class Bag:
     """A bag that is being recorded; a context manager.
 
-    Until it is closed it is called PATH.active, and so is what is left of it if the process is killed: ``rosbag
-    reindex``, ``mcap recover`` or ``ros2 bag reindex`` rescue what was written.
+    Until it is closed it is called PATH.active, and so is what is left of it if the process is killed by force. Of an
+    MCAP file, ``mcap recover`` then makes a bag of every chunk that was written; the other kinds are lost.
 
     Args:
         path: Its name; the suffix says which kind, see `FORMATS`.
