@@ -44,21 +44,28 @@ class Broadcast:
         self.ended = False
         self._encoder = Encoder()
         self._frames: list[bytes] = []
-        self._droppable: list[bool] = []
+        self._moments: list[int | None] = []  # for each frame, which Seen it is, or None for another record
+        self._moment_count = 0
         self._history = 0  # bytes of Seen in _frames
         self._kept_every = 1
 
     def __call__(self, record: Record) -> None:
         """Keep a record."""
-        self.add(self._encoder.encode(record), droppable=isinstance(record, Seen))
+        self.add(self._encoder.encode(record), is_moment=isinstance(record, Seen))
 
-    def add(self, frame: bytes, *, droppable: bool) -> None:
-        """Keep a frame; it can be seen by pages as soon as it is in the list."""
-        if droppable and len(self._frames) % self._kept_every:
-            frame = b""
-        self._droppable.append(droppable)
+    def add(self, frame: bytes, *, is_moment: bool) -> None:
+        """Keep a frame; pages see it as soon as it is in the list.
+
+        Args:
+            frame: A record's frame.
+            is_moment: Whether it is a `Seen`, of which some may be left out.
+        """
+        self._moments.append(self._moment_count if is_moment else None)
+        if is_moment:
+            frame = b"" if self._moment_count % self._kept_every else frame
+            self._moment_count += 1
+            self._history += len(frame)
         self._frames.append(frame)
-        self._history += len(frame) if droppable else 0
         if self._history > LARGEST_HISTORY:
             self._forget_half()
 
@@ -73,12 +80,12 @@ class Broadcast:
     def after(self, start: int) -> Batch:
         """The next frames from number ``start`` on, as many as fit into one message; at least one if there is one."""
         pending = self._frames[start:]
-        droppable = self._droppable[start : start + len(pending)]
-        backlog = sum(len(frame) for frame, may_drop in zip(pending, droppable, strict=True) if may_drop)
+        moments = self._moments[start : start + len(pending)]
+        backlog = sum(len(frame) for frame, moment in zip(pending, moments, strict=True) if moment is not None)
         every = 1 + backlog // LARGEST_BACKLOG
         chosen = [
-            b"" if may_drop and (start + at) % every else frame
-            for at, (frame, may_drop) in enumerate(zip(pending, droppable, strict=True))
+            frame if moment is None or moment % every == 0 else b""
+            for frame, moment in zip(pending, moments, strict=True)
         ]
         count = max(1, sum(total <= LARGEST_MESSAGE for total in accumulate(map(len, chosen))))
         return Batch(b"".join(chosen[:count]), min(start + count, start + len(pending)))
@@ -86,9 +93,9 @@ class Broadcast:
     def _forget_half(self) -> None:
         """Forget every second Seen; their numbers stay, so that pages lose nothing else."""
         self._kept_every *= 2
-        for at, may_drop in enumerate(self._droppable):
-            if may_drop and at % self._kept_every:
+        for at, moment in enumerate(self._moments):
+            if moment is not None and moment % self._kept_every:
                 self._frames[at] = b""
         self._history = sum(
-            len(frame) for frame, may_drop in zip(self._frames, self._droppable, strict=True) if may_drop
+            len(frame) for frame, moment in zip(self._frames, self._moments, strict=True) if moment is not None
         )

@@ -123,7 +123,7 @@ def serve_recording(
     """
     broadcast = Broadcast()
     for frame in split(frames):
-        broadcast.add(frame, droppable=False)
+        broadcast.add(frame, is_moment=False)
     broadcast.end()
     with serve(broadcast, title, host=host, port=port, folder=folder) as server:
         yield server

@@ -1,0 +1,45 @@
+"""What the pictures of learning show, read back from their drawings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wherry.views.learning_curve import Needed, as_bytes, learning_curves, solved_by, steps_needed
+
+RUNS = {"quick": [[(10, 0), (20, 6)], [(12, 3), (30, 6)]], "slow": [[(100, 1), (5000, 6)]]}
+
+
+def test_a_curve_counts_what_was_solved_by_then() -> None:
+    steps = np.array([0.0, 9.0, 10.0, 19.9, 20.0, 500.0])
+    assert solved_by([(10, 2), (20, 6)], steps).tolist() == [0, 0, 2, 2, 6, 6]
+
+
+def test_a_line_rises_to_all_probes_and_ends_there() -> None:
+    (axes,) = learning_curves(RUNS, 6, "Two learners").axes
+    lines = {str(line.get_label()): line.get_xydata() for line in axes.get_lines()}
+    quick = np.asarray(lines["quick"])
+    assert quick[-1][1] == 6
+    assert 20 <= quick[-1][0] <= 33
+    assert (np.diff(quick[:, 1]) >= 0).all()
+    assert axes.get_xscale() == "log"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("steps in the environment", "probes solved optimally, of 6")
+
+
+def test_curves_of_like_length_share_a_linear_axis() -> None:
+    (axes,) = learning_curves({"quick": RUNS["quick"]}, 6, "One").axes
+    assert axes.get_xscale() == "linear"
+
+
+def test_a_row_shows_the_median_and_what_was_published() -> None:
+    rows = [Needed("ours", [10, 20, 30]), Needed("ours", [50], published=True), Needed("people", [7], published=True)]
+    (axes,) = steps_needed({"5×5": rows}, "Taxi").axes
+    points = [tuple(map(float, line.get_xydata()[0])) for line in axes.get_lines() if line.get_marker() == "o"]  # type: ignore[index, union-attr]
+    assert sorted(points) == [(7, 1), (20, 0), (50, 0)]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["ours", "people"]
+
+
+def test_the_same_figure_is_the_same_file() -> None:
+    first, second = (as_bytes(learning_curves(RUNS, 6, "Twice"), "svg") for _ in range(2))
+    assert first == second
+    assert first.startswith(b"<?xml")
+    assert as_bytes(learning_curves(RUNS, 6, "Twice"), "png").startswith(b"\x89PNG")

@@ -1,0 +1,391 @@
+"""The page in a real browser: things are where the data says, and what people press does what it says.
+
+Pictures of both themes and sizes are left in build/screenshots, to be looked at.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from runs import BOX, LASER, TERMS, short_run
+
+from wherry.trace import Said, Seen
+from wherry.views.frames import Encoder
+from wherry.views.recordings import FILE_NAME, Recorder
+from wherry.views.web.broadcast import Broadcast
+from wherry.views.web.page import player_page
+from wherry.views.web.server import serve
+
+playwright = pytest.importorskip("playwright.sync_api")
+
+CHROMIUM = Path("/usr/bin/chromium")
+SCREENSHOTS = Path("build/screenshots")
+DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[playwright.Browser]:
+    if not CHROMIUM.exists():
+        if os.environ.get("CI") == "true":
+            pytest.fail(f"{CHROMIUM} is missing")
+        pytest.skip(f"no {CHROMIUM}")
+    with playwright.sync_playwright() as tools:
+        browser = tools.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(browser: playwright.Browser) -> Iterator[playwright.Page]:
+    """A page that must not complain."""
+    page = browser.new_page(viewport=DESK)
+    complaints: list[str] = []
+    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.set_default_timeout(10_000)
+    yield page
+    page.close()
+    assert [text for text in complaints if "ERR_CONNECTION_REFUSED" not in text] == []
+
+
+@pytest.fixture(scope="session")
+def carried(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The page as a file with the run in it."""
+    encoder = Encoder()
+    frames = b"".join(encoder.encode(record) for record in short_run())
+    path = tmp_path_factory.mktemp("page") / "page.html"
+    path.write_text(player_page("A run", {"source": "file"}, frames), encoding="utf-8")
+    return path.as_uri()
+
+
+def opened(page: playwright.Page, url: str, *, at: float, theme: str = "light") -> None:
+    page.goto(f"{url}?theme={theme}")
+    until(page, "trace.begin !== null && trace.over")
+    go_to(page, at)
+
+
+def until(page: playwright.Page, expression: str) -> None:
+    """Wait until something holds on the page; asked from outside, as the page lets nobody evaluate text."""
+    deadline = time.monotonic() + 10.0
+    while not page.evaluate(expression):
+        assert time.monotonic() < deadline, f"never came true: {expression}"
+        page.wait_for_timeout(20)
+
+
+def go_to(page: playwright.Page, moment: float) -> None:
+    page.evaluate("time => { player.playing = false; player.seek(time) }", moment)
+    settle(page)
+
+
+def settle(page: playwright.Page) -> None:
+    """Let two pictures be drawn."""
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def colour_at(page: playwright.Page, x: float, y: float) -> tuple[int, int, int]:
+    """What the picture shows at a point of the map, m."""
+    pixel = page.evaluate(
+        """([x, y]) => {
+            const [px, py] = scene.project(x, y);
+            const [left, top] = [px, py].map((pixels) => Math.floor(pixels * scene.ratio));
+            return [...scene.context.getImageData(left, top, 1, 1).data];
+        }""",
+        [x, y],
+    )
+    return tuple(pixel[:3])
+
+
+def is_near(colour: tuple[int, int, int], wanted: str, slack: int = 40) -> bool:
+    parts = [int(wanted[at : at + 2], 16) for at in (1, 3, 5)]
+    return all(abs(part - other) <= slack for part, other in zip(colour, parts, strict=True))
+
+
+BLUE, RED, BROWN, WHITE, DARK, GREEN = "#1f6feb", "#d1242f", "#a0622d", "#ffffff", "#2a323d", "#12813f"
+
+
+def test_everything_is_drawn_where_the_data_says(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=4.2)
+    for x, y in LASER:
+        assert is_near(colour_at(page, x, y), BLUE)
+    assert is_near(colour_at(page, *BOX), BROWN)
+    assert is_near(colour_at(page, 1.2, 0.0), GREEN)  # the path ahead
+    assert is_near(colour_at(page, 3.0, -0.6), WHITE)  # free
+    assert is_near(colour_at(page, 1.05, 2.95), DARK)  # the wall in the north
+    cloud = [colour_at(page, 0.52, y) for y in (-0.85, -0.75, -0.65, -0.55)]
+    assert all(red > 1.3 * blue and red > 1.3 * green for red, green, blue in cloud)
+    page.evaluate("scene.hidden.add('laser'); scene.hidden.add('particles')")
+    settle(page)
+    assert not any(is_near(colour_at(page, x, y), BLUE) for x, y in LASER)
+    assert is_near(colour_at(page, 0.52, -0.75), WHITE)
+
+
+def test_the_map_grows_and_shrinks_back_with_the_time(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=4.2)
+    assert is_near(colour_at(page, 3.0, -0.6), WHITE)
+    go_to(page, 1.0)  # only the first three metres were known then
+    assert page.evaluate("scene.map.percentAt(3.0, -0.6)") is None
+    assert page.evaluate("scene.map.percentAt(1.0, -0.6)") == 0
+    go_to(page, 3.0)
+    assert page.evaluate("scene.map.percentAt(3.0, -0.6)") == 0
+
+
+def test_the_robot_is_where_it_was_between_two_records(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=0.5)
+    assert page.evaluate("scene.instant.pose[0]") == pytest.approx(0.125, abs=1e-6)
+
+
+def test_what_it_knows_stands_beside_the_map(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=5.0)
+    assert page.locator("#bits li").count() == len(TERMS)
+    assert page.locator("#bits li.on").all_inner_texts() == ["1\ntouch_E(wall)"]
+    assert "if not touch_N(robot, wall) and not" in page.inner_text("#rules")
+    assert "0000000" in page.inner_text("#rules")
+    assert "fails in 2" in page.inner_text("#rules")
+    assert page.inner_text("#unknown") == "3"
+    go_to(page, 7.5)
+    assert "0******" in page.inner_text("#rules")
+    assert page.inner_text("#unknown") == "1"
+    assert page.inner_text("#delivered") == "0 of 1"
+    assert page.inner_text("#action") == "PICKUP"
+    go_to(page, 8.2)
+    assert page.locator("#bits li.on").count() == 2
+    go_to(page, 10.0)
+    assert page.inner_text("#delivered") == "1 of 1"
+    assert page.inner_text("#why") == "Everything is delivered."
+    go_to(page, 0.0)
+    assert page.locator("#progress").is_hidden()
+
+
+def test_the_log_leads_through_the_run(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=0.0)
+    log = page.locator("#log li")
+    assert log.count() == 3 + 4 + 2  # said, done, learnt
+    assert "now 0******, was 0000000" in page.inner_text("#log")
+    assert page.locator("#log li.later").count() == 8
+    log.filter(has_text="PICKUP").click()
+    settle(page)
+    assert page.evaluate("player.time") == 8.0
+    assert page.inner_text("#log li.here").endswith("PICKUP in 0010000")
+
+
+def test_play_pause_step_and_scrub(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=0.0)
+    page.select_option("#speed", "5")
+    page.get_by_role("button", name="Play", exact=True).click()
+    until(page, "player.time > 1")
+    page.get_by_role("button", name="Pause", exact=True).click()
+    stopped = page.evaluate("player.time")
+    page.wait_for_timeout(150)
+    assert page.evaluate("player.time") == stopped < 10
+    go_to(page, 4.5)
+    times = []
+    for name in ("One step forward", "One step forward", "One step back"):
+        page.get_by_role("button", name=name).click()
+        times.append(page.evaluate("player.time"))
+    assert times == [5.0, 7.0, 5.0]
+    page.locator("#seek").fill("8.5")
+    settle(page)
+    assert page.evaluate("player.time") == 8.5
+    assert page.inner_text("#clock") == "0:08 / 0:10"
+
+
+def test_real_time_is_real_time(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=0.0)
+    page.select_option("#speed", "1")
+    before = page.evaluate("player.toggle(), performance.now()")
+    page.wait_for_timeout(1000)
+    now, shown = page.evaluate("[performance.now(), player.time]")
+    assert shown == pytest.approx((now - before) / 1000, abs=0.3)
+
+
+def test_keys_do_all_of_it(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=4.5)
+    press = page.keyboard.press
+    press("ArrowRight")
+    assert page.evaluate("player.time") == 5.0
+    press("ArrowLeft")
+    assert page.evaluate("player.time") == 4.0
+    scale = page.evaluate("scene.scale")
+    press("+")
+    assert page.evaluate("scene.scale") > scale
+    press("f")
+    settle(page)
+    assert page.evaluate("[scene.mode, scene.centre[0]]") == ["follow", 0.5]
+    press("0")
+    assert page.evaluate("scene.mode") == "fit"
+    press("t")
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    press("Space")
+    assert page.evaluate("player.playing") is True
+    page.locator("#canvas").focus()
+    centre = page.evaluate("scene.centre[0]")
+    press("ArrowLeft")
+    assert page.evaluate("scene.centre[0]") < centre
+
+
+def test_the_mouse_zooms_where_it_points_and_drags(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=4.2)
+    place = page.evaluate("scene.unproject(300, 200)")
+    left, top = page.evaluate("[scene.canvas.getBoundingClientRect().left, scene.canvas.getBoundingClientRect().top]")
+    page.mouse.move(left + 300, top + 200)
+    page.mouse.wheel(0, -300)
+    until(page, "scene.mode === 'free'")
+    assert page.evaluate("scene.unproject(300, 200)") == pytest.approx(place)
+    page.mouse.down()
+    page.mouse.move(left + 340, top + 220, steps=4)
+    page.mouse.up()
+    assert page.evaluate("scene.unproject(340, 220)") == pytest.approx(place)
+
+
+def click_at(page: playwright.Page, x: float, y: float) -> str:
+    """Click on a point of the map, m; what the page then tells of it."""
+    place = page.evaluate(
+        "([x, y]) => { const [px, py] = scene.project(x, y), box = scene.canvas.getBoundingClientRect();"
+        " return [box.left + px, box.top + py] }",
+        [x, y],
+    )
+    page.mouse.click(*place)
+    settle(page)
+    return page.inner_text("#inspector")
+
+
+def test_a_click_on_a_thing_tells_its_attributes(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=5.2)
+    box = click_at(page, *BOX)
+    assert re.search(
+        r"Box box1.*box\.x\s+5\s+box\.y\s+4\s+box\.in_bot\s+false\s+map\s+2\.50 m, 1\.50 m", box, re.DOTALL
+    )
+    robot = click_at(page, 0.5, 0.0)
+    assert re.search(r"Robot.*robot\.x\s+2.*latch\s+empty.*particles\s+50", robot, re.DOTALL)
+    assert "warehouse.x\n6" in click_at(page, 2.9, -0.1)
+    assert re.search(r"P\(occupied\)\s+0 %", click_at(page, 1.5, -0.6))
+    page.keyboard.press("Escape")
+    settle(page)
+    assert page.locator("#inspector").is_hidden()
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize(("size", "name"), [(DESK, "desk"), (PHONE, "phone")])
+def test_it_fits_both_sizes_in_both_themes(
+    page: playwright.Page, carried: str, size: dict[str, int], name: str, theme: str
+) -> None:
+    page.set_viewport_size(size)  # type: ignore[arg-type]
+    opened(page, carried, at=7.5, theme=theme)
+    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=SCREENSHOTS / f"{name}-{theme}.png")
+    assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
+    for button in page.locator("button:visible, select:visible, input[type=range]:visible").all():
+        box = button.bounding_box()
+        assert box is not None
+        assert 0 <= box["x"] <= box["x"] + box["width"] <= size["width"]
+        assert min(box["width"], box["height"]) >= 24  # WCAG 2.5.8
+
+
+def test_whatever_can_be_pressed_has_a_name(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=5.2)
+    nameless = page.evaluate(
+        """() => [...document.querySelectorAll('button, select, input')]
+            .filter((item) => !(item.ariaLabel || item.textContent.trim() || item.labels?.length))
+            .map((item) => item.id)"""
+    )
+    assert nameless == []
+
+
+def test_text_in_a_trace_is_never_markup(page: playwright.Page, tmp_path: Path) -> None:
+    evil = "<img src=x onerror=alert(1)></script>"
+    records = [record for record in short_run() if not isinstance(record, Seen)]
+    encoder = Encoder()
+    frames = b"".join(encoder.encode(replace(item, text=evil) if isinstance(item, Said) else item) for item in records)
+    path = tmp_path / "page.html"
+    path.write_text(player_page(evil, {"source": "file", "x": evil}, frames), encoding="utf-8")
+    opened(page, path.as_uri(), at=1.0)
+    assert evil in page.inner_text("#log")
+    assert page.locator("img").count() == 0
+
+
+def test_a_live_run_is_followed_and_its_end_is_told(page: playwright.Page) -> None:
+    broadcast = Broadcast()
+    records = short_run()
+    with serve(broadcast, "A run", port=0) as server:
+        page.goto(server.url)
+        assert page.locator("#waiting").is_visible()
+        for record in records[:10]:
+            broadcast(record)
+        until(page, "trace.begin !== null")
+        page.get_by_role("button", name="Live").click()
+        for record in records[10:]:
+            broadcast(record)
+        until(page, "player.time === 10")
+        assert page.inner_text("#link") == "live"
+        broadcast.end()
+        until(page, "document.getElementById('link').textContent === 'run over'")
+        assert page.evaluate("trace.records.Seen.length") == sum(isinstance(record, Seen) for record in records)
+        assert page.locator("#notice").is_hidden()
+
+
+SERVED = """
+import sys, time
+sys.path.insert(0, sys.argv[1])
+from runs import short_run
+from wherry.views.web.broadcast import Broadcast
+from wherry.views.web.server import serve
+broadcast = Broadcast()
+for record in short_run(): broadcast(record)
+with serve(broadcast, "A run", port=0) as server:
+    print(server.url, flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_killed_server_is_said_and_the_run_stays(page: playwright.Page) -> None:
+    command = [sys.executable, "-c", SERVED, str(Path(__file__).parent)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        page.goto(process.stdout.readline().strip())
+        until(page, "trace.end === 10")
+        process.send_signal(signal.SIGKILL)
+    page.locator("#notice").wait_for(state="visible")
+    assert "The server does not answer" in page.inner_text("#notice")
+    go_to(page, 4.2)
+    assert is_near(colour_at(page, *LASER[0]), BLUE)
+
+
+def test_a_page_from_elsewhere_cannot_watch(browser: playwright.Browser) -> None:
+    with serve(Broadcast(), "A run", port=0) as server:
+        page = browser.new_page()
+        page.route("http://127.0.0.1:1/", lambda route: route.fulfill(body="<p>Elsewhere", content_type="text/html"))
+        page.goto("http://127.0.0.1:1/")
+        outcome = page.evaluate(
+            """address => new Promise(done => {
+                const socket = new WebSocket(address);
+                socket.onopen = () => done('open');
+                socket.onerror = () => done('refused');
+            })""",
+            server.url.replace("http", "ws") + "socket",
+        )
+        page.close()
+    assert outcome == "refused"
+
+
+def test_a_recording_becomes_one_file_that_needs_nothing(page: playwright.Page, tmp_path: Path) -> None:
+    with Recorder(tmp_path / FILE_NAME) as recorder:
+        for record in short_run():
+            recorder(record)
+    out = tmp_path / "page.html"
+    subprocess.run(
+        [sys.executable, "-m", "wherry", "view", tmp_path, "--out", out], check=True, stdout=subprocess.DEVNULL
+    )
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url.split(":")[0]))
+    opened(page, out.as_uri(), at=4.2)
+    assert set(requests) <= {"file", "data"}
+    assert is_near(colour_at(page, *LASER[0]), BLUE)

@@ -1,0 +1,243 @@
+"""The server: who gets in, what they get, and that nobody holds a run up."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from runs import seen, short_run
+from websockets.exceptions import ConnectionClosed, InvalidHandshake
+from websockets.sync.client import ClientConnection, connect
+
+from wherry.errors import InputError
+from wherry.trace import Record, Said
+from wherry.views.frames import Decoder, split
+from wherry.views.web import broadcast as broadcasting
+from wherry.views.web.broadcast import Broadcast
+from wherry.views.web.server import LARGEST_REQUEST, Server, serve
+
+
+@pytest.fixture
+def broadcast() -> Broadcast:
+    made = Broadcast()
+    for record in short_run():
+        made(record)
+    return made
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "secret.txt").write_text("nobody reads this")
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "report.html").write_text("<p>The report")
+    (run / "out").symlink_to(tmp_path / "secret.txt")
+    return run
+
+
+@pytest.fixture
+def server(broadcast: Broadcast, folder: Path) -> Iterator[Server]:
+    with serve(broadcast, "A <run>", port=0, folder=folder) as running:
+        yield running
+
+
+def port_of(server: Server) -> int:
+    return int(server.url.split(":")[2].split("/")[0])
+
+
+def get(server: Server, path: str = "/", **headers: str) -> tuple[int, str, dict[str, str]]:
+    connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=5)
+    connection.request("GET", path, headers=headers)
+    answer = connection.getresponse()
+    text = answer.read().decode()
+    connection.close()
+    return answer.status, text, {name.lower(): value for name, value in answer.getheaders()}
+
+
+def open_socket(
+    server: Server, query: str = "", origin: str | None = "same", host: str | None = None
+) -> ClientConnection:
+    port = port_of(server)
+    headers = {} if host is None else {"Host": host}
+    own = f"http://127.0.0.1:{port}" if origin == "same" else origin
+    return connect(f"ws://127.0.0.1:{port}/socket{query}", origin=own, additional_headers=headers, open_timeout=5)  # type: ignore[arg-type]
+
+
+def received(socket: ClientConnection) -> tuple[dict[str, object], bytes]:
+    """What a page gets until the run is over: the greeting, and all frames."""
+    hello = json.loads(socket.recv(timeout=5))
+    frames = b""
+    while True:
+        message = socket.recv(timeout=5)
+        assert isinstance(message, bytes)
+        frames += message[8:]
+        if struct.unpack_from("<II", message)[1]:
+            return hello, frames
+
+
+def test_the_page_comes_with_everything_and_a_policy(server: Server) -> None:
+    status, text, headers = get(server)
+    assert status == 200
+    assert "<title>A &lt;run&gt;</title>" in text
+    assert "default-src &#x27;none&#x27;" in text
+    assert headers["x-frame-options"] == "DENY"
+    assert headers["x-content-type-options"] == "nosniff"
+
+
+def test_a_page_gets_every_record_in_order(server: Server, broadcast: Broadcast) -> None:
+    broadcast.end()
+    with open_socket(server) as socket:
+        _, frames = received(socket)
+    decoder = Decoder("socket")
+    records = [decoder.decode(frame, "a frame") for frame in split(frames)]
+    assert [type(record) for record in records] == [type(record) for record in short_run()]
+
+
+def test_a_page_that_comes_back_gets_only_the_rest(server: Server, broadcast: Broadcast) -> None:
+    broadcast.end()
+    with open_socket(server, f"?run={broadcast.name}&from={len(broadcast) - 2}") as socket:
+        hello, frames = received(socket)
+    assert hello == {"run": broadcast.name, "from": len(broadcast) - 2}
+    assert len(list(split(frames))) == 2
+    for query in ("?run=another&from=3", f"?run={broadcast.name}&from=-1", f"?run={broadcast.name}&from=x"):
+        with open_socket(server, query) as socket:
+            assert json.loads(socket.recv(timeout=5))["from"] == 0
+
+
+def test_what_is_told_later_arrives(server: Server, broadcast: Broadcast) -> None:
+    with open_socket(server) as socket:
+        socket.recv(timeout=5)
+        socket.recv(timeout=5)
+        broadcast(Said(11.0, "done", "Later"))
+        message = socket.recv(timeout=5)
+        assert isinstance(message, bytes)
+        assert b"Later" in message
+
+
+@pytest.mark.parametrize("origin", ["https://evil.example", "http://127.0.0.1:1", "null", None])
+def test_a_foreign_page_cannot_connect(server: Server, origin: str | None) -> None:
+    with pytest.raises((InvalidHandshake, ConnectionClosed)), open_socket(server, origin=origin) as socket:
+        socket.recv(timeout=5)
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "127.0.0.1:{port}.evil.example"]
+)
+def test_a_name_that_was_pointed_here_is_refused(server: Server, host: str) -> None:
+    status, text, _ = get(server, Host=host.format(port=port_of(server)))
+    assert status == 403
+    assert "Refused" in text
+
+
+def test_a_request_from_a_foreign_page_is_refused(server: Server) -> None:
+    assert get(server, Origin="https://evil.example")[0] == 403
+
+
+def test_elsewhere_only_those_come_in_who_know_the_token(broadcast: Broadcast) -> None:
+    with serve(broadcast, "run", host="0.0.0.0", port=0) as server:  # noqa: S104 - that is what is tested
+        token = server.url.split("token=")[1]
+        assert len(token) > 16
+        assert get(server, f"/?token={token}")[0] == 200
+        assert get(server)[0] == 403
+        assert get(server, "/?token=")[0] == 403
+        assert get(server, f"/?token={token[:-1]}")[0] == 403
+        with pytest.raises((InvalidHandshake, ConnectionClosed)), open_socket(server) as socket:
+            socket.recv(timeout=5)
+        with open_socket(server, f"?token={token}") as socket:
+            assert json.loads(socket.recv(timeout=5))["run"] == broadcast.name
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/files/../secret.txt",
+        "/files/%2e%2e/secret.txt",
+        "/files/..%2fsecret.txt",
+        "/files/out",
+        "/files//etc/passwd",
+        "/files/%00",
+        "/nothing",
+    ],
+)
+def test_no_path_leads_out_of_the_run(server: Server, path: str) -> None:
+    status, text, _ = get(server, path)
+    assert status in {400, 404}
+    assert "nobody reads this" not in text
+
+
+def test_the_report_can_be_read(server: Server) -> None:
+    assert get(server, "/files/report.html")[:2] == (200, "<p>The report")
+
+
+def test_a_page_that_talks_too_much_is_cut_off(server: Server) -> None:
+    with open_socket(server) as socket:
+        socket.send("x" * (LARGEST_REQUEST + 1))
+        with pytest.raises(ConnectionClosed, match="1009"):
+            list(iter(lambda: socket.recv(timeout=5), None))
+
+
+def test_an_address_of_another_machine_cannot_be_listened_on(broadcast: Broadcast) -> None:
+    with (
+        pytest.raises(InputError, match=r"--host: 192\.0\.2\.1: cannot be listened on"),
+        serve(broadcast, "x", host="192.0.2.1"),
+    ):
+        pass
+
+
+def test_a_taken_port_is_no_trouble(broadcast: Broadcast, server: Server) -> None:
+    with serve(broadcast, "x", port=port_of(server)) as other:
+        assert port_of(other) != port_of(server)
+        assert get(other)[0] == 200
+
+
+def run_of(count: int) -> list[Record]:
+    return [
+        record for step in range(count) for record in (Said(float(step), "x", "y"), seen(float(step), 0.0, particles=9))
+    ]
+
+
+def counted(broadcast: Broadcast) -> tuple[int, int]:
+    """How many records of each kind a page gets that begins now: said, seen."""
+    at, said, shown = 0, 0, 0
+    while at < len(broadcast):
+        batch = broadcast.after(at)
+        at = batch.following
+        for frame in split(batch.frames):
+            said += b'"type":"Said"' in frame
+            shown += b'"type":"Seen"' in frame
+    return said, shown
+
+
+def test_a_slow_page_gets_fewer_moments_and_everything_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    broadcast = Broadcast()
+    for record in run_of(200):
+        broadcast(record)
+    assert counted(broadcast) == (200, 200)
+    monkeypatch.setattr(broadcasting, "LARGEST_BACKLOG", 10_000)
+    said, shown = counted(broadcast)
+    assert said == 200
+    assert 10 < shown < 100
+
+
+def test_messages_are_of_limited_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(broadcasting, "LARGEST_MESSAGE", 2_000)
+    broadcast = Broadcast()
+    for record in run_of(50):
+        broadcast(record)
+    assert len(broadcast.after(0).frames) <= 2_000
+    assert counted(broadcast) == (50, 50)
+
+
+def test_a_long_run_keeps_fewer_moments_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(broadcasting, "LARGEST_HISTORY", 20_000)
+    broadcast = Broadcast()
+    for record in run_of(500):
+        broadcast(record)
+    assert sum(map(len, broadcast._frames)) < 20_000 + 500 * 200
+    said, shown = counted(broadcast)
+    assert said == 500
+    assert shown > 10
