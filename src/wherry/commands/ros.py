@@ -127,6 +127,8 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         knowledge = delivery_learner(learner, rules)
         grid = None if map_file is None else load_map(map_file)
         shape = load_body(body)
+        if out is not None:
+            delivery.make_folder(out)
         console = console_for(as_json=as_json, quiet=quiet)
         if not are_compiled():
             console.print("Compiling the inner loops; that takes half a minute, and is done once.")

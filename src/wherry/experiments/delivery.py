@@ -84,11 +84,11 @@ def prepare(settings: Settings) -> DeliveryRun:
         raise InputError(settings.map_file or "", "image", "shows no walls")
     learner = delivery_learner(settings.learner, settings.rules_file)
     out = settings.out or Path("runs") / f"{plan.name}-seed{settings.seed}"
-    _make_folder(out)
+    make_folder(out)
     return DeliveryRun(settings, plan, grid, learner, out, build(plan, physics), beliefs)
 
 
-def _make_folder(out: Path) -> None:
+def make_folder(out: Path) -> None:
     """Make the folder for results.
 
     Raises:

@@ -104,6 +104,6 @@ def run(
 
 
 def write(out: Path, ready: Ready, learner: RuleLearner) -> None:
-    """Map and rules into a folder."""
+    """Map and rules into a folder that exists."""
     save_map(ready.grid, out / "map.yaml")
     save_rules(learner, out / "rules.json")
