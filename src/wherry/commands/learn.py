@@ -1,4 +1,4 @@
-"""``wherry learn``: the published learning experiments."""
+"""``wherry learn``: the published learning experiment, in several domains and with every learner."""
 
 from __future__ import annotations
 
@@ -7,38 +7,58 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, SeedOption, console_for, one_of, print_json, progress_bar, shown
+from wherry.commands.common import (
+    JsonOption,
+    QuietOption,
+    SeedOption,
+    console_for,
+    one_of,
+    print_json,
+    progress_bar,
+    shown,
+)
 from wherry.errors import InputError
 
-DOMAINS = ("taxi",)
+DOMAINS = ("taxi", "delivery", "gymnasium-taxi")
+LEARNERS = ("bayes", "doormax", "doormax-letter", "factored-rmax", "rmax", "q-learning", "q-learning-optimistic")
+INFERENCES = ("memorise", "near-miss")
 
 
 def learn(
-    domain: Annotated[str, typer.Argument(help="What to learn: taxi.", autocompletion=one_of(DOMAINS))],
-    size: Annotated[int, typer.Option(help="The grid's side: 5 or 10.")] = 5,
-    learner: Annotated[
-        str,
+    domain: Annotated[str, typer.Argument(help=f"{', '.join(DOMAINS)}.", autocompletion=one_of(DOMAINS))],
+    size: Annotated[int, typer.Option(help="The Taxi grid's side: 5 or 10.")] = 5,
+    world: Annotated[str, typer.Option(help="Where to deliver: a built-in world's name, or a world file.")] = "small",
+    learner: Annotated[str, typer.Option(help=f"{', '.join(LEARNERS)}.", autocompletion=one_of(LEARNERS))] = "doormax",
+    inference: Annotated[
+        str | None,
         typer.Option(
-            help="bayes, doormax, doormax-near-miss, doormax-letter, factored-rmax, rmax, q-learning or "
-            "q-learning-optimistic."
+            help="What DOORMAX makes of failures: memorise, as in the paper, or near-miss, which needs fewer steps and "
+            "assumes one conjunctive condition per action.",
+            autocompletion=one_of(INFERENCES),
         ),
-    ] = "doormax",
+    ] = None,
     repetitions: Annotated[int, typer.Option(help="How many learners, each from knowing nothing.")] = 20,
     seed: SeedOption = 0,
     rules_out: Annotated[Path | None, typer.Option(help="Where to save what the last learner knows, as JSON.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Where to draw the learning curve: a .png or an .svg file.")] = None,
     as_json: JsonOption = False,
+    quiet: QuietOption = False,
 ) -> None:
-    """Run the published Taxi experiment: steps until the policy is optimal from six probes."""
-    if domain not in DOMAINS:
-        raise InputError("DOMAIN", domain, f"is none of {', '.join(DOMAINS)}")
+    """Count the steps until a learner's policy is optimal from six probes, as published for Taxi."""
+    if out is not None and out.suffix not in (".png", ".svg"):
+        raise InputError("--out", str(out), "must end in .png or .svg")
+    chosen = _learner(learner, inference)
     from wherry.experiments.taxi import Settings, TaxiExperiment
+    from wherry.files import write_atomically
     from wherry.learning.rules import save_rules
     from wherry.views.terminal import print_rules, print_table
 
-    experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=repetitions, seed=seed))
-    console = console_for(as_json=as_json)
+    experiment = TaxiExperiment(
+        Settings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
+    )
+    console = console_for(as_json=as_json, quiet=quiet)
     with progress_bar(console, "repetitions") as progress:
-        task = progress.add_task("learning", total=repetitions)
+        task = progress.add_task(f"{chosen}: {experiment.arena.title}", total=repetitions)
         for _ in experiment.repetitions():
             progress.advance(task)
     result = experiment.result()
@@ -47,7 +67,26 @@ def learn(
         if rules_out is not None:
             save_rules(experiment.learner, rules_out)
     figures = result.as_json()
-    print_table(console, f"Taxi {size}×{size}", {name: shown(value) for name, value in figures.items()})
+    print_table(console, experiment.arena.title, {name: shown(value) for name, value in figures.items()})
+    if out is not None:
+        from wherry.views.learning_curve import as_bytes, learning_curves
+
+        figure = learning_curves(
+            {chosen: [run.curve for run in result.runs]}, len(experiment.arena.probes), experiment.arena.title
+        )
+        write_atomically(out, as_bytes(figure, "svg" if out.suffix == ".svg" else "png"))
+        console.print(f"Learning curve: {out}", highlight=False)
     if as_json:
         print_json(figures)
     raise typer.Exit(0 if result.converged == result.repetitions else 1)
+
+
+def _learner(learner: str, inference: str | None) -> str:
+    """The experiment's name for a learner with a way to infer."""
+    if inference is None:
+        return learner
+    if inference not in INFERENCES:
+        raise InputError("--inference", inference, f"is none of {', '.join(INFERENCES)}")
+    if learner != "doormax":
+        raise InputError("--inference", inference, f"is DOORMAX's, not of {learner}")
+    return "doormax-near-miss" if inference == "near-miss" else learner

@@ -1,0 +1,169 @@
+"""Learning curves and steps compared, as pictures for documents: light, labelled, readable without colours."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from wherry.space.pose import Floats
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#6a6a6a", "#56b4e9", "#b8860b", "#000000")
+"""Okabe and Ito's, which most colour-blind people can tell apart; in the order in which learners are given."""
+
+BAND = (10, 90)  # percentiles
+POINTS = 400  # of a curve
+OURS = "#0072b2"
+RING: Mapping[str, Any] = {
+    "marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#d55e00",
+}  # fmt: skip
+INK, FAINT = "#222222", "#d9d9d9"
+
+Run = Sequence[tuple[int, int]]
+"""One learner's life: after every episode the steps so far, and how many probes were solved then."""
+
+
+@dataclass(frozen=True, slots=True)
+class Needed:
+    """How many steps a learner needed, over some repetitions.
+
+    Attributes:
+        name: The learner.
+        steps: [R] of every repetition; one that is known by its mean alone has one.
+        published: Whether others have measured it.
+    """
+
+    name: str
+    steps: Sequence[float]
+    published: bool = False
+
+
+def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) -> Figure:
+    """Probes solved against steps: the median of the repetitions, and the band from 10 to 90 %.
+
+    Args:
+        runs: The repetitions of every learner, by its name; at least one each.
+        probes: How many probes there are.
+        title: What was learnt.
+
+    Returns:
+        The figure; its axis of steps is logarithmic where learners differ by more than a factor of 30.
+    """
+    figure, axes = _paper(7.2, 4.2)
+    ends = {name: max(run[-1][0] for run in lives) for name, lives in runs.items()}
+    last = max(ends.values())
+    logarithmic = last > 30 * min(ends.values())
+    first = min(run[0][0] for lives in runs.values() for run in lives)
+    steps = np.geomspace(max(1, first / 2), last, POINTS) if logarithmic else np.linspace(0, last, POINTS)
+    for (name, lives), colour in zip(runs.items(), COLOURS, strict=False):
+        solved = np.array([solved_by(run, steps) for run in lives])
+        low, median, high = np.percentile(solved, [BAND[0], 50, BAND[1]], axis=0)
+        axes.fill_between(steps, low, high, color=colour, alpha=0.16, linewidth=0, step="post")
+        until = np.searchsorted(median, probes) + 1  # from then on there is nothing more to see
+        axes.plot(steps[:until], median[:until], color=colour, linewidth=2, drawstyle="steps-post", label=name)
+        axes.plot(steps[:until][-1:], median[:until][-1:], "o", color=colour, clip_on=False)
+    if logarithmic:
+        _logarithmic(axes)
+    axes.set_xlim(steps[0], last)
+    axes.set_ylim(-0.15, probes + 0.25)
+    axes.set_yticks(range(probes + 1))
+    axes.set_xlabel("steps in the environment")
+    axes.set_ylabel(f"probes solved optimally, of {probes}")
+    axes.set_title(title, loc="left", fontsize=12, color=INK)
+    count = max(len(lives) for lives in runs.values())
+    note = (
+        f"median of {count} repetitions, and the band from {BAND[0]} to {BAND[1]} %" if count > 1 else "one repetition"
+    )
+    figure.legend(
+        loc="outside lower center", ncols=min(4, len(runs)), frameon=False, fontsize=9, title=note, title_fontsize=8.5
+    )
+    return figure
+
+
+def solved_by(run: Run, steps: Floats) -> Floats:
+    """How many probes a run had solved by some numbers of steps; after its last episode as many as then.
+
+    Args:
+        run: The run.
+        steps: [N] numbers of steps, ascending.
+    """
+    at, solved = np.array([(0, 0), *run]).T
+    counts: Floats = solved[np.searchsorted(at, steps, side="right") - 1].astype(float)
+    return counts
+
+
+def steps_needed(panels: Mapping[str, Sequence[Needed]], title: str) -> Figure:
+    """Steps to the optimum, a row for each learner: a dot for the median, a bar from 10 to 90 %, a ring if published.
+
+    Args:
+        panels: The learners by the panel's heading; every panel has a row for all names of all panels.
+        title: What was learnt.
+    """
+    names = list(dict.fromkeys(row.name for rows in panels.values() for row in rows))
+    figure = Figure(figsize=(9.0, 0.42 * len(names) + 1.5), layout="constrained", facecolor="white")
+    every = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, (heading, rows) in zip(every, panels.items(), strict=True):
+        _style(axes)
+        for row in rows:
+            _needed(axes, names.index(row.name), row)
+        _logarithmic(axes)
+        axes.set_title(heading, loc="left", fontsize=11, color=INK)
+        axes.set_xlabel("steps until all six probes are solved optimally")
+        axes.set_ylim(len(names) - 0.5, -0.5)
+        axes.set_yticks(range(len(names)), names)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12, color=INK)
+    keys = [Line2D([], [], marker="o", color=OURS, alpha=1.0, label=f"wherry: median, {BAND[0]}–{BAND[1]} %")]
+    keys.append(Line2D([], [], **RING, label="published: mean"))
+    figure.legend(handles=keys, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    return figure
+
+
+def _needed(axes: Axes, at: int, row: Needed) -> None:
+    """One row: others' mean as a ring, our repetitions as a bar with a dot; the figure beside it."""
+    if row.published:
+        axes.plot(row.steps, [at] * len(row.steps), **RING, zorder=5)
+        return
+    low, median, high = np.percentile(row.steps, [BAND[0], 50, BAND[1]])
+    axes.plot([low, high], [at, at], color=OURS, alpha=0.35, linewidth=7, solid_capstyle="butt")
+    axes.plot([median], [at], "o", color=OURS, zorder=4)
+    axes.annotate(f"{median:,.0f}", (median, at), (0, 7), textcoords="offset points", ha="center", fontsize=7.5)
+
+
+def as_bytes(figure: Figure, kind: Literal["png", "svg"]) -> bytes:
+    """A figure as a file's content, the same bytes every time."""
+    buffer = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "wherry"}):
+        figure.savefig(buffer, format=kind, dpi=160, metadata={"Date": None} if kind == "svg" else {"Software": None})
+    return buffer.getvalue()
+
+
+def _paper(width: float, height: float) -> tuple[Figure, Axes]:
+    """An empty picture with one pair of axes; sides in inches."""
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    axes = figure.subplots()
+    _style(axes)
+    return figure, axes
+
+
+def _logarithmic(axes: Axes) -> None:
+    """A logarithmic axis of steps, with numbers as people write them."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda steps, _: f"{steps:,.0f}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _style(axes: Axes) -> None:
+    axes.set_facecolor("white")
+    axes.grid(visible=True, color=FAINT, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(colors=INK, length=3)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)

@@ -1,0 +1,73 @@
+"""wherry learn: its JSON, its pictures, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from wherry.commands import learn as command
+from wherry.experiments.arenas import ARENAS
+from wherry.experiments.taxi import LEARNERS
+
+Call = Callable[..., tuple[int, str, str]]
+
+PROMISED = {"steps_mean", "steps_sd", "steps_p95", "converged", "repetitions", "ms_per_step"}
+
+
+def test_the_last_line_is_json_and_the_curve_is_a_picture(call: Call, tmp_path: Path) -> None:
+    status, out, err = call("learn", "taxi", "--inference", "near-miss", "--repetitions", 2, "--json",
+                            "--out", tmp_path / "curve.png", "--rules-out", tmp_path / "rules.json")  # fmt: skip
+    assert status == 0
+    result = json.loads(out)
+    assert set(result) >= PROMISED
+    assert (result["converged"], result["repetitions"], result["learner"]) == (2, 2, "doormax-near-miss")
+    assert "N: if not touch_N(taxi, wall): taxi.y += 1" in err
+    with Image.open(tmp_path / "curve.png") as picture:
+        assert min(picture.size) > 500
+        assert picture.convert("RGB").getpixel((3, 3)) == (255, 255, 255)
+    assert json.loads((tmp_path / "rules.json").read_text())["domain"]["name"] == "taxi"
+
+
+def test_inference_chooses_how_doormax_generalizes(call: Call) -> None:
+    def steps(inference: str) -> float:
+        _, out, _ = call("learn", "taxi", "--inference", inference, "--repetitions", 3, "--json", "--quiet")
+        mean: float = json.loads(out)["steps_mean"]
+        return mean
+
+    assert steps("near-miss") < steps("memorise")
+
+
+def test_other_domains_are_learnt(call: Call) -> None:
+    status, out, err = call("learn", "delivery", "--learner", "bayes", "--repetitions", 1, "--quiet", "--json")
+    assert (status, err) == (0, "")
+    assert json.loads(out)["domain"] == "delivery"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["chess"], "wherry: DOMAIN: chess: is none of taxi, delivery, gymnasium-taxi\n"),
+        (["taxi", "--inference", "guess"], "wherry: --inference: guess: is none of memorise, near-miss\n"),
+        (
+            ["taxi", "--learner", "bayes", "--inference", "near-miss"],
+            "wherry: --inference: near-miss: is DOORMAX's, not of bayes\n",
+        ),
+        (["taxi", "--out", "curve.jpg"], "wherry: --out: curve.jpg: must end in .png or .svg\n"),
+        (["taxi", "--size", "7"], "wherry: --size: 7: is none of 5, 10\n"),
+        (["delivery", "--world", "nowhere"], "wherry: nowhere: is neither a file nor one of the worlds"),
+    ],
+)
+def test_what_there_is_not_is_refused(call: Call, arguments: list[str], line: str) -> None:
+    status, out, err = call("learn", *arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith(line)
+    assert err.count("\n") == 1
+
+
+def test_the_command_offers_what_the_experiment_has() -> None:
+    assert tuple(ARENAS) == command.DOMAINS
+    assert {*command.LEARNERS, "doormax-near-miss"} == set(LEARNERS)
