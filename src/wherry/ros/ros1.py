@@ -86,11 +86,10 @@ class Ros1:
         Raises:
             InputError: ROS has shut this node down, for another of its name has started.
         """
+        if self._rospy.is_shutdown():
+            raise InputError("ROS 1", self._rospy.get_name(), "another node of this name took its place")
         self.advertise(topic)
-        try:
-            self._publishers[topic.name].publish(to_ros1(message))
-        except self._rospy.ROSException as error:
-            raise InputError("ROS 1", self._rospy.get_name(), "another node of this name took its place") from error
+        self._publishers[topic.name].publish(to_ros1(message))
 
     def subscribe(self, topic: Topic[M], heard: Callable[[M], None]) -> None:
         """As `Transport.subscribe`."""

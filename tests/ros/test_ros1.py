@@ -1,0 +1,209 @@
+"""A node of ours in a real ROS 1: a real roscore, and a node of Debian's rospy at the other end."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ros1_system import Peer, Program, Roscore, require, wait_until
+from wherry.errors import InputError
+from wherry.ros.ros1_master import Master, MasterError, choose_interface, wait_for_master
+
+SCAN, STRING = "sensor_msgs/LaserScan", "std_msgs/String"
+ECHO = """
+import sys
+from wherry.errors import InputError
+from wherry.ros.messages import LaserScan, String
+from wherry.ros.ros1 import Ros1
+from wherry.ros.transport import Quality, Topic
+
+there, back = (Topic(name, LaserScan, Quality.SENSOR) for name in ("/there", "/back"))
+latched = Topic("/latched", String, Quality.LATCHED)
+with Ros1(sys.argv[1], sys.argv[2]) as node:
+    node.set_parameter("/answer", 42)
+    node.publish(latched, String("once"))
+    node.advertise(back)
+    node.subscribe(there, lambda scan: node.publish(back, scan))
+    print("ready")
+    for line in sys.stdin:
+        try:
+            node.publish(back, LaserScan())
+        except InputError as error:
+            print(error)
+        else:
+            print(node.publishers_of(there), node.subscribers_of(back), node.connected())
+print("closed")
+"""
+
+
+@pytest.fixture(scope="module")
+def roscore(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Roscore]:
+    require("roscore")
+    with Roscore(tmp_path_factory.mktemp("ros1")) as roscore:
+        yield roscore
+
+
+@pytest.fixture
+def node(roscore: Roscore) -> Iterator[Program]:
+    with roscore.python(ECHO, "echo", "") as node:
+        wait_until(lambda: "ready" in node.output, 20.0, node.output)
+        yield node
+
+
+def ask(node: Program) -> str:
+    """How many publish and listen, and whether the node is connected; or its error."""
+    said = len(node.lines)
+    assert node.process.stdin is not None
+    node.process.stdin.write("\n")
+    node.process.stdin.flush()
+    wait_until(lambda: len(node.lines) > said, 5.0, "an answer")
+    return node.lines[said].strip()
+
+
+def send(peer: Peer, topic: str, number: int) -> None:
+    peer.send(topic, SCAN, {"header": {"frame_id": "laser"}, "scan_time": float(number), "ranges": [1.5] * 360})
+
+
+def test_messages_go_there_and_back_and_latched_ones_reach_latecomers(roscore: Roscore, node: Program) -> None:
+    with roscore.peer() as peer:
+        peer.listen("/latched", STRING)
+        assert peer.wait_for("/latched", 1, 5.0) == [{"data": "once"}]
+        peer.listen("/back", SCAN)
+        for number in range(100):
+            send(peer, "/there", number)
+        echoed = peer.wait_for("/back", 100, 10.0)
+    assert [scan["scan_time"] for scan in echoed] == list(range(100)), "none is lost, in order"
+    assert echoed[0]["header"]["frame_id"] == "laser"
+    assert echoed[0]["ranges"] == [1.5] * 360
+
+
+def test_others_are_counted_and_the_dead_are_not(roscore: Roscore, node: Program) -> None:
+    assert ask(node) == "0 0 True"
+    with roscore.peer("one") as one, roscore.peer("two") as two:
+        for peer in (one, two):
+            send(peer, "/there", 0)
+        one.listen("/back", SCAN)
+        wait_until(lambda: ask(node) == "2 1 True", 5.0, "two publishers, one listener")
+        two.kill()
+        wait_until(lambda: ask(node) == "1 1 True", 5.0, "the master still names the dead one")
+
+
+def test_a_master_that_dies_and_comes_back(roscore: Roscore, node: Program) -> None:
+    with roscore.peer("before") as peer:
+        peer.listen("/back", SCAN)
+        send(peer, "/there", 1)
+        peer.wait_for("/back", 1, 5.0)
+        roscore.kill()
+        wait_until(lambda: ask(node).endswith("False"), 5.0, "the node notices")
+        heard = len(peer.heard["/back"])
+        send(peer, "/there", 2)
+        peer.wait_for("/back", heard + 1, 5.0)
+        assert peer.last("/back")["scan_time"] == 2.0, "topics work without a master"
+    roscore.start()
+    wait_until(lambda: ask(node).endswith("True"), 5.0, "the node has found the new master")
+    with roscore.peer("after") as peer:
+        peer.listen("/latched", STRING)
+        assert peer.wait_for("/latched", 1, 5.0) == [{"data": "once"}]
+        peer.listen("/back", SCAN)
+        send(peer, "/there", 3)
+        wait_until(lambda: any(news["message"]["scan_time"] == 3.0 for news in peer.heard["/back"]), 5.0, "an echo")
+        assert peer.parameter("/answer") == 42
+
+
+def test_it_listens_on_the_loopback_interface_alone(node: Program) -> None:
+    inodes = {entry.stat().st_ino for entry in Path(f"/proc/{node.process.pid}/fd").iterdir()}
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    listening = [row[1] for row in rows if row[3] == "0A" and int(row[9]) in inodes]
+    assert len(listening) == 2, "one for XML-RPC, one for topics"
+    assert {address.split(":")[0] for address in listening} == {"0100007F"}
+    assert not Path("/proc/net/tcp6").exists() or not any(
+        int(line.split()[9]) in inodes for line in Path("/proc/net/tcp6").read_text().splitlines()[1:]
+    )
+
+
+def test_a_node_of_the_same_name_takes_its_place(roscore: Roscore, node: Program) -> None:
+    with roscore.python(ECHO, "echo", "") as other:
+        wait_until(lambda: "ready" in other.output, 20.0, other.output)
+        wait_until(lambda: "another node of this name took its place" in ask(node), 5.0, "the first one says so")
+        assert ask(other).endswith("True")
+
+
+def test_two_robots_have_the_same_node_in_two_namespaces(roscore: Roscore, node: Program) -> None:
+    with roscore.python(ECHO, "echo", "/robot2") as other:
+        wait_until(lambda: "ready" in other.output, 20.0, other.output)
+        wait_until(lambda: ask(node) == "0 0 True", 5.0, "the first one lives")
+        master = Master("/test", roscore.environment["ROS_MASTER_URI"])
+        assert master.is_alive("/echo")
+        assert master.is_alive("/robot2/echo")
+        master.close()
+
+
+def test_closing_leaves_nothing_with_the_master(roscore: Roscore, node: Program) -> None:
+    assert node.process.stdin is not None
+    node.process.stdin.close()
+    assert node.finish(10.0) == 0
+    assert node.lines[-1] == "closed\n"
+    master = Master("/test", roscore.environment["ROS_MASTER_URI"])
+    publishers, subscribers, _ = master.ask("getSystemState")
+    master.close()
+    assert "/echo" not in {name for _, names in publishers + subscribers for name in names}
+
+
+# ---- without a master
+
+
+@pytest.fixture
+def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    for name in ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME"):
+        monkeypatch.setenv(name, "")  # so that what is set in a test is undone after it
+        monkeypatch.delenv(name)
+    return monkeypatch
+
+
+def test_loopback_is_where_a_node_listens_unless_told_otherwise(environment: pytest.MonkeyPatch) -> None:
+    assert choose_interface() == "http://127.0.0.1:11311"
+    assert os.environ["ROS_IP"] == "127.0.0.1"
+    environment.setenv("ROS_IP", "192.0.2.1")
+    choose_interface()
+    assert os.environ["ROS_IP"] == "192.0.2.1"
+    choose_interface("192.0.2.2")
+    assert os.environ["ROS_IP"] == "192.0.2.2"
+
+
+def test_a_master_elsewhere_needs_an_address_that_it_can_reach(environment: pytest.MonkeyPatch) -> None:
+    environment.setenv("ROS_MASTER_URI", "http://192.0.2.9:11311")
+    with pytest.raises(InputError, match="set ROS_IP to the address"):
+        choose_interface()
+    assert choose_interface("192.0.2.1") == "http://192.0.2.9:11311"
+
+
+@pytest.mark.parametrize("uri", ["nonsense", "", "http://"])
+def test_what_is_no_address_is_told(environment: pytest.MonkeyPatch, uri: str) -> None:
+    environment.setenv("ROS_MASTER_URI", uri)
+    with pytest.raises(InputError, match="is no address"):
+        choose_interface()
+
+
+def test_no_master_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wherry.ros.ros1_master.PATIENCE", 0.3)
+    with pytest.raises(InputError, match="no ROS master answers there; start one: roscore"):
+        wait_for_master(f"http://127.0.0.1:{_closed_port()}")
+
+
+def test_a_server_that_is_no_master_is_no_master() -> None:
+    master: Any = Master("/test", f"http://127.0.0.1:{_closed_port()}")
+    with pytest.raises(MasterError, match="getPid"):
+        master.ask("getPid")
+    master.close()
+
+
+def _closed_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port

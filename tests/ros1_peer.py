@@ -1,0 +1,98 @@
+"""A node of ROS 1 that knows nothing of wherry: it says on standard output what it hears, and sends what it is told to.
+
+Run by Debian's Python, in a process of its own; a line of JSON in is a request, lines of JSON come out.
+"""
+
+import importlib
+import json
+import sys
+import threading
+import time
+
+import genpy
+import rospy
+import tf2_ros
+
+LOCK = threading.Lock()
+
+
+def say(**news):
+    with LOCK:
+        print(json.dumps(news), flush=True)  # noqa: T201
+
+
+def class_of(type_name):
+    package, name = type_name.split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
+
+
+def plain(value):
+    if hasattr(value, "__slots__"):
+        return {name: plain(getattr(value, name)) for name in value.__slots__}
+    if isinstance(value, list | tuple | bytes):
+        return [plain(one) for one in value]
+    return value
+
+
+def wait_for_connection(end):
+    deadline = time.monotonic() + 1.0
+    while not end.get_num_connections() and time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
+class Node:
+    def __init__(self):
+        self.publishers = {}
+        self.listener = None
+
+    def listen(self, request):
+        topic = request["topic"]
+
+        def heard(message):
+            say(topic=topic, at=time.monotonic(), message=plain(message))
+
+        kind = class_of(request["type"])
+        listener = rospy.Subscriber(topic, kind, heard, queue_size=1000, buff_size=1 << 22, tcp_nodelay=True)
+        wait_for_connection(listener)
+
+    def send(self, request):
+        topic, kind = request["topic"], class_of(request["type"])
+        if topic not in self.publishers:
+            self.publishers[topic] = rospy.Publisher(topic, kind, queue_size=1000, latch=request["latch"])
+            wait_for_connection(self.publishers[topic])
+        message = kind()
+        genpy.message.fill_message_args(message, [request["message"]])
+        self.publishers[topic].publish(message)
+
+    def stop_sending(self, request):
+        self.publishers.pop(request["topic"]).unregister()
+
+    def parameter(self, request):
+        return rospy.get_param(request["name"])
+
+    def transform(self, request):
+        if self.listener is None:
+            self.buffer = tf2_ros.Buffer()
+            self.listener = tf2_ros.TransformListener(self.buffer)
+        deadline = time.monotonic() + request["patience"]
+        while True:
+            try:
+                found = self.buffer.lookup_transform(request["target"], request["source"], rospy.Time(0)).transform
+                break
+            except Exception as error:
+                if time.monotonic() > deadline:
+                    return str(error)
+                time.sleep(0.05)
+        shift, turn = found.translation, found.rotation
+        return [shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w]
+
+
+def main():
+    rospy.init_node(sys.argv[1], disable_rostime=True, disable_rosout=True)
+    node = Node()
+    for line in sys.stdin:
+        request = json.loads(line)
+        say(answer=getattr(node, request["do"].replace(" ", "_"))(request))
+
+
+main()
