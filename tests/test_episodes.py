@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import runpy
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +23,7 @@ from wherry.domains.delivery import (
 from wherry.domains.taxi import taxi_grid
 from wherry.episodes import GoalAgent, PolicyAgent, Step, run
 from wherry.floorplan import Cell, FloorPlan, built_in_worlds, find_world
-from wherry.learning.doormax import Doormax
+from wherry.learning.doormax import Doormax, FailureScope
 from wherry.learning.learners import LEARNERS, RuleLearner
 from wherry.learning.rules import load_rules, save_rules
 from wherry.oomdp.domain import Action, Domain
@@ -244,3 +246,50 @@ def test_a_policy_agent_learns_taxi() -> None:
     lengths = [sum(1 for _ in run(environment, agent, rng, max_steps=100)) for _ in range(40)]
     assert max(lengths[:10]) == 100
     assert max(lengths[-10:]) <= 40
+
+
+def lights() -> Any:
+    """The example domain: an action with a parameter, and three lamps of which it changes one."""
+    return runpy.run_path(str(Path(__file__).parents[1] / "docs" / "examples" / "lights.py"))
+
+
+@pytest.mark.parametrize("scope", ["action", "attribute"])
+@pytest.mark.parametrize("seed", range(4))
+def test_doormax_says_which_assumption_several_objects_violate_and_goes_on(seed: int, scope: FailureScope) -> None:
+    """A lamp stays as it is for two reasons: another one was meant, or it was off. No one condition explains both."""
+    example = lights()
+    learner = Doormax(example["DOMAIN"], failure_scope=scope)
+    agent = GoalAgent(learner, example["lit"])
+    environment = DeterministicMdp(example["DOMAIN"], example["what_happens"], example["begin"])
+    steps = list(run(environment, agent, np.random.default_rng(seed), max_steps=100))
+    assert example["lit"](steps[-1].transition.next_state) == 0
+    assert agent.gave_up is None
+    said = [violation for violation in learner.violations if violation.startswith("SWITCH_OFF, lamp.lit")]
+    assert len(said) == (scope == "action")
+
+
+@pytest.mark.parametrize("scope", ["action", "attribute"])
+def test_doormax_delivers_two_boxes_with_rewards_learnt(scope: FailureScope) -> None:
+    """Whether the last box was delivered is in no term: that the same step ended an episode once is reported."""
+    environment = grid("small")
+    learner = Doormax(environment.domain, failure_scope=scope)
+    agent, rng = PolicyAgent(learner, ValueIteration(learner)), np.random.default_rng(0)
+    for _ in range(5):
+        steps = list(run(environment, agent, rng, max_steps=2000))
+        assert steps[-1].transition.terminated
+    assert any(violation.startswith("DROPOFF: the reward, or whether") for violation in learner.violations)
+
+
+def test_an_agent_that_gives_up_says_why() -> None:
+    """A switch that does nothing: when every condition was tried, it stops."""
+    example = lights()
+
+    def broken(state: State, action: Action) -> Transition:
+        done = example["what_happens"](state, action)
+        return done if action.name != "SWITCH_OFF" else Transition(state, action, state, -1.0, terminated=False)
+
+    agent = GoalAgent(Doormax(example["DOMAIN"]), example["lit"])
+    environment = DeterministicMdp(example["DOMAIN"], broken, example["begin"])
+    steps = list(run(environment, agent, np.random.default_rng(0), max_steps=500))
+    assert len(steps) < 500
+    assert agent.gave_up == "3 left to do, and no way to do it is known or can be found out"

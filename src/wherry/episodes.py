@@ -172,6 +172,7 @@ class GoalAgent:
         self._exploring = False
         self._planned_with: dict[str, int] = {}
         self._failed = Counter[tuple[State, Action]]()
+        self._gave_up: str | None = None
 
     @property
     def domain(self) -> Domain:
@@ -182,6 +183,11 @@ class GoalAgent:
     def unknown(self) -> int:
         """How many pairs of a condition and an action, among the conditions met so far, it cannot predict."""
         return self._unknown.count()
+
+    @property
+    def gave_up(self) -> str | None:
+        """Why it stopped before the job was done, in words; None as long as it did not."""
+        return self._gave_up
 
     @property
     def plan(self) -> tuple[State, ...]:
@@ -200,6 +206,7 @@ class GoalAgent:
         if not self._exploring and self.learner.doubtful:
             self._settle_doubt(state)
         if not self._plan.actions:
+            self._gave_up = self._why_nothing_is_left(state)
             return None
         action = self._plan.actions[0]
         return Decision(action, self.learner.predict(state, action), self._exploring)
@@ -226,6 +233,14 @@ class GoalAgent:
         experiment = cheapest_experiment(self._successors, state) if left > 0 else None
         if experiment is not None:
             self._plan, self._exploring = experiment, True
+
+    def _why_nothing_is_left(self, state: State) -> str | None:
+        """What is left of the job, and which of the learner's assumptions were violated; None when the job is done."""
+        left = self.remaining(state)
+        if left <= 0:
+            return None
+        reasons = (f"{left:g} left to do, and no way to do it is known or can be found out", *self.learner.violations)
+        return "; ".join(reasons)
 
     def _settle_doubt(self, state: State) -> None:
         """Leave the plan for an experiment nearby, so that what is learnt here holds elsewhere, too."""

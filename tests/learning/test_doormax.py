@@ -115,12 +115,39 @@ def test_more_than_k_effects_remove_the_type() -> None:
 
 def test_an_attribute_that_no_type_explains_is_reported_and_not_explored_for_ever() -> None:
     doormax = learner(max_effects=1)
-    for switches, counter in [("100", (0, 5)), ("010", (0, 9)), ("001", (0, 2))]:
+    for switches, counter in [("100", (0, 5)), ("010", (0, 9))]:
         teach(doormax, switches, counter)
     (violation,) = doormax.violations
-    assert violation.startswith("PRESS, machine.counter: no type of effect explains what was seen")
+    assert violation.startswith(
+        "PRESS, machine.counter: no type of effect explains where it changes and where it stays"
+    )
     assert "increment: more than 1 different effects" in violation
+    assert counter_of(ask(doormax, "010")) == 9  # learnt anew, from its changes alone
+    teach(doormax, "001", (0, 2))
+    assert doormax.violations[1].startswith("PRESS, machine.counter: no type of effect explains its changes")
     assert ask(doormax, "111").probability == 0.0
+    before = dict(doormax.revisions)
+    teach(doormax, "001", (0, 2))
+    assert len(doormax.violations) == 2
+    assert doormax.revisions == before  # nothing is left to be learnt of it
+
+
+def test_to_the_letter_nothing_is_learnt_anew() -> None:
+    doormax = learner(max_effects=1, refutation=False)
+    for switches, counter in [("100", (0, 5)), ("010", (0, 9)), ("001", (0, 2))]:
+        teach(doormax, switches, counter)
+    assert doormax.violations
+    assert ask(doormax, "001").probability == 0.0
+
+
+def test_rewards_that_no_condition_tells_apart_are_reported() -> None:
+    doormax = learner()
+    teach(doormax, "101", (3, 4), reward=1.0)
+    assert doormax.violations == ()
+    teach(doormax, "101", (5, 6), reward=2.0)
+    (violation,) = doormax.violations
+    assert violation.startswith("PRESS: the reward, or whether the episode ended, was not the same each time")
+    assert "machine.s0 and not machine.s1 and machine.s2" in violation
 
 
 def test_an_attribute_left_alone_needs_no_condition() -> None:

@@ -200,7 +200,7 @@ class BayesianLearner:
     @property
     def violations(self) -> tuple[str, ...]:
         """Where the same action under the same condition once did this and once that, in words."""
-        return tuple(self._violations)
+        return (*self._violations, *self.rewards.violations(self.domain.term_names))
 
     def predict(self, state: State, action: Action) -> Prediction:
         """Tell what an action most likely does in a state, and what else it may do."""

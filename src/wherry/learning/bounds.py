@@ -56,9 +56,9 @@ class UnknownAnswers:
         _, *own = self.learner.domain.conditions(transition.state, transition.action)
         for item, terms in zip(transition.state.objects, own, strict=True):
             for attribute, before, after in observed(item, transition.next_state.get(item.name)):
-                if before == after and self.learner.failure_scope == "attribute":
-                    continue
                 subject = Subject(action, item.object_class.name, attribute.name)
+                if before == after and self.learner.from_changes_alone(subject):
+                    continue
                 alive = self.learner.predictions.models[subject]
                 for effect in eff_att(attribute, before, after, self.learner.effect_types):
                     if effect.type in alive:

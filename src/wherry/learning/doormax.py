@@ -2,7 +2,8 @@
 
 The paper prints the two algorithms with slips; they are corrected here as `docs/paper.md` tells. Two things are added,
 since without them some runs never find the optimal policy: a type of effect that predicts what is then not observed is
-refuted, and where all types of an action and attribute are gone that is reported instead of being explored for ever.
+refuted, and where all types of an action and attribute are gone that is reported, and the attribute is learnt anew from
+its changes alone; if that fails too, the action is not explored for ever.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ class Doormax:
         effect_types: The effect types to consider.
         refutation: Whether a type whose prediction turned out wrong is removed. False: to the letter of the paper.
         failure_scope: Whether a failure condition says that the action changes nothing at all ("action", the paper),
-            or one is kept for every attribute ("attribute").
+            or one is kept for every attribute ("attribute"). With several objects of a class an attribute may stay
+            for different reasons (another lamp was switched off; this one was off already), which no condition
+            explains; where that shows, "action" is given up for that attribute and said so.
         inference: Whether failure conditions are memorised ("memorise", the paper) or others are inferred from them
             ("near-miss", see `wherry.learning.near_miss`).
         reward: R(s, a, s') where it is given; else it is learnt.
@@ -80,7 +83,7 @@ class Doormax:
     def violations(self) -> tuple[str, ...]:
         """The assumptions that experience has contradicted, in words."""
         revoked = () if self.near_misses is None else self.near_misses.violations
-        return (*self._violations, *revoked)
+        return (*self._violations, *revoked, *self.rewards.violations(self.domain.term_names))
 
     def predict(self, state: State, action: Action) -> Prediction:
         """Tell what an action does in a state (the paper's predictTransition, with the reward)."""
@@ -123,7 +126,7 @@ class Doormax:
         attributes = []
         for subject in self.predictions.subjects[action, object_class.name]:  # line 3
             if terms in self.failures.get(subject, ()):
-                continue
+                continue  # it stays as it is
             found = self.predictions.effects(subject, terms)  # lines 5, 6
             if not found:
                 return subject
@@ -210,7 +213,7 @@ class Doormax:
 
     def _learn(self, subject: Subject, attribute: Attribute, condition: Condition, before: Value, after: Value) -> bool:
         """Learn from what happened to one attribute of one object; return whether that changed anything."""
-        if self.failure_scope == "attribute":
+        if self.from_changes_alone(subject):
             if before == after:
                 return self._add_failure(subject, condition.value)
             self._retract_failure(subject, condition.value)
@@ -219,9 +222,17 @@ class Doormax:
         for effect in effects:  # line 7
             if effect.type in self.predictions.models[subject]:
                 changed |= self._add_effect(subject, condition, effect)
-        if not self.predictions.models[subject]:
+        if not self.predictions.alive(subject):
             self._report_no_type_left(subject)
+            if self.refutation and not self.from_changes_alone(subject):
+                self.failures[subject] = set()
+                self.predictions.begin_anew(subject)
+                self._learn(subject, attribute, condition, before, after)
         return changed
+
+    def from_changes_alone(self, subject: Subject) -> bool:
+        """Whether an attribute that stays as it is counts as a failure, and not as an effect that keeps it."""
+        return self.failure_scope == "attribute" or subject in self.failures
 
     def _add_effect(self, subject: Subject, condition: Condition, effect: Effect) -> bool:
         """Lines 8 to 27: learn that an effect happened under a condition; return whether that changed anything."""
@@ -295,8 +306,10 @@ class Doormax:
         return True
 
     def _report_no_type_left(self, subject: Subject) -> None:
+        """Say so in words; what it leads to depends on whether the attribute is learnt from its changes alone."""
         reasons = "; ".join(f"{name}: {reason}" for name, reason in self.predictions.removed[subject].items())
-        self._violations[f"{subject}: no type of effect explains what was seen ({reasons})"] = None
+        known = "its changes" if self.from_changes_alone(subject) else "where it changes and where it stays"
+        self._violations[f"{subject}: no type of effect explains {known} ({reasons})"] = None
 
     def _learn_worth(self, transition: Transition, whole: int) -> bool:
         """Learn the reward and whether the episode ended, unless both are given."""

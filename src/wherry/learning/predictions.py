@@ -59,15 +59,19 @@ class Predictions:
             for action in self.domain.actions
             for item in classes
         }
-        self.models = {
-            Subject(action, item.name, attribute.name): {
-                name: {} for name, effect_type in self.effect_types.items() if attribute.kind in effect_type.kinds
-            }
-            for action in self.domain.actions
-            for item in classes
-            for attribute in item.changeable
+        self.models, self.removed = {}, {}
+        for action in self.domain.actions:
+            for item in classes:
+                for attribute in item.changeable:
+                    self.begin_anew(Subject(action, item.name, attribute.name))
+
+    def begin_anew(self, subject: Subject) -> None:
+        """Know nothing of an attribute: all types that apply to it are alive, without any prediction."""
+        attribute = self.domain.classes_by_name[subject.class_name].attribute(subject.attribute)
+        self.models[subject] = {
+            name: {} for name, effect_type in self.effect_types.items() if attribute.kind in effect_type.kinds
         }
-        self.removed = {subject: {} for subject in self.models}
+        self.removed[subject] = {}
 
     def alive(self, subject: Subject) -> bool:
         """Whether some effect type may still explain the attribute."""

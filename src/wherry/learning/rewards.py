@@ -7,6 +7,7 @@ conditions of equal rewards are merged as DOORMAX's are, and where merged condit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from wherry.oomdp.conditions import Condition
@@ -28,11 +29,15 @@ class _Cases:
     merged: dict[Value, Condition] | None = field(default_factory=dict)
     seen: dict[int, Value] = field(default_factory=dict)
 
+    def contradicts(self, terms: int, value: Value) -> bool:
+        """Whether another value was seen under the same condition."""
+        return self.seen.get(terms, value) != value
+
     def add(self, condition: Condition, value: Value) -> bool:
-        """Take in what was seen; return whether that was new."""
+        """Take in what was seen; return whether that was new. Of values that contradict each other the last counts."""
         if self.seen.get(condition.value) == value:
             return False
-        contradicted = condition.value in self.seen
+        contradicted = self.contradicts(condition.value, value)
         self.seen[condition.value] = value
         if self.merged is not None:
             before = self.merged.get(value)
@@ -71,12 +76,24 @@ class Rewards:
         self.generalize = generalize
         self.cases: dict[str, dict[Changed, _Cases]] = {}
         self.end_seen = False  # whether some step ended an episode
+        self._contradictions: dict[tuple[str, int], None] = {}
 
     def add(self, action: str, terms: int, worth: Worth) -> bool:
         """Learn what a step was worth; return whether predictions may have changed."""
         cases = self.cases.setdefault(action, {}).setdefault(worth.changed, _Cases())
         self.end_seen |= worth.terminated
-        return cases.add(Condition.of(self.size, terms), (worth.reward, worth.terminated))
+        value = worth.reward, worth.terminated
+        if cases.contradicts(terms, value):
+            self._contradictions[action, terms] = None
+        return cases.add(Condition.of(self.size, terms), value)
+
+    def violations(self, term_names: Sequence[str]) -> tuple[str, ...]:
+        """Where the same step under the same condition was worth different things, in words: terms are missing."""
+        return tuple(
+            f"{action}: the reward, or whether the episode ended, was not the same each time "
+            f"(where {Condition.of(self.size, terms).words(term_names)})"
+            for action, terms in self._contradictions
+        )
 
     def worths(self, action: str, terms: int) -> tuple[Worth, ...]:
         """What is known of an action's worth under a condition, given as bits."""
