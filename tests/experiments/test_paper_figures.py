@@ -1,0 +1,36 @@
+"""The paper's figures, made by our own runs."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from wherry.experiments.paper_figures import CAPTIONS, reproduce
+
+PARTICLE = re.compile(r'<line class="particle" x1="(\S+)" y1="(\S+)"')
+
+
+@pytest.mark.slow
+def test_every_figure_is_made_and_shown(tmp_path: Path) -> None:
+    images = tmp_path / "images"
+    images.mkdir()
+    told: list[tuple[int, int]] = []
+    markdown = reproduce(images, lambda done, total: told.append((done, total)))
+    assert sorted(path.name for path in images.iterdir()) == sorted(CAPTIONS)
+    assert all(f"(images/{name})" in markdown for name in CAPTIONS)
+    assert told == [(done, len(CAPTIONS)) for done in range(len(CAPTIONS))]
+    for name in ("fig1a-taxi.png", "fig1b-world.png"):
+        assert len(np.unique(np.array(Image.open(io.BytesIO((images / name).read_bytes()))))) > 10
+    # The cloud begins everywhere and ends in one place.
+    spread = []
+    for number in range(3):
+        svg = (images / f"fig3-particles-{number}.svg").read_text()
+        spread.append(np.array([match.groups() for match in PARTICLE.finditer(svg)], float).std(axis=0).max())
+    assert spread[0] > 1.0 > 0.1 > spread[2]
+    assert 'class="plan"' in (images / "fig4-map.svg").read_text()
+    assert (images / "fig3-laser.svg").read_text().count('class="beam"') > 100
