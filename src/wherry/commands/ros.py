@@ -200,12 +200,8 @@ def _tell_master(transport: Transport, namespace: str) -> None:
 def open_transport(generation: int, name: str, namespace: str, interface: str) -> Transport:
     """Become a node."""
     if generation == 1:
-        import os
-
         from wherry.ros.ros1 import Ros1
 
-        if interface:
-            os.environ["ROS_IP"] = interface  # as rospy takes it
         return Ros1(name, namespace, interface)
     from wherry.ros.ros2 import LOOPBACK, DdsTransport
 
