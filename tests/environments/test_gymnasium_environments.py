@@ -206,10 +206,30 @@ def test_observations_flatten_to_one_number_per_value(name: str, settings: dict)
     assert observation.sum() == attributes
 
 
-def test_stable_baselines3_trains_on_the_flattened_observation() -> None:
-    sb3 = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
-    environment = gymnasium.wrappers.FlattenObservation(gymnasium.make("wherry/Taxi-v0"))
-    model = sb3.PPO("MlpPolicy", environment, n_steps=64, batch_size=32, n_epochs=1, seed=0, device="cpu")
-    model.learn(128)
-    action, _ = model.predict(environment.reset(seed=0)[0], deterministic=True)
-    assert environment.action_space.contains(np.int64(action))
+@pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
+def test_what_trainers_of_networks_rely_on(name: str, settings: dict) -> None:
+    """Stable-Baselines3 and its like: vectors of finite numbers, all of one shape and type, through many episodes."""
+    count, steps = 4, 300
+    environments = gymnasium.make_vec(
+        name, count, vectorization_mode="sync", wrappers=[gymnasium.wrappers.FlattenObservation], **settings
+    )
+    space, actions = environments.single_observation_space, environments.single_action_space
+    assert isinstance(space, gymnasium.spaces.Box | gymnasium.spaces.MultiBinary | gymnasium.spaces.MultiDiscrete)
+    assert isinstance(actions, gymnasium.spaces.Discrete)
+    rng = np.random.default_rng(0)
+    observations, _ = environments.reset(seed=0)
+    assert observations.shape == (count, *space.shape)
+    weights, paid = np.zeros((space.shape[0], int(actions.n))), 0.0
+    for _ in range(steps):
+        scores = observations @ weights + rng.gumbel(size=(count, int(actions.n)))
+        chosen = scores.argmax(axis=1)
+        seen, rewards, ended, cut, _ = environments.step(chosen)
+        assert (seen.shape, seen.dtype) == (observations.shape, observations.dtype)
+        assert np.isfinite(rewards).all()
+        for row, action, reward in zip(observations, chosen, rewards, strict=True):
+            weights[:, action] += 0.01 * reward * row
+        observations, paid = seen, paid + float(rewards.sum())
+        assert not (ended & cut).any()
+    assert np.isfinite(weights).all()
+    assert -10 * count * steps <= paid < 0
+    environments.close()
