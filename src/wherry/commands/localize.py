@@ -9,6 +9,7 @@ import typer
 
 from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
 from wherry.commands.recording import RecordOption, recorded_log
+from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 
 
 def localize(
@@ -21,11 +22,15 @@ def localize(
     lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")] = False,
     record: RecordOption = None,
     out: Annotated[Path | None, typer.Option(help="Where to write trajectory and picture.")] = None,
+    view: ViewOption = False,
+    host: HostOption = LOOPBACK,
+    port: PortOption = PORT,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Find the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
     from wherry.experiments import localization
+    from wherry.experiments.log_trace import LogTrace
     from wherry.views.terminal import print_table
 
     run = localization.prepare(
@@ -40,20 +45,25 @@ def localize(
         )
     )
     console = console_for(as_json=as_json, quiet=quiet)
-    with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
-        task = progress.add_task("localizing", total=len(run))
-        if recording is not None:
-            recording.map(run.grid, run.log.scans[0].time)
-        for located in run.steps():
-            progress.update(task, completed=located.index + 1)
+    with watched(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
+        trace = LogTrace("localize", log.name, run.log, sink)
+        trace.map(run.grid)
+        with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
+            task = progress.add_task("localizing", total=len(run))
             if recording is not None:
-                recording.scan(located.index, located.found.pose, run.localizer.amcl.particles)
-    result = run.result()
-    if result.unknown_parameters:
-        console.print(f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")
-    figures = result.as_dict()
-    print_table(console, f"{log.name} on {map_file.name}", {name: shown(value) for name, value in figures.items()})
-    if out is not None:
-        console.print("Written: " + ", ".join(str(path) for path in run.save(out)))
+                recording.map(run.grid, run.log.scans[0].time)
+            for located in run.steps():
+                progress.update(task, completed=located.index + 1)
+                trace.scan(located.index, located.found.pose, run.localizer.amcl.particles)
+                trace.doubt(located.index, located.found.lost_probability)
+                if recording is not None:
+                    recording.scan(located.index, located.found.pose, run.localizer.amcl.particles)
+        result = run.result()
+        if result.unknown_parameters:
+            console.print(f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")
+        figures = result.as_dict()
+        print_table(console, f"{log.name} on {map_file.name}", {name: shown(value) for name, value in figures.items()})
+        if out is not None:
+            console.print("Written: " + ", ".join(str(path) for path in run.save(out)))
     if as_json:
         print_json(figures)

@@ -39,7 +39,11 @@ def watched(
         view: Whether to show the run. The page then stays until everybody has closed it, or until Ctrl-C.
         host: The address to serve on.
         port: The port.
+
+    Raises:
+        InputError: The folder cannot be written to, or the address cannot be served on.
     """
+    from wherry.errors import InputError
     from wherry.trace import both, ignore
 
     with contextlib.ExitStack() as stack:
@@ -47,6 +51,10 @@ def watched(
         if out is not None:
             from wherry.views.recordings import FILE_NAME, Recorder
 
+            try:
+                out.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError("--out", str(out), f"cannot be made: {error.strerror}") from error
             sinks.append(stack.enter_context(Recorder(out / FILE_NAME)))
         if view:
             from wherry.views.web.broadcast import Broadcast
