@@ -116,3 +116,113 @@ def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         read_bag(tmp_path / "missing.mcap")
     assert not is_bag(tmp_path / "some.log")
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite"])
+def test_half_a_bag_is_refused_in_one_line(tmp_path: Path, kind: str) -> None:
+    path = write(tmp_path, kind, [(2.0 + n, GOOD[0][1]) for n in range(50)])
+    file = path if kind == "ros1" else next(entry for entry in path.iterdir() if entry.suffix in (".mcap", ".db3"))
+    whole = file.read_bytes()
+    for share in (0.02, 0.3, 0.6, 0.97):
+        file.write_bytes(whole[: int(len(whole) * share)])
+        with pytest.raises(InputError) as caught:
+            read_bag(path)
+        assert str(path) in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite"])
+def test_flipped_bits_never_end_in_anything_but_a_log_or_a_line(tmp_path: Path, kind: str) -> None:
+    path = write(tmp_path, kind, [(2.0 + n, GOOD[0][1]) for n in range(5)])
+    file = path if kind == "ros1" else next(entry for entry in path.iterdir() if entry.suffix in (".mcap", ".db3"))
+    whole = file.read_bytes()
+    rng = np.random.default_rng(3)
+    refused = []
+    for _ in range(30):
+        damaged = bytearray(whole)
+        for place in rng.integers(0, len(whole), 8):
+            damaged[place] ^= 1 << int(rng.integers(8))
+        file.write_bytes(bytes(damaged))
+        try:
+            assert read_bag(path).scans
+        except InputError as error:
+            refused.append(str(error))
+    assert refused
+    assert not any("\n" in line for line in refused)
+
+
+def test_a_bag_without_scans_says_what_its_scan_topic_is(tmp_path: Path) -> None:
+    types = store("mcap")
+    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/scan", "std_msgs/msg/String", typestore=types)
+        text = types.types["std_msgs/msg/String"](data="a scan")
+        writer.write(connection, 1, types.serialize_cdr(text, "std_msgs/msg/String"))
+    with pytest.raises(InputError, match=r"no LaserScan.*its /scan is of std_msgs/msg/String"):
+        read_bag(tmp_path / "bag")
+
+
+def test_a_bag_of_nothing_but_broken_scans_says_so(tmp_path: Path) -> None:
+    path = write(tmp_path, "mcap", [(1.0, [])])
+    with pytest.raises(InputError, match="scan 1: has 0 beams"):
+        read_bag(path)
+    with pytest.raises(InputError, match="1 broken ones were left out, the first: scan 1: has 0 beams"):
+        read_bag(path, lenient=True)
+
+
+def test_more_scans_than_memory_has_room_for_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path, "mcap", [(2.0 + n, GOOD[0][1]) for n in range(5)])
+    monkeypatch.setattr("wherry.bags.MOST_READINGS", 12)
+    with pytest.raises(InputError, match="scan 3"):
+        read_bag(path)
+
+
+@pytest.mark.parametrize("name", ["run.bag.active", "run.active"])
+def test_a_recording_that_was_cut_off_is_told_from_a_bag(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"")
+    assert is_bag(tmp_path / name)
+    with pytest.raises(InputError, match="cut off"):
+        read_bag(tmp_path / name)
+
+
+def transform(types: Any, parent: str, child: str, time: float, x: float) -> Any:
+    return types["geometry_msgs/msg/TransformStamped"](
+        header=header(types, "mcap", time, parent, 0),
+        child_frame_id=child,
+        transform=types["geometry_msgs/msg/Transform"](
+            translation=types["geometry_msgs/msg/Vector3"](x=x, y=0.0, z=0.0),
+            rotation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+        ),
+    )
+
+
+def test_without_odometry_messages_the_transforms_of_the_robot_count(tmp_path: Path) -> None:
+    typestore = store("mcap")
+    types = typestore.types
+    tf = types["tf2_msgs/msg/TFMessage"]
+    frames = [("map", "odom", 9.0), ("odom", "base_footprint", 1.0), ("base_footprint", "laser", 0.25)]
+    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        to_tf = writer.add_connection("/tf", tf.__msgtype__, typestore=typestore)
+        to_scan = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=typestore)
+        for time in (0.0, 4.0):
+            links = [transform(types, parent, child, time, x * (1 + (x == 1.0) * time)) for parent, child, x in frames]
+            writer.write(to_tf, int(time * 1e9) + 1, typestore.serialize_cdr(tf(links), tf.__msgtype__))
+        scan = laser(types, "mcap", 0, 2.0, GOOD[0][1])
+        writer.write(to_scan, int(2e9), typestore.serialize_cdr(scan, scan.__msgtype__))
+    log = read_bag(tmp_path / "bag")
+    np.testing.assert_allclose(log.odometry.poses[:, 0], [1.0, 5.0])
+    assert log.scan_odometry[0] is not None
+    assert log.scan_odometry[0].pose.x == pytest.approx(3.0)
+    assert log.lidar.x == 0.25
+
+
+def test_odometry_that_runs_backwards_is_named(tmp_path: Path) -> None:
+    typestore = store("ros1")
+    types = typestore.types
+    path = tmp_path / "some.bag"
+    with rosbag1.Writer(path) as writer:
+        connection = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=typestore)
+        for number, time in enumerate((2.0, 1.0)):
+            raw = typestore.serialize_ros1(odom(types, "ros1", number, time, 0.0), "nav_msgs/msg/Odometry")
+            writer.write(connection, number + 1, raw)
+    with pytest.raises(InputError, match=r"odometry 2: time runs backwards, from 2\.000000 to 1\.000000"):
+        read_bag(path)

@@ -24,6 +24,7 @@ SCAN, ODOMETRY, TRANSFORMS = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry
 ROBOT_FRAMES = ("base_link", "base_footprint")
 ODOMETRY_FRAMES = ("odom", "odom_combined")
 MOST_BEAMS = 20_000
+NANOSECONDS = 1_000_000_000
 MOST_READINGS = 200_000_000  # of all scans together; 1.6 GB
 
 
@@ -241,7 +242,7 @@ def _mount(bag: _Bag, frame: str) -> Pose:
 def _seconds(message: Any) -> float:
     """A message's own time, s."""
     stamp = message.header.stamp
-    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
+    return (int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)) / NANOSECONDS
 
 
 def _pose(place: Any, rotation: Any) -> Pose:

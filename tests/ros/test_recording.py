@@ -1,0 +1,438 @@
+"""Bags of both generations: what goes in comes out, others open them, and none is lost or written over in silence."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from numpy.testing import assert_allclose, assert_array_equal
+from rosbags.highlevel import AnyReader
+
+from wherry.bags import is_bag, read_bag
+from wherry.errors import InputError
+from wherry.floorplan import find_world
+from wherry.logs import LidarLog
+from wherry.robot import Odometry, Scan, Velocity
+from wherry.ros import messages as ros
+from wherry.ros.conversion import header_of
+from wherry.ros.messages import Message, fields_of, message_types
+from wherry.ros.names import load_names
+from wherry.ros.recording import Bag, LogRecording, Recording
+from wherry.ros.transport import Quality, Topic
+from wherry.simulation import build
+from wherry.simulation.model import BODY
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+from wherry.space.trajectory import Trajectory
+from wherry.trace import Explored, Said, Seen, Stepped
+
+NAMES = ("run.bag", "run.mcap", "run")
+ROS2_ONLY = {"texture_resource", "texture", "uv_coordinates", "mesh_file"}
+TOPICS = load_names().topics
+
+
+def drive(robot: Any, seconds: float) -> list[Scan | Odometry]:
+    """Drive in a circle, and return what was measured."""
+    measured = [robot.receive()]
+    while measured[-1].time < seconds:
+        robot.command(Velocity(0.2, 0.5))
+        measured.append(robot.receive())
+    return measured
+
+
+def record_drive(path: Path, seconds: float = 2.0) -> list[Scan | Odometry]:
+    """A bag of two seconds' driving."""
+    simulation = build(find_world("taxi"), np.random.default_rng(0))
+    with Bag(path) as bag:
+        recording = Recording(bag, laser_height=0.15)
+        measured = drive(recording.robot(simulation.robot), seconds)
+        recording.map(OccupancyGrid(np.full((4, 3), 0.5, np.float32), 0.05), seconds)
+    return measured
+
+
+def count(measured: list[Scan | Odometry]) -> int:
+    """How many messages a bag of a drive has: odometry comes with a transform, and a command follows all but one."""
+    both = sum(1 + isinstance(one, Odometry) for one in measured)
+    return both + len(measured) - 1 + len(("/tf_static", "/map"))
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Any]]:
+    """A bag, and what was measured while it was recorded."""
+    path = tmp_path_factory.mktemp("bags") / request.param
+    return path, record_drive(path)
+
+
+def messages(path: Path) -> Iterator[tuple[str, int, Any]]:
+    """Topic, time in ns and message of all that is in a bag, in the order of their times."""
+    with AnyReader([path]) as reader:
+        for connection, stamp, raw in reader.messages():
+            yield connection.topic, stamp, reader.deserialize(raw, connection.msgtype)
+
+
+# ---- what goes in comes out
+
+
+def test_a_bag_is_the_log_of_what_was_measured(recorded: tuple[Path, list[Any]]) -> None:
+    path, measured = recorded
+    assert is_bag(path)
+    log = read_bag(path)
+    scans = [one for one in measured if isinstance(one, Scan)]
+    odometry = [one for one in measured if isinstance(one, Odometry)]
+    assert [scan.time for scan in log.scans] == [scan.time for scan in scans]
+    for found, true in zip(log.scans, scans, strict=True):
+        assert_array_equal(found.ranges, true.ranges.astype(np.float32))
+        assert (found.angle_min, found.range_max) == (np.float32(true.angle_min), np.float32(true.range_max))
+        assert found.angle_increment == np.float32(true.angle_increment)
+    assert_array_equal(log.odometry.times, [one.time for one in odometry])
+    assert_allclose(log.odometry.poses, [one.pose.as_array() for one in odometry], rtol=0, atol=1e-12)
+    assert log.lidar == BODY.lidar
+    assert log.skipped == ()
+
+
+def test_every_topic_is_there_by_its_customary_name(recorded: tuple[Path, list[Any]]) -> None:
+    path, measured = recorded
+    counts = Counter(topic for topic, _, _ in messages(path))
+    scans, odometry = (sum(isinstance(one, kind) for one in measured) for kind in (Scan, Odometry))
+    assert counts == {
+        "/tf_static": 1,
+        "/tf": odometry,
+        "/odom": odometry,
+        "/scan": scans,
+        "/cmd_vel": len(measured) - 1,
+        "/map": 1,
+    }
+
+
+def test_all_stamps_are_of_one_clock_and_transforms_come_first(recorded: tuple[Path, list[Any]]) -> None:
+    path, _ = recorded
+    latest: dict[str, int] = {}
+    for topic, stamp, message in messages(path):
+        header = message.transforms[0].header if topic.startswith("/tf") else getattr(message, "header", None)
+        if header is not None:
+            assert header.stamp.sec * 10**9 + header.stamp.nanosec == stamp
+        if topic == "/scan":
+            assert latest["/tf"] == latest["/odom"] == stamp
+            assert "/tf_static" in latest
+        latest[topic] = stamp
+
+
+def example(message_type: type[Message], seed: int) -> Any:
+    """A message with a different value in every field."""
+    rng = np.random.default_rng(seed)
+    values: dict[str, Any] = {}
+    for index, field in enumerate(fields_of(message_type)):
+        if not isinstance(field.kind, str):
+            parts = tuple(example(field.kind, seed * 7 + index + part) for part in range(2))
+            values[field.name] = parts[0] if field.length is None else parts
+        elif field.kind == "string":
+            values[field.name] = f"{field.name}ä{seed}" if field.length is None else ("a", "bä")
+        elif field.kind == "bool":
+            values[field.name] = True
+        elif field.length is None:
+            number = int(rng.integers(1, 99))
+            values[field.name] = float(number) if field.kind.startswith("float") else number
+        else:
+            values[field.name] = rng.integers(1, 99, field.length or 3).astype(field.kind)
+    return message_type(**values)
+
+
+def assert_same(found: Any, true: Any, *, ros1: bool) -> None:
+    """Every field of a message, however deep."""
+    if isinstance(true, Message):
+        for field in fields_of(type(true)):
+            if not (ros1 and field.name in ROS2_ONLY):
+                assert_same(getattr(found, field.name), getattr(true, field.name), ros1=ros1)
+    elif isinstance(true, tuple):
+        assert len(found) == len(true)
+        for one, other in zip(found, true, strict=True):
+            assert_same(one, other, ros1=ros1)
+    elif isinstance(true, np.ndarray):
+        assert_array_equal(found, true)
+    else:
+        assert found == true
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_field_of_every_message_survives(tmp_path: Path, name: str) -> None:
+    known = {key: kind for key, kind in message_types().items() if not key.startswith("builtin_interfaces")}
+    ros1 = name.endswith(".bag")
+    if ros1:
+        known = {key: kind for key, kind in known.items() if kind not in (ros.MeshFile, ros.UVCoordinate)}
+    true = {f"/t{number}": example(kind, number) for number, kind in enumerate(known.values())}
+    with Bag(tmp_path / name) as bag:
+        for topic, message in true.items():
+            bag.write(Topic(topic, type(message)), message, 3.25)
+    found = {topic: message for topic, _, message in messages(tmp_path / name)}
+    assert found.keys() == true.keys()
+    for topic, message in true.items():
+        assert_same(found[topic], message, ros1=ros1)
+
+
+def test_ros_1s_headers_are_numbered(tmp_path: Path) -> None:
+    with Bag(tmp_path / "run.bag") as bag:
+        for _ in range(3):
+            header = header_of(1.0, "map")
+            bag.write(TOPICS.plan, ros.Path(header, (ros.PoseStamped(header),)), 1.0)
+    numbers = [(path.header.seq, path.poses[0].header.seq) for _, _, path in messages(tmp_path / "run.bag")]
+    assert numbers == [(0, 0), (1, 1), (2, 2)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_late_comers_get_what_was_latched(tmp_path: Path, name: str) -> None:
+    with Bag(tmp_path / name) as bag:
+        bag.write(Topic("/map", ros.String, Quality.LATCHED), ros.String("m"), 0.0)
+        bag.write(Topic("/scan", ros.String, Quality.SENSOR), ros.String("s"), 0.0)
+    with AnyReader([tmp_path / name]) as reader:
+        extras = {connection.topic: connection.ext for connection in reader.connections}
+    if name.endswith(".bag"):
+        assert (extras["/map"].latching, extras["/scan"].latching) == (1, 0)
+    else:
+        qos = {topic: extra.offered_qos_profiles[0] for topic, extra in extras.items()}
+        assert (qos["/map"].durability.name, qos["/map"].reliability.name) == ("TRANSIENT_LOCAL", "RELIABLE")
+        assert (qos["/scan"].durability.name, qos["/scan"].reliability.name) == ("VOLATILE", "BEST_EFFORT")
+
+
+# ---- beliefs
+
+
+def test_what_the_agent_tells_is_recorded(tmp_path: Path) -> None:
+    none = np.empty((0, 2), np.float32)
+    cloud = np.array([[1.0, 2.0, 3.1], [1.2, 2.0, -3.1]], np.float32)
+    grid = OccupancyGrid(np.array([[0.0, 0.5], [1.0, 0.0]], np.float32), 0.1, Pose(-1.0, 2.0, 0.0))
+    odometry = Odometry(4.0, Pose(1.0, 0.0, np.pi / 2), Velocity())
+    seen = Seen(4.0, Pose(1.1, 2.0, np.pi), Pose(), none, cloud, np.eye(2, dtype=np.float32), none, loaded=False)
+    with Bag(tmp_path / "run.mcap") as bag:
+        recording = Recording(bag)
+        recording.measured(odometry, Pose())
+        for record in (
+            seen,
+            Explored(4.0, grid, 0.5, 1.0),
+            Explored(6.0, grid, 0.6, 1.0),  # too soon after the last one
+            Explored(9.5, grid, 0.7, 1.0),
+            Explored(9.6, grid, 1.0, 0.0),  # the last one always counts
+            Stepped(10.0, "1", "N", learning=True, moved=True, unknown=0, delivered=0, remaining=1, plan=none),
+            Said(10.0, "done", "nothing of ROS"),
+        ):
+            recording(record)
+    found: dict[str, list[Any]] = {}
+    for topic, stamp, message in messages(tmp_path / "run.mcap"):
+        found.setdefault(topic, []).append((stamp / 1e9, message))
+    assert [time for time, _ in found["/map"]] == [4.0, 9.5, 9.6]
+    map_message = found["/map"][0][1]
+    assert_array_equal(map_message.data, [0, -1, 100, 0])
+    assert (map_message.info.width, map_message.info.height, map_message.info.origin.position.x) == (2, 2, -1.0)
+    links = {(t.header.frame_id, t.child_frame_id): t.transform for _, m in found["/tf"] for t in m.transforms}
+    correction = seen.pose @ odometry.pose.inverse
+    shift = links["map", "odom"].translation
+    assert (shift.x, shift.y) == pytest.approx((correction.x, correction.y))
+    assert len(found["/particlecloud"][0][1].poses) == 2
+    estimate = found["/amcl_pose"][0][1].pose
+    assert_allclose(estimate.covariance.reshape(6, 6)[0, 0], 0.01, atol=1e-6)
+    assert_allclose(estimate.covariance.reshape(6, 6)[5, 5], (np.pi - 3.1) ** 2, atol=1e-6)  # across ±π
+    assert len(found["/predicted_path"][0][1].poses) == 2
+    assert found["/plan"][0][1].poses == []
+
+
+def test_the_latch_is_recorded(tmp_path: Path) -> None:
+    simulation = build(find_world("taxi"), np.random.default_rng(0))
+    with Bag(tmp_path / "run.bag") as bag:
+        robot = Recording(bag).robot(simulation.robot)
+        drive(robot, 0.1)
+        assert robot.close_latch() is False
+        assert robot.open_latch() is True
+        assert robot.body == BODY
+    states = [message for topic, _, message in messages(tmp_path / "run.bag") if topic == "/latch/state"]
+    assert [list(state.position[:1]) for state in states] == [[0.0], [0.0]]
+
+
+def test_a_log_becomes_a_bag_with_what_was_found_out(tmp_path: Path) -> None:
+    times = np.array([100.0, 101.0, 102.0, 103.0])
+    poses = np.column_stack([np.arange(4.0), np.zeros(4), np.zeros(4)])
+    scans = tuple(Scan(t, np.full(5, 2.0), -1.0, 0.5, 0.1, 10.0) for t in (101.0, 102.0))
+    none = (None, None)
+    log = LidarLog(scans, none, Trajectory(times, poses), Pose(0.1), ())
+    with Bag(tmp_path / "run") as bag:
+        recording = LogRecording(bag, log)
+        recording.scan(0, Pose(5.0), np.empty((0, 3)))
+        recording.scan(1, Pose(6.0), np.zeros((3, 3)))
+    again = read_bag(tmp_path / "run")
+    assert [scan.time for scan in again.scans] == [101.0, 102.0]
+    assert_allclose(again.odometry.times, times[:3])  # what came after the last scan says nothing
+    assert again.lidar == Pose(0.1)
+    counts = Counter(topic for topic, _, _ in messages(tmp_path / "run"))
+    assert (counts["/particlecloud"], counts["/tf"]) == (1, 5)
+
+
+# ---- others open them
+
+
+def test_debians_rosbag_opens_ours(tmp_path: Path) -> None:
+    if shutil.which("rosbag") is None:
+        if os.environ.get("CI") == "true":
+            pytest.fail("rosbag is not installed")
+        pytest.skip("rosbag is not installed: apt install python3-rosbag")
+    path = tmp_path / "run.bag"
+    measured = record_drive(path)
+    environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+    shown = subprocess.run(
+        ["rosbag", "info", "--yaml", str(path)], capture_output=True, text=True, timeout=60, check=True, env=environment
+    )
+    info = yaml.safe_load(shown.stdout)
+    assert (info["indexed"], info["duration"], info["messages"]) == (True, pytest.approx(2.0), count(measured))
+    topics = {entry["topic"]: (entry["type"], entry["messages"]) for entry in info["topics"]}
+    assert topics["/scan"] == ("sensor_msgs/LaserScan", sum(isinstance(one, Scan) for one in measured))
+    assert topics["/tf"][0] == topics["/tf_static"][0] == "tf2_msgs/TFMessage"
+    sums = {entry["type"]: entry["md5"] for entry in info["types"]}
+    assert sums["tf2_msgs/TFMessage"] == "94810edda583a504dfda3829e70d7eec"  # ROS's own
+    assert sums["sensor_msgs/LaserScan"] == "90c7ef2dc6895d81024acba2ac42f369"
+
+
+def test_mcaps_own_reader_opens_ours(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    measured = record_drive(path)
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        found = [message for *_, message in reader.iter_decoded_messages(topics=["/scan"])]
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == count(measured)
+    assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}  # which Foxglove reads
+    assert all(schema.data for schema in summary.schemas.values())
+    scans = [one for one in measured if isinstance(one, Scan)]
+    assert len(found) == len(scans)
+    for message, scan in zip(found, scans, strict=True):
+        assert message.header.frame_id == "laser"
+        assert_array_equal(np.array(message.ranges, np.float32), scan.ranges.astype(np.float32))
+
+
+def test_a_ros_2_folder_is_as_rosbag2_lays_it_out(tmp_path: Path) -> None:
+    measured = record_drive(tmp_path / "run")
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run.db3"]
+    metadata = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (metadata["storage_identifier"], metadata["message_count"]) == ("sqlite3", count(measured))
+    assert metadata["relative_file_paths"] == ["run.db3"]
+
+
+# ---- the same again
+
+
+@pytest.mark.parametrize("name", ["run.bag", "run.mcap"])
+def test_the_same_run_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
+    for folder in ("one", "two"):
+        record_drive(tmp_path / folder / name)
+    assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+# ---- nothing is lost or written over in silence
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_interrupted_recording_is_a_whole_bag(tmp_path: Path, name: str) -> None:
+    simulation = build(find_world("taxi"), np.random.default_rng(0))
+    path = tmp_path / name
+    with pytest.raises(KeyboardInterrupt), Bag(path) as bag:  # noqa: PT012
+        drive(Recording(bag).robot(simulation.robot), 1.0)
+        assert not path.exists()
+        assert path.with_name(path.name + ".active").exists()
+        raise KeyboardInterrupt
+    assert [entry.name for entry in tmp_path.iterdir()] == [name]
+    assert [scan.time for scan in read_bag(path).scans] == [number / 10 for number in range(10)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_killed_recording_is_called_unfinished(tmp_path: Path, name: str) -> None:
+    program = (
+        "import sys, time; from wherry.ros.recording import Bag; from wherry.ros import messages as ros; "
+        "from wherry.ros.transport import Topic; bag = Bag(sys.argv[1]); "
+        "bag.write(Topic('/said', ros.String), ros.String('x'), 0.0); print('ready', flush=True); time.sleep(60)"
+    )
+    path = tmp_path / name
+    with subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.send_signal(signal.SIGKILL)
+    assert not path.exists()
+    unfinished = path.with_name(path.name + ".active")
+    assert unfinished.exists()
+    with pytest.raises(InputError, match="cut off"):
+        read_bag(unfinished)
+    with pytest.raises(InputError, match="cut off"):
+        Bag(path)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_written_over(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("thesis")
+    with pytest.raises(InputError, match="there already"):
+        Bag(tmp_path / name)
+    assert (tmp_path / name).read_text() == "thesis"
+
+
+@pytest.mark.parametrize("name", ["run.txt", "run.db3", "run.bag.gz"])
+def test_a_name_of_no_kind_of_bag_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=r"\.bag \(ROS 1\), \.mcap"):
+        Bag(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_none_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="file"):
+        Bag(tmp_path / "file" / "run.bag")
+
+
+def test_a_closed_bag_takes_nothing(tmp_path: Path) -> None:
+    bag = Bag(tmp_path / "run.bag")
+    bag.close()
+    bag.close()
+    with pytest.raises(ValueError, match="closed"):
+        bag.write(TOPICS.latch_state, ros.JointState(), 0.0)
+
+
+def test_a_full_disk_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with Bag(tmp_path / "run.bag") as bag:
+        monkeypatch.setattr(bag._storage, "write", full)
+        with pytest.raises(InputError, match=r"run\.bag\.active.*No space left"):
+            bag.write(TOPICS.cmd_vel, ros.Twist(), 0.0)
+
+
+def test_without_rosbags_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in [name for name in sys.modules if name.partition(".")[0] == "rosbags"]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    for name in NAMES:
+        with pytest.raises(InputError, match=r"pip install 'wherry\[bags\]'"):
+            Bag(tmp_path / name)
+    (tmp_path / "some.bag").write_bytes(b"")
+    with pytest.raises(InputError, match=r"pip install 'wherry\[bags\]'"):
+        read_bag(tmp_path / "some.bag")
+
+
+def test_threads_may_write_at_once(tmp_path: Path) -> None:
+    with Bag(tmp_path / "run.bag") as bag, ThreadPoolExecutor(4) as pool:
+        for worker in range(4):
+            topic = Topic(f"/t{worker}", ros.String)
+            for number in range(50):
+                pool.submit(bag.write, topic, ros.String(str(number)), time.monotonic())
+    assert Counter(topic for topic, _, _ in messages(tmp_path / "run.bag")) == {
+        f"/t{worker}": 50 for worker in range(4)
+    }
