@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wherry.commands.common import console_for, progress_bar
+from wherry.commands.common import QuietOption, console_for, one_of, progress_bar
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,29 +18,30 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 
 
-def _taxi(data: Path, folder: Path, progress: Progress) -> str:
+def _taxi(data: Path, images: Path, progress: Progress) -> str:
     from wherry.experiments import taxi_table
 
-    return taxi_table.reproduce(progress)
+    return taxi_table.reproduce(images, progress)
 
 
-def _slam(data: Path, folder: Path, progress: Progress) -> str:
+def _slam(data: Path, images: Path, progress: Progress) -> str:
     from wherry.experiments import slam_table
 
     progress(0, 1)
     return f"## SLAM\n```\n{slam_table.table(slam_table.reproduce(data))}\n```\n"
 
 
-def _localization(data: Path, folder: Path, progress: Progress) -> str:
+def _localization(data: Path, images: Path, progress: Progress) -> str:
     from wherry.experiments import localization_table
 
-    return localization_table.reproduce(data, folder, progress)
+    return localization_table.reproduce(data, images, progress)
 
 
-def _delivery(data: Path, folder: Path, progress: Progress) -> str:
+def _delivery(data: Path, images: Path, progress: Progress) -> str:
     from wherry.experiments import delivery_study
 
-    return delivery_study.reproduce(folder, progress)
+    with tempfile.TemporaryDirectory() as folder:
+        return delivery_study.reproduce(Path(folder), progress)
 
 
 REPRODUCTIONS: Mapping[str, Callable[[Path, Path, Progress], str]] = {
@@ -49,35 +50,50 @@ REPRODUCTIONS: Mapping[str, Callable[[Path, Path, Progress], str]] = {
     "localization": _localization,
     "delivery": _delivery,
 }
-"""Each takes the folder of recorded logs, a folder for its files and a progress, and returns Markdown."""
+"""Each takes the folder of recorded logs, the folder for pictures and a progress, and returns Markdown."""
+
+PROJECT = "pyproject.toml"
+RESULTS = Path("docs/results.md")  # in the project; elsewhere the same name in the present folder
 
 
 def reproduce(
-    name: Annotated[str, typer.Argument(help=f"What: {', '.join(REPRODUCTIONS)} or all.")],
+    name: Annotated[
+        str, typer.Argument(help=f"What: {', '.join(REPRODUCTIONS)} or all.", autocompletion=one_of(REPRODUCTIONS))
+    ],
     data: Annotated[
         Path, typer.Option(envvar="WHERRY_DATA", help="The folder of recorded logs, with intel/ in it.")
     ] = Path("../shared/data"),
-    out: Annotated[Path, typer.Option(help="The results file in which to write the section.")] = Path("results.md"),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="The results file in which to write the section; pictures go to images/ beside it. Without it, "
+            f"{RESULTS} in the project, else {RESULTS.name}."
+        ),
+    ] = None,
+    quiet: QuietOption = False,
 ) -> None:
     """Run an experiment of the docs again, and write its section of the results file."""
     from wherry.experiments.results import write_section
 
     if name != "all" and name not in REPRODUCTIONS:
         raise InputError("NAME", name, f"is none of {', '.join(REPRODUCTIONS)}, all")
-    console = console_for(as_json=False)
+    results = out or (RESULTS if Path(PROJECT).exists() and RESULTS.exists() else Path(RESULTS.name))
+    if not results.absolute().parent.is_dir():
+        raise InputError("--out", str(results), "is in a folder that does not exist")
+    console = console_for(as_json=False, quiet=quiet)
     for chosen in REPRODUCTIONS if name == "all" else [name]:
-        markdown = _run(chosen, data, console)
-        write_section(out, chosen, markdown)
+        markdown = _run(chosen, data, results.parent / "images", console)
+        write_section(results, chosen, markdown)
         console.print(markdown, markup=False, highlight=False)
-        console.print(f"Written to {out}", highlight=False)
+        console.print(f"Written to {results}", highlight=False)
 
 
-def _run(name: str, data: Path, console: Console) -> str:
+def _run(name: str, data: Path, images: Path, console: Console) -> str:
     """One experiment's Markdown, with a bar while it is made."""
-    with progress_bar(console, "runs") as bar, tempfile.TemporaryDirectory() as folder:
+    with progress_bar(console, "runs") as bar:
         task = bar.add_task(name)
 
         def progress(done: int, total: int) -> None:
             bar.update(task, completed=done, total=total)
 
-        return REPRODUCTIONS[name](data, Path(folder), progress)
+        return REPRODUCTIONS[name](data, images, progress)

@@ -11,8 +11,7 @@ import numpy as np
 
 from wherry.experiments import kidnapping, localization_study
 from wherry.experiments import recorded_localization as recorded
-from wherry.experiments.results import markdown_table
-from wherry.files import write_atomically
+from wherry.experiments.results import markdown_table, write_picture
 from wherry.views.reliability import reliability_diagram
 
 Progress = Callable[[int, int], None]
@@ -38,12 +37,12 @@ class Extent:
     every: int = 1
 
 
-def reproduce(data: Path, folder: Path, progress: Progress, extent: Extent | None = None) -> str:
+def reproduce(data: Path, images: Path, progress: Progress, extent: Extent | None = None) -> str:
     """Run everything and return it as Markdown.
 
     Args:
         data: The folder of recorded logs.
-        folder: Where the reliability diagram goes, as `PICTURE`.
+        images: The folder for pictures, beside the results file; the reliability diagram goes there, as `PICTURE`.
         progress: Told how many parts are done, of how many.
         extent: How much to run; all of it by default.
 
@@ -55,7 +54,7 @@ def reproduce(data: Path, folder: Path, progress: Progress, extent: Extent | Non
         lambda: _intel(data, chosen),
         lambda: _wean(data, chosen.seeds),
         lambda: _study(chosen.study),
-        lambda: _kidnapping(chosen.kidnapping, folder),
+        lambda: _kidnapping(chosen.kidnapping, images),
     )
     sections = ["## Localization"]
     for done, part in enumerate(parts):
@@ -124,12 +123,10 @@ def _wean(data: Path, seeds: int) -> str:
     return f"### Wean Hall from anywhere\n\n{table}"
 
 
-def _kidnapping(settings: kidnapping.Settings, folder: Path) -> str:
+def _kidnapping(settings: kidnapping.Settings, images: Path) -> str:
     result = kidnapping.summarize(list(kidnapping.run(settings)))
-    write_atomically(
-        folder / PICTURE,
-        reliability_diagram(result.reliability, "probability of being lost", "share of scans truly lost").encode(),
-    )
+    diagram = reliability_diagram(result.reliability, "probability of being lost", "share of scans truly lost")
+    picture = write_picture(images, PICTURE, diagram.encode(), "How often the robot was lost when it said so")
     figures = markdown_table(
         ["figure", "value"],
         [
@@ -151,4 +148,4 @@ def _kidnapping(settings: kidnapping.Settings, folder: Path) -> str:
             if not math.isnan(stated)
         ],
     )
-    return f"### Kidnapping, and how far to believe “I am lost”\n\n{figures}\n\n{reliability}"
+    return f"### Kidnapping, and how far to believe “I am lost”\n\n{figures}\n\n{picture}\n\n{reliability}"

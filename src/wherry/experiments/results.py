@@ -34,6 +34,26 @@ def write_section(path: Path, name: str, markdown: str) -> None:
     write_atomically(path, changed)
 
 
+def write_picture(images: Path, name: str, content: bytes, shows: str) -> str:
+    """Write a picture beside the results file, and return the Markdown that shows it there.
+
+    Args:
+        images: The folder for pictures; made if it is not there.
+        name: The file's name in it.
+        content: The file.
+        shows: What it shows, for those who cannot see it.
+
+    Raises:
+        InputError: The picture cannot be written.
+    """
+    try:
+        images.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(images, "", error.strerror or str(error)) from error
+    write_atomically(images / name, content)
+    return f"![{shows}]({images.name}/{name})"
+
+
 def markdown_table(header: list[str], rows: list[list[str]]) -> str:
     """A Markdown table; the first column is text, the others are figures."""
     ruler = ["---"] + ["---:"] * (len(header) - 1)

@@ -2,60 +2,182 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 
-from wherry.experiments.results import markdown_table
-from wherry.experiments.taxi import LEARNERS, Result, Settings, TaxiExperiment
+from wherry.experiments.arenas import Arena
+from wherry.experiments.machine import load_in_words
+from wherry.experiments.results import markdown_table, write_picture
+from wherry.experiments.taxi import LEARNERS, Result, Settings, TaxiExperiment, solved_at_once
+from wherry.learning.bayes import BayesianLearner
+from wherry.learning.doormax import Doormax
+from wherry.views.learning_curve import Needed, as_bytes, learning_curves, steps_needed
 
-PUBLISHED = {
-    "DOORMAX (ICML 2008)": {5: ("529", "13.88"), 10: ("821", "293.72")},
-    "Factored Rmax (ICML 2008)": {5: ("1676", "43.59"), 10: ("19866", "306.71")},
-    "Rmax (Diuk 2010)": {5: ("4151", "74")},
-    "Q-learning (Diuk 2010)": {5: ("106859", "–")},
-    "Q-learning, optimistic (Diuk 2010)": {5: ("29350", "–")},
-    "humans, any / who play games (Diuk 2010)": {5: ("101 / 48.8", "–")},
-}
 SIZES = (5, 10)
-REPETITIONS = 100
 
 
-def reproduce(progress: Callable[[int, int], None]) -> str:
-    """Run every learner on both sizes and return the table as Markdown.
+@dataclass(frozen=True, slots=True)
+class Published:
+    """What others have measured.
+
+    Attributes:
+        name: Who learns: a key of `LEARNERS` where we have the same.
+        size: The grid's side.
+        steps: Mean steps until all probes are solved.
+        ms_per_step: Time for a step, on the machines of the time; None where it is not told.
+        source: Where it stands.
+    """
+
+    name: str
+    size: int
+    steps: float
+    ms_per_step: float | None
+    source: str
+
+
+PUBLISHED = (
+    Published("doormax", 5, 529, 13.88, "ICML 2008"),
+    Published("doormax", 10, 821, 293.72, "ICML 2008"),
+    Published("factored-rmax", 5, 1676, 43.59, "ICML 2008"),
+    Published("factored-rmax", 10, 19866, 306.71, "ICML 2008"),
+    Published("rmax", 5, 4151, 74.0, "Diuk 2010"),
+    Published("q-learning", 5, 106859, None, "Diuk 2010"),
+    Published("q-learning-optimistic", 5, 29350, None, "Diuk 2010"),
+    Published("people", 5, 101, None, "Diuk 2010"),
+    Published("people who play games", 5, 48.8, None, "Diuk 2010"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How much is run; the defaults are what the results file shows.
+
+    Attributes:
+        repetitions: Of every learner on every size.
+        fewer: Of learners that are too slow for so many, by learner and size; 0 leaves one out.
+        transfers: How many repetitions' rules are taken from the small grid to the large one.
+    """
+
+    repetitions: int = 100
+    fewer: Mapping[tuple[str, int], int] | None = None
+    transfers: int = 20
+
+    def of(self, learner: str, size: int) -> int:
+        """How many repetitions a learner has on a grid."""
+        fewer = SLOW if self.fewer is None else self.fewer
+        return min(self.repetitions, fewer.get((learner, size), self.repetitions))
+
+    def total(self) -> int:
+        """How many repetitions there are in all."""
+        return sum(self.of(learner, size) for learner in LEARNERS for size in SIZES)
+
+
+SLOW = {("factored-rmax", 5): 20, ("factored-rmax", 10): 2, ("rmax", 5): 20, ("rmax", 10): 0}
+"""R-max learns every state by itself; on the large grid it takes hours, and nobody has published that."""
+
+
+def reproduce(images: Path, progress: Callable[[int, int], None], extent: Extent | None = None) -> str:
+    """Run every learner on both sizes and return the tables as Markdown.
 
     Args:
+        images: The folder for pictures, beside the results file.
         progress: Told how many repetitions are done, of how many.
+        extent: How much to run; all of it by default.
     """
-    total, done = len(LEARNERS) * len(SIZES) * REPETITIONS, 0
-    results: dict[str, dict[int, Result]] = {}
+    chosen = extent or Extent()
+    large, done = Arena.of_size(10), 0
+    results: dict[int, dict[str, Result]] = {size: {} for size in SIZES}
+    transfers = []
     for learner in LEARNERS:
         for size in SIZES:
-            experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=REPETITIONS))
-            for _ in experiment.repetitions():
+            repetitions = chosen.of(learner, size)
+            if not repetitions:
+                continue
+            experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=repetitions))
+            taken = [0, 0]
+            for at, _ in enumerate(experiment.repetitions()):
                 done += 1
-                progress(done, total)
-            results.setdefault(learner, {})[size] = experiment.result()
-    return markdown(results)
+                progress(done, chosen.total())
+                if size == 5 and learner in ("bayes", "doormax") and at < chosen.transfers:
+                    taken[0] += _solves_at_once(experiment, large)
+                    taken[1] += 1
+            results[size][learner] = experiment.result()
+            if taken[1]:
+                transfers.append(f"{learner} in {taken[0]} of {taken[1]}")
+    return markdown(results, transfers, _pictures(results, images))
 
 
-def markdown(results: dict[str, dict[int, Result]]) -> str:
-    """Our rows under the published ones."""
-    header = ["learner"] + [f"{size}×{size} {what}" for size in SIZES for what in ("steps", "95 %", "ms/step")]
-    header += ["converged"]
-    rows = []
-    for name, sizes in PUBLISHED.items():
-        cells = [sizes.get(size, ("–", "–")) for size in SIZES]
-        rows.append([name, *(cell for steps, speed in cells for cell in (steps, "–", speed)), "–"])
-    for learner, sized in results.items():
-        figures = [cell for size in SIZES for cell in _cells(sized[size])]
-        converged = ", ".join(f"{sized[size].converged}/{sized[size].repetitions}" for size in SIZES)
-        rows.append([f"**wherry, {learner}**", *figures, converged])
-    return (
-        f"## Taxi\nSteps until the policy is optimal from six probes, mean ± standard deviation over {REPETITIONS} "
-        f"repetitions; rewards learnt.\n\n{markdown_table(header, rows)}\n"
-    )
+def _solves_at_once(experiment: TaxiExperiment, large: Arena) -> bool:
+    """Whether the rules of the last repetition solve the large grid with no further step."""
+    learner = experiment.learner
+    if not isinstance(learner, Doormax | BayesianLearner):
+        return False
+    if isinstance(learner, Doormax):
+        learner.settle()
+    return solved_at_once(learner, large) == len(large.probes)
 
 
-def _cells(result: Result) -> list[str]:
+def _pictures(results: Mapping[int, Mapping[str, Result]], images: Path) -> str:
+    """Steps needed by all, and what was known when; as Markdown."""
+    panels = {
+        f"{size}×{size}": [
+            *(Needed(name, [run.steps for run in result.runs]) for name, result in results[size].items()),
+            *(Needed(row.name, [row.steps], published=True) for row in PUBLISHED if row.size == size),
+        ]
+        for size in SIZES
+    }
+    written = [
+        write_picture(
+            images,
+            "taxi-steps.svg",
+            as_bytes(steps_needed(panels, "Taxi: from knowing nothing to the optimum"), "svg"),
+            "Steps to the optimum of every learner, ours and published",
+        )
+    ]
+    for size in SIZES:
+        curves = {name: [run.curve for run in result.runs] for name, result in results[size].items()}
+        figure = learning_curves(curves, 6, f"Taxi {size}×{size}: probes solved after so many steps")
+        written.append(
+            write_picture(
+                images, f"taxi-curves-{size}.svg", as_bytes(figure, "svg"), f"Learning curves on {size}×{size}"
+            )
+        )
+    return "\n\n".join(written)
+
+
+def markdown(results: Mapping[int, Mapping[str, Result]], transfers: list[str], pictures: str) -> str:
+    """A table for every size, ours beside what was published."""
+    parts = [
+        "## Taxi\nSteps until the policy is optimal from six probes: mean ± standard deviation, and the 95th "
+        "percentile, over as many repetitions as the last column says; rewards and ends of episodes learnt. Times are "
+        f"for a whole step (predict, learn, plan), medians, at a {load_in_words()}. Q-learning is compiled with its "
+        "grid, and is timed with the grid's steps.",
+        pictures,
+    ]
+    header = ["learner", "published steps", "steps", "95 %", "published ms/step", "ms/step", "converged"]
+    for size, learners in results.items():
+        rows = [[f"**{name}**", *_row(name, size, learners.get(name))] for name in _names(size, learners)]
+        parts.append(f"### {size}×{size}\n\n{markdown_table(header, rows)}")
+    if transfers:
+        parts.append(
+            f"Rules learnt on 5×5 solved 10×10 optimally, with no further step: {', '.join(transfers)} repetitions."
+        )
+    return "\n\n".join(parts) + "\n"
+
+
+def _names(size: int, learners: Mapping[str, Result]) -> list[str]:
+    return list(dict.fromkeys([*learners, *(row.name for row in PUBLISHED if row.size == size)]))
+
+
+def _row(name: str, size: int, result: Result | None) -> list[str]:
+    published = next((row for row in PUBLISHED if (row.name, row.size) == (name, size)), None)
+    steps = "–" if published is None else f"{published.steps:g} ({published.source})"
+    speed = "–" if published is None or published.ms_per_step is None else f"{published.ms_per_step:g}"
+    if result is None:
+        return [steps, "–", "–", speed, "–", "–"]
+    converged = f"{result.converged}/{result.repetitions}"
     if result.steps_mean is None or result.steps_sd is None or result.steps_p95 is None:
-        return ["–", "–", f"{result.ms_per_step:.2f}"]
-    return [f"{result.steps_mean:.0f} ± {result.steps_sd:.0f}", f"{result.steps_p95:.0f}", f"{result.ms_per_step:.2f}"]
+        return [steps, "–", "–", speed, f"{result.ms_per_step:.2g}", converged]
+    mean = f"{result.steps_mean:.0f} ± {result.steps_sd:.0f}"
+    return [steps, mean, f"{result.steps_p95:.0f}", speed, f"{result.ms_per_step:.2g}", converged]

@@ -1,0 +1,66 @@
+"""wherry reproduce: where it writes, and what it refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from wherry.commands import reproduce as command
+from wherry.commands.reproduce import Progress
+
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Stands in for the experiments; tells the folders that they were given for pictures."""
+    folders = []
+
+    def run(data: Path, images: Path, progress: Progress) -> str:
+        folders.append(images)
+        progress(1, 1)
+        return "## Quick\n"
+
+    monkeypatch.setattr(command, "REPRODUCTIONS", {"taxi": run})
+    return folders
+
+
+def test_in_the_project_results_go_to_the_docs(
+    call: Call, quick: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "results.md").write_text("# Results\n")
+    (tmp_path / "pyproject.toml").touch()
+    assert call("reproduce", "taxi")[0] == 0
+    assert "## Quick" in (tmp_path / "docs" / "results.md").read_text()
+    assert quick == [Path("docs/images")]
+
+
+def test_elsewhere_results_stay_where_one_is(
+    call: Call, quick: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert call("reproduce", "taxi", "--quiet")[1:] == ("", "")
+    assert "`wherry reproduce taxi` wrote this section." in (tmp_path / "results.md").read_text()
+    assert quick == [Path("images")]
+
+
+def test_pictures_go_beside_the_chosen_file(call: Call, quick: list[Path], tmp_path: Path) -> None:
+    call("reproduce", "all", "--out", tmp_path / "mine.md")
+    assert (tmp_path / "mine.md").exists()
+    assert quick == [tmp_path / "images"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["chess"], "wherry: NAME: chess: is none of taxi, slam, localization, delivery, all\n"),
+        (["taxi", "--out", "gone/results.md"], "wherry: --out: gone/results.md: is in a folder that does not exist\n"),
+    ],
+)
+def test_what_there_is_not_is_refused(call: Call, arguments: list[str], line: str) -> None:
+    status, out, err = call("reproduce", *arguments)
+    assert (status, out, err) == (2, "", line)
