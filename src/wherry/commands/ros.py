@@ -72,7 +72,7 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
             _tell_master(transport, namespace)
             console.print(f"{simulation.plan.name} at {rate:g} × real time; Ctrl-C ends it.", highlight=False)
             with contextlib.suppress(KeyboardInterrupt):
-                ros_simulation.simulate(simulation, transport, called, rate, is_over)
+                ros_simulation.node_of(simulation, transport, called, rate).run(is_over)
         result = ros_simulation.verdict(simulation)
         console.print(
             f"{result['sim_seconds']:.1f} s, {result['delivered']} of {result['boxes']} boxes delivered, "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,10 +53,8 @@ def prepare(settings: Settings) -> Simulation:
     return build(plan, physics)
 
 
-def simulate(
-    simulation: Simulation, transport: Transport, names: Names, rate: float, stopped: Callable[[], bool]
-) -> None:
-    """Run until ``stopped``."""
+def node_of(simulation: Simulation, transport: Transport, names: Names, rate: float) -> SimulatorNode:
+    """The simulation's robot as a robot of ROS."""
     hardware = Hardware(
         period=1 / ODOMETRY_RATE,
         scan_period=1 / simulation.lidar.specification.rate,
@@ -65,7 +62,7 @@ def simulate(
         wheel_joints=WHEEL_JOINTS,
         wheel_angles=lambda: simulation.physics.wheel_angles,
     )
-    SimulatorNode(simulation, hardware, transport, names, rate=rate).run(stopped)
+    return SimulatorNode(simulation, hardware, transport, names, rate=rate)
 
 
 def verdict(simulation: Simulation) -> dict[str, int | float]:

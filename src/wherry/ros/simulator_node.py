@@ -108,10 +108,10 @@ class SimulatorNode:
         self._lag = 0.0
         self._next_state = self._next_diagnostics = world.time
         self._anchor = (time.monotonic(), world.time)  # an instant on both clocks
+        self._connect()
 
     def run(self, stopped: Callable[[], bool] = lambda: False) -> None:
         """Run until ``stopped``."""
-        self._connect()
         self._anchor = (time.monotonic(), self._world.time)
         while not stopped():
             self._wait_until(self._world.time + self._hardware.period)

@@ -1,0 +1,370 @@
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bus import Bus, BusTransport
+
+from wherry.errors import InputError
+from wherry.robot import Odometry, Scan, Velocity
+from wherry.ros import messages as ros
+from wherry.ros import robot as ros_robot
+from wherry.ros.bodies import load_body
+from wherry.ros.conversion import Link, to_laser_scan, to_odometry, to_transform
+from wherry.ros.latch import LatchState, from_latch_command, to_latch_state
+from wherry.ros.names import load_names
+from wherry.ros.robot import RobotLostError, RosRobot
+from wherry.space.pose import Pose
+
+NAMES = load_names()
+TOPICS = NAMES.topics
+COVARIANCE = np.zeros(36)
+DRIVE = Velocity(0.3, 0.1)
+
+
+class Driver:
+    """A robot's driver software, by hand: it says what it is told to say."""
+
+    def __init__(self, bus: Bus) -> None:
+        self.bus = bus
+        self.time = 10.0
+
+    def mount(self) -> None:
+        link = to_transform(Link("base_link", "laser", self.time, Pose(-0.17)), 0.15)
+        self.bus.say(TOPICS.tf_static, ros.TFMessage((link,)))
+
+    def odometry(self, **changes: object) -> None:
+        message = to_odometry(Odometry(self.time, Pose(self.time), Velocity()), "odom", "base_link", COVARIANCE)
+        self.bus.say(TOPICS.odom, replace(message, **changes))
+
+    def scan(self, **changes: object) -> None:
+        message = to_laser_scan(Scan(self.time, np.ones(8), -3.0, 0.7, 0.02, 12.0), "laser")
+        self.bus.say(TOPICS.scan, replace(message, **changes))
+
+    def latch(self, loaded: bool = False, answered: float = 0.0) -> None:
+        self.bus.say(TOPICS.latch_state, to_latch_state(LatchState(self.time, loaded, answered)))
+
+    def tick(self, seconds: float = 0.1) -> None:
+        self.time += seconds
+        self.odometry()
+        self.scan()
+
+    @property
+    def commands(self) -> list[ros.Twist]:
+        return self.bus.heard[TOPICS.cmd_vel.name]
+
+
+@pytest.fixture
+def bus() -> Bus:
+    return Bus()
+
+
+@pytest.fixture
+def driver(bus: Bus) -> Driver:
+    return Driver(bus)
+
+
+@pytest.fixture
+def node(bus: Bus) -> BusTransport:
+    return bus.node()
+
+
+@pytest.fixture
+def robot(driver: Driver, node: BusTransport) -> Iterator[RosRobot]:
+    with RosRobot(node, NAMES, load_body()) as robot:
+        driver.mount()
+        driver.odometry()
+        driver.scan()
+        driver.latch()
+        robot.wait_until_ready(1.0, use_sim_time=True)
+        assert isinstance(robot.receive(), Odometry)
+        assert isinstance(robot.receive(), Scan)
+        yield robot
+
+
+def last_refused(robot: RosRobot) -> str:
+    return next(pair.value for pair in robot.status().values if pair.key == "last refused")
+
+
+def test_its_lidar_is_where_the_transforms_say(robot: RosRobot) -> None:
+    assert robot.body.lidar == Pose(-0.17)
+
+
+def test_transforms_are_followed_from_the_lidar_to_base_link(bus: Bus, node: BusTransport, driver: Driver) -> None:
+    robot = RosRobot(node, NAMES, load_body())
+    mast = to_transform(Link("base_link", "mast", 0.0, Pose(1.0, 0.0, math.pi / 2)))
+    bus.say(TOPICS.tf_static, ros.TFMessage((mast,)))
+    camera = replace(mast, child_frame_id="camera", transform=ros.Transform(rotation=ros.Quaternion(1.0, w=0.0)))
+    bus.say(TOPICS.tf_static, ros.TFMessage((camera, to_transform(Link("mast", "laser", 0.0, Pose(0.5))))))
+    driver.odometry()
+    driver.scan()
+    driver.latch()
+    robot.wait_until_ready(1.0)
+    assert robot.body.lidar.x == pytest.approx(1.0)
+    assert robot.body.lidar.y == pytest.approx(0.5)
+
+
+def test_a_lidar_that_is_tilted_is_refused(bus: Bus, node: BusTransport, driver: Driver) -> None:
+    robot = RosRobot(node, NAMES, load_body())
+    link = to_transform(Link("base_link", "laser", 0.0, Pose()))
+    tilted = replace(link, transform=ros.Transform(rotation=ros.Quaternion(1.0, 0.0, 0.0, 0.0)))
+    bus.say(TOPICS.tf_static, ros.TFMessage((tilted,)))
+    with pytest.raises(InputError, match="upright"):
+        robot.wait_until_ready(0.1)
+
+
+def test_what_is_missing_is_named(node: BusTransport, driver: Driver) -> None:
+    robot = RosRobot(node, NAMES, load_body())
+    driver.odometry()
+    driver.scan(header=ros.Header(ros.Time(10), "base_scan"))
+    with pytest.raises(InputError) as caught:
+        robot.wait_until_ready(0.1)
+    text = str(caught.value)
+    assert "/scan, /latch/state, base_link → laser on /tf_static" in text
+    assert "/odom" not in text
+    assert "'base_scan' instead of 'laser'" in text
+
+
+def test_commands_become_twists_within_the_bodys_limits(robot: RosRobot, driver: Driver) -> None:
+    robot.command(DRIVE)
+    robot.command(Velocity(9.0, -9.0))
+    sent = [(twist.linear.x, twist.angular.z) for twist in driver.commands]
+    assert sent == [(0.3, 0.1), (0.6, -2.5)]
+
+
+def test_commands_may_be_stamped(bus: Bus, driver: Driver) -> None:
+    robot = RosRobot(bus.node(), NAMES, load_body(), stamped=True)
+    driver.mount()
+    driver.latch()
+    driver.tick()
+    robot.wait_until_ready(1.0, use_sim_time=True)
+    robot.receive()
+    robot.receive()
+    robot.command(DRIVE)
+    (sent,) = bus.heard[TOPICS.cmd_vel_stamped.name]
+    assert isinstance(sent, ros.TwistStamped)
+    assert sent.twist.linear.x == 0.3
+    assert sent.header == ros.Header(ros.Time(10, 100_000_000), "base_link")
+
+
+def test_closing_stops_the_robot(bus: Bus, driver: Driver) -> None:
+    with RosRobot(bus.node(), NAMES, load_body()):
+        pass
+    assert driver.commands[-1] == ros.Twist()
+
+
+# ---- what must not be driven on
+
+
+def test_no_scan_no_drive(robot: RosRobot, driver: Driver) -> None:
+    """Odometry goes on, the lidar has fallen silent."""
+    robot.command(DRIVE)
+    for _ in range(9):
+        driver.time += 0.05
+        driver.odometry()
+        robot.receive()
+        robot.command(DRIVE)
+    assert driver.time - 10.0 < 0.5
+    assert driver.commands[-1] == ros.Twist()
+    assert driver.commands[-3].linear.x == 0.3
+    assert "too old" in robot.status().message
+    driver.tick(0.05)
+    robot.receive()
+    robot.receive()
+    robot.command(DRIVE)
+    assert driver.commands[-1].linear.x == 0.3
+
+
+def test_an_agent_that_fell_behind_does_not_drive(robot: RosRobot, driver: Driver) -> None:
+    for _ in range(6):
+        driver.tick()
+    robot.command(DRIVE)
+    assert driver.commands[-1] == ros.Twist()
+    while driver.time - robot.receive().time > 0.01:
+        pass
+    robot.receive()
+    robot.command(DRIVE)
+    assert driver.commands[-1].linear.x == 0.3
+
+
+def test_it_stops_while_it_waits_for_a_lidar_that_fell_silent(bus: Bus, driver: Driver) -> None:
+    robot = RosRobot(bus.node(), NAMES, load_body())
+    driver.mount()
+    driver.latch()
+    driver.tick()
+    robot.wait_until_ready(1.0, use_sim_time=False)
+    robot.receive()
+    robot.receive()
+    robot.command(DRIVE)
+    started = time.monotonic()
+    threading.Timer(0.9, driver.tick).start()
+    robot.receive()
+    assert time.monotonic() - started > 0.8
+    assert driver.commands[1] == ros.Twist()
+
+
+def test_stop_comes_within_half_a_second(bus: Bus, driver: Driver) -> None:
+    robot = RosRobot(bus.node(), NAMES, load_body())
+    driver.mount()
+    driver.latch()
+    driver.tick()
+    scanned = time.monotonic()
+    robot.wait_until_ready(1.0, use_sim_time=False)
+    robot.receive()
+    robot.receive()
+    robot.command(DRIVE)
+    stopped: list[float] = []
+    bus.listeners[TOPICS.cmd_vel.name, ros.Twist].append(lambda _: stopped.append(time.monotonic()))
+    threading.Timer(0.9, driver.tick).start()
+    robot.receive()
+    assert stopped[0] - scanned < 0.5
+
+
+def test_of_many_scans_that_wait_the_agent_gets_the_last(robot: RosRobot, driver: Driver) -> None:
+    for _ in range(40):
+        driver.tick()
+    first = robot.receive()
+    assert isinstance(first, Odometry)
+    received = [first]
+    while received[-1].time < driver.time or isinstance(received[-1], Odometry):
+        received.append(robot.receive())
+    scans = [item for item in received if isinstance(item, Scan)]
+    assert [item.time for item in scans] == [pytest.approx(driver.time)]
+    assert len(received) == 41
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"header": ros.Header(ros.Time(10, 100_000_000), "camera")},
+        {"header": ros.Header(ros.Time(99), "laser")},
+        {"header": ros.Header(ros.Time(3), "laser")},
+        {"range_max": math.nan},
+        {"angle_increment": -0.0},
+        {"ranges": np.zeros(0, np.float32)},
+    ],
+)
+def test_a_scan_that_cannot_be_is_refused_and_told(changes: dict[str, object], robot: RosRobot, driver: Driver) -> None:
+    driver.time += 0.1
+    driver.odometry()
+    driver.scan(**changes)
+    driver.tick()
+    received = [robot.receive() for _ in range(3)]
+    assert [type(item) for item in received] == [Odometry, Odometry, Scan]
+    assert received[-1].time == pytest.approx(driver.time)
+    assert last_refused(robot).startswith("/scan: ")
+    assert ("refused on /scan", "1") in {(pair.key, pair.value) for pair in robot.status().values}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"child_frame_id": "base_footprint"},
+        {"header": ros.Header(ros.Time(10, 100_000_000), "map")},
+        {"pose": ros.PoseWithCovariance(ros.Pose(ros.Point(math.nan)))},
+        {"twist": ros.TwistWithCovariance(ros.Twist(ros.Vector3(math.inf)))},
+        {"pose": ros.PoseWithCovariance(ros.Pose(orientation=ros.Quaternion(w=0.0)))},
+    ],
+)
+def test_odometry_that_cannot_be_is_refused_and_told(
+    changes: dict[str, object], robot: RosRobot, driver: Driver
+) -> None:
+    driver.time += 0.1
+    driver.odometry(**changes)
+    driver.tick()
+    assert robot.receive().time == pytest.approx(driver.time)
+    assert last_refused(robot).startswith("/odom: ")
+
+
+def test_a_clock_that_is_set_back_ends_the_run(robot: RosRobot, driver: Driver) -> None:
+    driver.time = 0.0
+    for _ in range(5):
+        driver.tick()
+    with pytest.raises(RobotLostError, match="time went back from 10"):
+        robot.receive()
+
+
+def test_a_gap_is_survived(robot: RosRobot, driver: Driver) -> None:
+    driver.time += 30.0
+    for _ in range(5):
+        driver.tick()
+    assert robot.receive().time == pytest.approx(40.5)
+
+
+def test_a_robot_that_is_gone_ends_the_run(robot: RosRobot, driver: Driver, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros_robot, "LOST", 0.2)
+    with pytest.raises(RobotLostError, match="/scan: nothing heard"):
+        robot.receive()
+    assert driver.commands[-1] == ros.Twist()
+
+
+def test_it_yields_to_whoever_else_drives(
+    robot: RosRobot, driver: Driver, bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ros_robot, "YIELDING", 0.3)
+    robot.command(DRIVE)
+    bus.say(TOPICS.cmd_vel, ros.Twist(ros.Vector3(0.11)))
+    count = len(driver.commands)
+    robot.command(DRIVE)
+    assert len(driver.commands) == count
+    assert robot.status().level == ros.DiagnosticStatus.ERROR
+    assert "somebody else drives" in robot.status().message
+    time.sleep(0.4)
+    robot.command(DRIVE)
+    assert driver.commands[-1].linear.x == 0.3
+
+
+def test_own_commands_are_nobody_elses(robot: RosRobot, driver: Driver) -> None:
+    for step in range(300):
+        robot.command(Velocity(step / 1000, -step / 500))
+    assert len(driver.commands) == 300
+
+
+def test_nonsense_on_cmd_vel_is_nobodys_command(robot: RosRobot, driver: Driver, bus: Bus) -> None:
+    bus.say(TOPICS.cmd_vel, ros.Twist(ros.Vector3(math.nan)))
+    robot.command(DRIVE)
+    assert driver.commands[-1].linear.x == 0.3
+    assert last_refused(robot).startswith("/cmd_vel: ")
+
+
+def test_a_silent_second_publisher_is_told(robot: RosRobot, bus: Bus) -> None:
+    assert robot.status().level == ros.DiagnosticStatus.OK
+    bus.node().advertise(TOPICS.cmd_vel)
+    assert robot.status().level == ros.DiagnosticStatus.WARN
+    assert "could drive" in robot.status().message
+
+
+def test_a_master_that_is_gone_is_told(robot: RosRobot, node: BusTransport) -> None:
+    node.is_connected = False
+    assert "master" in robot.status().message
+
+
+# ---- the latch
+
+
+def test_the_latchs_answer_is_that_to_the_own_command(robot: RosRobot, driver: Driver, bus: Bus) -> None:
+    asked: list[float] = []
+
+    def answer(message: ros.JointState) -> None:
+        command = from_latch_command(message)
+        asked.append(command.number)
+        driver.latch(loaded=False, answered=command.number - 1.0)  # of an earlier command
+        if len(asked) % 2 == 0:  # the first time, the command is lost
+            driver.latch(loaded=command.close, answered=command.number)
+
+    bus.listeners[TOPICS.latch_command.name, ros.JointState].append(answer)
+    assert robot.close_latch() is True
+    assert robot.open_latch() is True
+    first, again, second, _ = asked
+    assert first == again < second
+
+
+def test_a_latch_that_does_not_answer_ends_the_run(robot: RosRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros_robot, "LATCH_PATIENCE", 0.02)
+    with pytest.raises(RobotLostError, match="/latch/state: the latch does not answer"):
+        robot.close_latch()
