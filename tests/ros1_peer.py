@@ -12,6 +12,7 @@ import time
 import genpy
 import rospy
 import tf2_ros
+from sensor_msgs.msg import LaserScan
 
 LOCK = threading.Lock()
 
@@ -44,6 +45,7 @@ class Node:
     def __init__(self):
         self.publishers = {}
         self.listener = None
+        self.relayed = None
 
     def listen(self, request):
         topic = request["topic"]
@@ -66,6 +68,27 @@ class Node:
 
     def stop_sending(self, request):
         self.publishers.pop(request["topic"]).unregister()
+
+    def relay(self, request):
+        """Pass the scans of a topic on to another one, as they are or spoilt: "pass", "silent", "nan" or "frame"."""
+        if self.relayed is None:
+            publisher = rospy.Publisher(request["to"], LaserScan, queue_size=100, tcp_nodelay=True)
+            rospy.Subscriber(
+                request["topic"],
+                LaserScan,
+                lambda scan: self.pass_on(scan, publisher),
+                queue_size=100,
+                tcp_nodelay=True,
+            )
+        self.relayed = request["mode"]
+
+    def pass_on(self, scan, publisher):
+        if self.relayed == "nan":
+            scan.angle_increment = float("nan")
+        if self.relayed == "frame":
+            scan.header.frame_id = "camera"
+        if self.relayed != "silent":
+            publisher.publish(scan)
 
     def parameter(self, request):
         return rospy.get_param(request["name"])

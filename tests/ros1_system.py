@@ -160,6 +160,15 @@ class Program:
         os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
 
+    def interrupt(self) -> None:
+        """Ctrl-C."""
+        os.killpg(self.process.pid, signal.SIGINT)
+
+    def result(self) -> dict[str, Any]:
+        """What --json has printed."""
+        found: dict[str, Any] = json.loads(self.lines[-1])
+        return found
+
     def finish(self, patience: float) -> int:
         """Wait for its end; its exit status."""
         try:
@@ -220,6 +229,10 @@ class Peer(Program):
     def stop_sending(self, topic: str) -> None:
         self.ask(do="stop sending", topic=topic)
 
+    def relay(self, topic: str, to: str, mode: str) -> None:
+        """Pass scans on: "pass", "silent", "nan" (an angle that is no number) or "frame" (of another frame)."""
+        self.ask(do="relay", topic=topic, to=to, mode=mode)
+
     def parameter(self, name: str) -> Any:
         return self.ask(do="parameter", name=name)
 
@@ -236,6 +249,15 @@ class Peer(Program):
     def last(self, topic: str) -> dict[str, Any]:
         message: dict[str, Any] = self.heard[topic][-1]["message"]
         return message
+
+
+def values_of(diagnostics: dict[str, Any], name: str) -> dict[str, str]:
+    """The values of one part in a message on /diagnostics, and its message and level."""
+    for status in diagnostics["status"]:
+        if status["name"] == name:
+            values = {pair["key"]: pair["value"] for pair in status["values"]}
+            return {**values, "message": status["message"], "level": str(status["level"])}
+    return {}
 
 
 def heading(quaternion: dict[str, float]) -> float:

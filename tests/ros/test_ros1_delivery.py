@@ -1,0 +1,143 @@
+"""The agent and the simulator as two processes that have nothing between them but a real roscore."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import pytest
+
+from ros1_system import Roscore, require, stamp, values_of, wait_until
+
+RATE = 2.0  # simulated seconds a second
+SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--rate", str(RATE), "--json")
+# The world's two warehouse cells as seen from its robot.
+DELIVER = ("ros1", "deliver", "--warehouse", "3.6,-0.6", "--warehouse", "3.6,-1.8", "--json")
+SCAN, ODOMETRY, TWIST = "sensor_msgs/LaserScan", "nav_msgs/Odometry", "geometry_msgs/Twist"
+MAP, DIAGNOSTICS = "nav_msgs/OccupancyGrid", "diagnostic_msgs/DiagnosticArray"
+STARTED = 90.0  # s, wall clock, that two processes may take until the robot drives
+WITHIN = 0.5  # s, on the robot's clock
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def roscore(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Roscore]:
+    require("roscore")
+    with Roscore(tmp_path_factory.mktemp("ros1")) as roscore:
+        yield roscore
+
+
+def test_two_boxes_are_delivered_over_ros1_alone(roscore: Roscore, capsys: pytest.CaptureFixture[str]) -> None:
+    with (
+        roscore.wherry(*SIMULATE) as simulator,
+        roscore.wherry(*DELIVER) as agent,
+        roscore.wherry("ros1", "monitor", "--duration", "100000", "--json") as monitor,
+    ):
+        assert agent.finish(400.0) == 0, agent.output
+        monitor.interrupt()
+        monitor.finish(20.0)
+        simulator.interrupt()
+        simulator.finish(20.0)
+    verdict, heard = simulator.result(), monitor.result()
+    with capsys.disabled():
+        print(f"\n{verdict}\n{heard}")  # noqa: T201 - the measured latency belongs into the log
+    assert (verdict["delivered"], verdict["boxes"], verdict["collisions"]) == (2, 2, 0), "the referee's word"
+    assert agent.result()["delivered"] == 2
+    assert heard["scans missing"] == heard["odometry missing"] == 0
+    assert heard["scan to velocity, median, ms"] <= 10.0
+
+
+class Ride:
+    """An agent that explores on a simulated robot, whose scans a third node passes on, or not."""
+
+    def __init__(self, roscore: Roscore, stack: ExitStack) -> None:
+        self.simulator = stack.enter_context(roscore.wherry(*SIMULATE, "--remap", "scan:=raw_scan"))
+        self.peer = stack.enter_context(roscore.peer())
+        self.peer.relay("/raw_scan", "/scan", "pass")
+        for topic, kind in (("/odom", ODOMETRY), ("/cmd_vel", TWIST), ("/map", MAP), ("/diagnostics", DIAGNOSTICS)):
+            self.peer.listen(topic, kind)
+        self.agent = stack.enter_context(roscore.wherry(*DELIVER))
+        self.wait_until_it_drives()
+
+    def wait_until_it_drives(self) -> None:
+        wait_until(lambda: self.peer.heard["/odom"] and self.speed() > 0.1, STARTED, f"it drives\n{self.agent.output}")
+
+    def speed(self) -> float:
+        twist = self.peer.last("/odom")["twist"]["twist"]
+        return math.hypot(twist["linear"]["x"], twist["angular"]["z"])
+
+    def now(self) -> float:
+        return stamp(self.peer.last("/odom"))
+
+    def stops_within(self, seconds: float) -> None:
+        """From now on; measured on the robot's clock."""
+        begin = self.now()
+        wait_until(lambda: self.speed() < 0.01, 10.0, "the robot stands")
+        assert self.now() - begin <= seconds + 0.1, "two odometries: this one, and the one that was under way"
+
+    def stands_for(self, seconds: float) -> None:
+        begin, heard = self.now(), len(self.peer.heard["/odom"])
+        wait_until(lambda: self.now() - begin >= seconds, 30.0, "time passes")
+        for news in self.peer.heard["/odom"][heard:]:
+            assert abs(news["message"]["twist"]["twist"]["linear"]["x"]) < 0.01
+
+    def status(self, name: str) -> dict[str, str]:
+        for news in reversed(self.peer.heard["/diagnostics"]):
+            if found := values_of(news["message"], name):
+                return found
+        return {}
+
+
+@pytest.fixture
+def ride(roscore: Roscore) -> Iterator[Ride]:
+    with ExitStack() as stack:
+        yield Ride(roscore, stack)
+
+
+@pytest.mark.parametrize("mode", ["silent", "nan", "frame"])
+def test_without_a_scan_to_trust_the_agent_commands_standstill(ride: Ride, mode: str) -> None:
+    ride.peer.relay("/raw_scan", "/scan", mode)
+    sent = len(ride.peer.heard["/cmd_vel"])
+    ride.stops_within(WITHIN)
+    ride.stands_for(1.0)
+    last = [news["message"] for news in ride.peer.heard["/cmd_vel"][sent:]][-1]
+    assert (last["linear"]["x"], last["angular"]["z"]) == (0.0, 0.0), "commanded, not only left to the watchdog"
+    if mode != "silent":
+        words = {"nan": "no number", "frame": "'camera' instead of 'laser'"}[mode]
+        wait_until(lambda: words in ride.status("wherry: robot").get("last refused", ""), 5.0, "diagnostics say why")
+    ride.peer.relay("/raw_scan", "/scan", "pass")
+    ride.wait_until_it_drives()
+
+
+def test_the_robot_stands_when_the_agent_is_killed(ride: Ride) -> None:
+    ride.agent.kill()
+    ride.stops_within(WITHIN)
+    ride.stands_for(1.0)
+
+
+def test_the_agent_gives_way_to_whoever_else_drives(roscore: Roscore, ride: Ride) -> None:
+    with roscore.peer("joystick") as joystick:
+        begin = ride.now()
+        while ride.now() < begin + 3.0:
+            joystick.send("/cmd_vel", TWIST, {"angular": {"z": 0.3}})
+        late = [news["message"]["angular"]["z"] for news in ride.peer.heard["/cmd_vel"]][-20:]
+        assert late == [0.3] * 20, "only one of them commands"
+        wait_until(lambda: "somebody else" in ride.status("wherry: robot").get("message", ""), 5.0, "it is told")
+    ride.wait_until_it_drives()
+
+
+def test_a_master_that_dies_does_not_stop_the_ride(roscore: Roscore, ride: Ride) -> None:
+    begin, heard = ride.now(), len(ride.peer.heard["/cmd_vel"])
+    roscore.kill()
+    wait_until(lambda: ride.now() > begin + 4.0, 30.0, "time passes")
+    assert len(ride.peer.heard["/cmd_vel"]) > heard + 20, "the agent goes on"
+    roscore.start()
+    with roscore.peer("newcomer") as newcomer:
+        newcomer.listen("/map", MAP)
+        grid = newcomer.wait_for("/map", 1, 20.0)[0]
+        assert len(grid["data"]) == grid["info"]["width"] * grid["info"]["height"] > 0
+        assert grid["header"]["frame_id"] == "map"
+    ride.wait_until_it_drives()
+    assert ride.agent.process.poll() is None
