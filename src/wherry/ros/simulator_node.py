@@ -187,7 +187,7 @@ class SimulatorNode:
         tick = 1 / self._rates.clock
         ticked = self._world.time
         while (left := instant - self._now()) > 0.0:
-            if ticked + tick < instant:
+            if ticked + tick < instant - tick / 2:
                 time.sleep(max(min(ticked + tick - self._now(), left), 0.0) / self._rate)
                 ticked += tick
                 self._transport.publish(self._topics.clock, ros.Clock(stamp_of(ticked)))
