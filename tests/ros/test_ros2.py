@@ -60,7 +60,8 @@ def _real_value(value: Any) -> Any:
 def same(one: Any, other: Any) -> bool:
     if isinstance(one, Message):
         return type(one) is type(other) and all(
-            same(getattr(one, entry.name), getattr(other, entry.name)) for entry in fields(one)  # type: ignore[arg-type]
+            same(getattr(one, entry.name), getattr(other, entry.name))
+            for entry in fields(one)  # type: ignore[arg-type]
         )
     if isinstance(one, np.ndarray):
         return bool(one.dtype == other.dtype and np.array_equal(one, other))

@@ -13,7 +13,9 @@ import typer
 if TYPE_CHECKING:
     from wherry.logs import LidarLog
     from wherry.robot import Robot
+    from wherry.ros.names import Names
     from wherry.ros.recording import LogRecording
+    from wherry.ros.transport import Transport
     from wherry.trace import Sink
 
 RecordOption = Annotated[
@@ -67,6 +69,27 @@ def recorded_log(path: Path | None, log: LidarLog) -> Iterator[LogRecording | No
 
     with _interrupted_when_terminated(), Bag(path) as bag:
         yield LogRecording(bag, log)
+
+
+@contextlib.contextmanager
+def recorded_transport(path: Path | None, transport: Transport, names: Names) -> Iterator[Transport]:
+    """The transport, with everything that goes through it recorded.
+
+    Args:
+        path: The bag; None to record nothing.
+        transport: ROS.
+        names: What everything is called.
+
+    Raises:
+        InputError: The bag cannot be written.
+    """
+    if path is None:
+        yield transport
+        return
+    from wherry.ros.recording import Bag, RecordedTransport
+
+    with _interrupted_when_terminated(), Bag(path) as bag:
+        yield RecordedTransport(transport, bag, names)
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json
+from wherry.commands.recording import RecordOption, recorded_transport
 
 if TYPE_CHECKING:
     from wherry.ros.transport import Transport
@@ -108,6 +109,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         remap: RemapOption = None,
         interface: InterfaceOption = "",
         out: Annotated[Path | None, typer.Option(help="Where to write map and rules.")] = None,
+        record: RecordOption = None,
         as_json: JsonOption = False,
         quiet: QuietOption = False,
     ) -> None:
@@ -134,7 +136,8 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
             console.print("Compiling the inner loops; that takes half a minute, and is done once.")
             delivery.warm_up()
         with (
-            open_transport(generation, "wherry_agent", namespace, interface) as transport,
+            open_transport(generation, "wherry_agent", namespace, interface) as connection,
+            recorded_transport(record, connection, called) as transport,
             RosRobot(transport, called, shape, stamped=stamped) as robot,
         ):
             console.print("Waiting for the robot.")

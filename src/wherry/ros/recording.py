@@ -6,6 +6,7 @@ transform comes before the scan that needs it.
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -34,7 +35,7 @@ from wherry.ros.conversion import (
 from wherry.ros.latch import LatchState, to_latch_state
 from wherry.ros.messages import Header, M, Message, cached, fields_of
 from wherry.ros.names import Names, load_names
-from wherry.ros.transport import Quality, Topic
+from wherry.ros.transport import Quality, Topic, Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace import Explored, Record, Seen, Stepped
@@ -194,7 +195,7 @@ class Bag:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._unfinished = self.path.with_name(self.path.name + UNFINISHED)
-        self._connections: dict[str, Any] = {}
+        self._connections: dict[tuple[str, type[Message]], Any] = {}
         self._lock = Lock()
         self._check()
         try:
@@ -240,9 +241,10 @@ class Bag:
             if self._storage is None:
                 raise ValueError(f"{self.path} is closed")
             try:
-                if topic.name not in self._connections:
-                    self._connections[topic.name] = self._storage.connect(topic)
-                self._storage.write(self._connections[topic.name], message, round(seconds * NANOSECONDS))
+                key = (topic.name, topic.message_type)
+                if key not in self._connections:
+                    self._connections[key] = self._storage.connect(topic)
+                self._storage.write(self._connections[key], message, round(seconds * NANOSECONDS))
             except OSError as error:
                 raise InputError(self._unfinished, "", f"cannot be written any further: {error.strerror}") from error
 
@@ -409,6 +411,93 @@ class RecordedRobot:
         is_free = self._robot.open_latch()
         self._recording.latched(self._time, loaded=not is_free)
         return is_free
+
+
+class RecordedTransport:
+    """A transport like the one that it wraps, but for that all that is heard and published through it is recorded.
+
+    What belongs to no instant of its own counts as of the last scan or odometry, so that the bag has one clock, that of
+    the robot; what comes before the first of them waits for it. Transforms are listened to even if nobody else does.
+
+    Args:
+        transport: ROS.
+        bag: Where to; the caller closes it.
+        names: What everything is called.
+    """
+
+    def __init__(self, transport: Transport, bag: Bag, names: Names) -> None:
+        self._transport = transport
+        self._bag = bag
+        self._clocks = {names.topics.scan.name, names.topics.odom.name}
+        self._heard: set[str] = set()
+        self._lock = Lock()
+        self._now: float | None = None
+        self._waiting: list[tuple[Topic[Any], Message]] = []
+        self.subscribe(names.topics.tf, lambda message: None)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def generation(self) -> int:
+        """As of the transport."""
+        return self._transport.generation
+
+    def advertise(self, topic: Topic[M]) -> None:
+        """As the transport."""
+        self._transport.advertise(topic)
+
+    def publish(self, topic: Topic[M], message: M) -> None:
+        """As the transport; and recorded, unless it comes back because it is listened to as well."""
+        self._transport.publish(topic, message)
+        if topic.name not in self._heard:
+            self._record(topic, message)
+
+    def subscribe(self, topic: Topic[M], heard: Callable[[M], None]) -> None:
+        """As the transport; and recorded."""
+        self._heard.add(topic.name)
+
+        def record_and_hear(message: M) -> None:
+            with contextlib.suppress(InputError):  # of a full disk `publish` tells, in the agent's own thread
+                self._record(topic, message)
+            heard(message)
+
+        self._transport.subscribe(topic, record_and_hear)
+
+    def publishers_of(self, topic: Topic[M]) -> int:
+        """As the transport."""
+        return self._transport.publishers_of(topic)
+
+    def subscribers_of(self, topic: Topic[M]) -> int:
+        """As the transport."""
+        return self._transport.subscribers_of(topic)
+
+    def connected(self) -> bool:
+        """As the transport."""
+        return self._transport.connected()
+
+    def close(self) -> None:
+        """As the transport."""
+        self._transport.close()
+
+    def _record(self, topic: Topic[Any], message: Message) -> None:
+        with self._lock:
+            if topic.name in self._clocks:
+                assert isinstance(message, ros.LaserScan | ros.Odometry)  # noqa: S101 - the topics' types
+                stamp = message.header.stamp
+                seconds = (stamp.sec * NANOSECONDS + stamp.nanosec) / NANOSECONDS
+                self._now = seconds if self._now is None else max(self._now, seconds)
+            self._waiting.append((topic, message))
+            if self._now is None:
+                return
+            for waiting, held in self._waiting:
+                self._bag.write(waiting, held, self._now)
+            self._waiting.clear()
 
 
 class LogRecording:
