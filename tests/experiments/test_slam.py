@@ -88,3 +88,51 @@ def test_bad_settings_are_named(log: Path, tmp_path: Path) -> None:
         with pytest.raises(InputError) as caught:
             prepare(settings)
         assert source in caught.value.source
+
+
+@pytest.fixture(scope="module")
+def mapped(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that mapping the log has left."""
+    out = tmp_path_factory.mktemp("mapped")
+    run(Settings(log, out=out))
+    return out
+
+
+@pytest.fixture(scope="module")
+def next_day(log: Path) -> Path:
+    """The same drive, a hundred seconds later."""
+    path = log.parent / "next.clf"
+    lines = [line.split() for line in log.read_text().splitlines()]
+    path.write_text("".join(f"{' '.join(words[:-3])} {float(words[-3]) + 100.0} host 0\n" for words in lines))
+    return path
+
+
+def test_mapping_goes_on_with_a_saved_graph(log: Path, mapped: Path, next_day: Path, tmp_path: Path) -> None:
+    result = run(Settings(next_day, graph=mapped / "graph.npz", start=Pose(0.2, 0.1, 0.1), out=tmp_path))
+    assert result.scans == 16
+    both = read_odometry(tmp_path / "trajectory.tum")
+    assert len(both.times) == 32
+    np.testing.assert_allclose(both.poses[16:, :2], both.poses[:16, :2], atol=0.05)
+    assert len(load_graph(tmp_path / "graph.npz").keyscans) > len(load_graph(mapped / "graph.npz").keyscans)
+
+
+def test_localizing_leaves_the_map_as_it_is(log: Path, mapped: Path, next_day: Path, tmp_path: Path) -> None:
+    run(Settings(next_day, graph=mapped / "graph.npz", start=Pose(), localize=True, out=tmp_path))
+    assert (tmp_path / "map.pgm").read_bytes() == (mapped / "map.pgm").read_bytes()
+    assert not (tmp_path / "graph.npz").exists()
+    way, first = read_odometry(tmp_path / "trajectory.tum"), read_odometry(mapped / "trajectory.tum")
+    np.testing.assert_allclose(way.poses[:, :2], first.poses[:, :2], atol=0.05)
+
+
+def test_what_cannot_be_gone_on_with_is_named(log: Path, mapped: Path, next_day: Path) -> None:
+    graph = mapped / "graph.npz"
+    for settings, source, reason in (
+        (Settings(next_day, localize=True), "--localize", "--continue"),
+        (Settings(next_day, graph=graph, backend="particles"), "--backend", "cannot go on"),
+        (Settings(log, graph=graph), "room.clf", "time runs backwards"),
+        (Settings(next_day, graph=graph, start=Pose(50.0)), "next.clf", "fits the map nowhere"),
+        (Settings(next_day, graph=log), "room.clf", "not a saved pose graph"),
+    ):
+        with pytest.raises(InputError, match=reason) as caught:
+            prepare(settings)
+        assert source in caught.value.source

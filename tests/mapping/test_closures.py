@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 
-from wherry.mapping.closures import LARGEST_WINDOW, LEAST_WINDOW, Closure, search_window, try_closure
+from wherry.mapping.closures import LARGEST_WINDOW, LEAST_WINDOW, Closure, refusals, search_window, try_closure
 from wherry.mapping.cloud import Cloud
 from wherry.mapping.correlative import Window
 from wherry.mapping.submap import Submap
@@ -73,3 +74,16 @@ def test_the_window_is_three_deviations_within_limits(sigma: float, expected: fl
     assert window.distance == pytest.approx(expected)
     assert window.angle == pytest.approx(0.3)
     assert window.centre == Pose(1.0, 2.0, 0.3)
+
+
+def test_refusals_are_counted_by_gate() -> None:
+    there = Window(Pose(), 0.6, 0.1)
+    fine = attempt(Pose(0.1), there)
+    reasons = ["response 0.31 is below 0.45", "response 0.40 is below 0.45", "ambiguous: another place has response 1"]
+    tried = [fine, *(replace(fine, refused=reason) for reason in reasons)]
+    assert refusals(tried) == {"response": 2, "ambiguous": 1}
+
+
+def test_wide_windows_are_searched_with_fewer_points() -> None:
+    there = Pose(0.3, -0.2, 0.15)
+    assert attempt(there, Window(Pose(2.0, 1.0, 0.1), 4.0, 0.3)).measured.distance_to(there) < 0.02

@@ -11,14 +11,15 @@ from buildings import LIDAR, RESOLUTION, Drive, building, drive, shared_data
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from wherry.experiments.drifting_odometry import map_building
 from wherry.experiments.slam import merged_odometry
 from wherry.logs import read_log, read_odometry
 from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
-from wherry.mapping.localizer import MapLocalizer
-from wherry.mapping.metric import absolute_trajectory_error, load_relations, relation_errors
+from wherry.mapping.localizer import MapLocalizer, place_on_map
+from wherry.mapping.metric import load_relations, relation_errors
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Floats, Pose, compose, relative
+from wherry.space.pose import Floats, Pose, relative
 
 SETTINGS = GraphSlamSettings(resolution=0.025)
 
@@ -181,17 +182,37 @@ def test_intel_is_better_than_gmapping_s() -> None:
 
 @pytest.mark.parametrize(("name", "largest"), [("aces", 0.15), ("csail", 0.15), ("fhw", 0.30)])
 def test_drifting_odometry_is_put_right(name: str, largest: float) -> None:
-    log = read_log(shared_data(f"radish/{name}-corrected.log.gz"), lenient=True)
-    reference = np.array([odometry.pose.as_array() for odometry in log.scan_odometry if odometry is not None])
-    rng = np.random.default_rng(1)
-    moved = relative(reference[1:], reference[:-1])
-    wrong = moved * (1.0 + 0.02 * rng.normal(size=3)) + moved * 0.06 * rng.normal(size=moved.shape)
-    drifted = [np.zeros(3)]
-    for step in wrong:
-        drifted.append(compose(drifted[-1], step))
-    assert absolute_trajectory_error(np.array(drifted), reference) > 1.0
-    slam = GraphSlam(log.lidar, GraphSlamSettings(empty_range=0.0))
-    for scan, pose in zip(log.scans, drifted, strict=True):
-        slam.add(scan, Odometry(scan.time, Pose.from_array(pose), Velocity()))
+    result = map_building(shared_data(f"radish/{name}-corrected.log.gz"), name, seed=1)
+    assert result.odometry_rmse_m > 1.0
+    assert result.rmse_m <= largest
+    assert result.closures > 20
+    assert result.false_closures == 0
+
+
+def test_another_day_goes_on_where_the_robot_stands() -> None:
+    first, second = drive(noise=0.01, drift=0.03, spacing=0.2), drive(noise=0.01, drift=0.03, seed=4, spacing=0.2)
+    slam = mapped(first)
+    nodes = len(slam.nodes)
+    later = [replace(scan, time=scan.time + 1000.0) for scan in second.scans]
+    place = place_on_map(slam, later[0], Pose(1.0, -0.8, 0.4))
+    assert place is not None
+    assert place.distance_to(Pose()) < 0.05
+    slam.resume(later[0], second.odometry[0], place)
+    for scan, odometry in zip(later[1:], second.odometry[1:], strict=True):
+        slam.add(scan, odometry)
     slam.finish()
-    assert absolute_trajectory_error(slam.trajectory.poses, reference) <= largest
+    assert len(slam.nodes) > nodes
+    joined = [closure for closure in slam.closures if closure.accepted and closure.target < nodes <= closure.node]
+    assert joined, "the second day's scans close loops with the first day's"
+    off = relative(slam.trajectory.poses[len(first.scans) :], second.truth)
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.06
+
+
+def test_a_scan_of_elsewhere_is_placed_nowhere_and_nothing_is_not_resumed(noisy: tuple[Drive, GraphSlam]) -> None:
+    driven, slam = noisy
+    blind = replace(driven.scans[0], ranges=np.full(len(driven.scans[0].ranges), np.nan))
+    assert place_on_map(slam, blind, Pose()) is None
+    round_hall = replace(driven.scans[0], ranges=np.full(len(driven.scans[0].ranges), 9.0))
+    assert place_on_map(slam, round_hall, Pose()) is None
+    with pytest.raises(ValueError, match="before the first scan"):
+        GraphSlam().resume(driven.scans[0], None, Pose())

@@ -68,6 +68,19 @@ def test_one_wrong_closure_among_right_ones_is_outvoted() -> None:
     assert np.hypot(*(trusted.poses - truth)[:, :2].T).max() > 0.5
 
 
+def test_a_true_closure_after_a_long_drift_is_listened_to() -> None:
+    truth, graph = ring()
+    bent = graph.measured.copy()
+    bent[:-1, 2] += 0.02  # odometry that turns too far with every step: 45° in all
+    robust = np.arange(len(bent)) == len(bent) - 1
+    drifted = replace(graph, measured=bent, robust=robust)
+    drifted = replace(drifted, poses=chained(drifted), information=np.tile(100.0 * INFORMATION, (len(bent), 1, 1)))
+    assert edge_errors(drifted)[-1] > 50.0
+    solved = optimized(drifted)
+    assert edge_errors(solved).max() < 5.0
+    assert np.hypot(*(solved.poses[-1] - truth[-1])[:2]) < 0.1
+
+
 def test_nothing_to_solve_is_left_alone() -> None:
     lone = PoseGraph(
         np.zeros((1, 3)), np.zeros((0, 2), np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, bool)

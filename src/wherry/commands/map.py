@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
 from wherry.commands.recording import RecordOption, recorded_log
+from wherry.errors import InputError
+
+if TYPE_CHECKING:
+    from wherry.space.pose import Pose
 
 
 def map_log(
@@ -23,12 +28,23 @@ def map_log(
     seed: SeedOption = 0,
     resolution: Annotated[float, typer.Option(help="m, a grid cell's side.")] = 0.05,
     lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")] = False,
+    graph: Annotated[
+        Path | None, typer.Option("--continue", metavar="GRAPH", help="Go on with the map of a graph.npz of --out.")
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option(metavar="X,Y,θ", help="With --continue: about where the log begins; m, m, degrees.")
+    ] = None,
+    localize: Annotated[
+        bool, typer.Option("--localize", help="With --continue: follow the robot, leave the map as it is.")
+    ] = False,
     record: RecordOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Make a map and a trajectory of recorded scans and odometry (SLAM)."""
     from wherry.experiments import slam
+    from wherry.mapping.closures import refusals
+    from wherry.mapping.graph_slam import GraphSlam
     from wherry.views.terminal import print_table
 
     run = slam.prepare(
@@ -41,6 +57,9 @@ def map_log(
             seed=seed,
             resolution=resolution,
             lenient=lenient,
+            graph=graph,
+            start=None if start is None else _pose(start),
+            localize=localize,
         )
     )
     console = console_for(as_json=as_json, quiet=quiet)
@@ -53,7 +72,23 @@ def map_log(
     assert run.result is not None  # noqa: S101 - steps() ends by setting it
     figures = asdict(run.result)
     print_table(console, f"Map of {log.name}", {name: shown(value) for name, value in figures.items()})
+    if isinstance(run.slam, GraphSlam) and run.slam.closures:
+        refused = {name: str(number) for name, number in refusals(run.slam.closures).items()}
+        print_table(console, "Closures refused for", refused)
     if out is not None:
-        console.print(f"Map, picture, trajectory and pose graph: {out}")
+        console.print(f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
     if as_json:
         print_json(figures)
+
+
+def _pose(text: str) -> Pose:
+    """A pose from ``x,y,θ`` in metres and degrees."""
+    from wherry.space.pose import Pose
+
+    try:
+        x, y, degrees = (float(word) for word in text.split(","))
+    except ValueError as error:
+        raise InputError("--start", text, "must be x,y,θ in metres and degrees") from error
+    if not all(math.isfinite(value) for value in (x, y, degrees)):
+        raise InputError("--start", text, "must be finite")
+    return Pose(x, y, math.radians(degrees))

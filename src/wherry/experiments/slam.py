@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,9 +18,10 @@ from wherry.files import write_atomically
 from wherry.logs import LidarLog, read_log, read_odometry
 from wherry.mapping.backends import BACKENDS, MapSettings
 from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
+from wherry.mapping.localizer import MapLocalizer, place_on_map
 from wherry.mapping.metric import RelationErrors, Relations, load_relations, relation_errors
 from wherry.mapping.pose_graph import optimized
-from wherry.mapping.saved_graph import save_graph
+from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.mapping.slam import Slam
 from wherry.ros.recording import LogRecording
 from wherry.space.map_files import save_map
@@ -47,6 +49,9 @@ class Settings:
         seed: Of what is random in the method.
         resolution: m, a grid cell's side.
         lenient: Whether broken lines of the log are left out.
+        graph: A pose graph saved by mapping, to go on from; None to begin anew.
+        start: Where the log begins on that graph's map, to within 3 m and 45°; None for where mapping ended.
+        localize: Whether to follow the robot on that graph's map, and leave the map as it is.
     """
 
     log: Path
@@ -57,6 +62,9 @@ class Settings:
     seed: int = 0
     resolution: float = 0.05
     lenient: bool = False
+    graph: Path | None = None
+    start: Pose | None = None
+    localize: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +110,13 @@ def prepare(settings: Settings) -> MappingRun:
     """Read and check everything that a user has given, before anything is done.
 
     Raises:
-        InputError: A file, the backend, the resolution or the folder cannot be used.
+        InputError: A file, the backend, the resolution or the folder cannot be used, or the log begins nowhere on the
+            map that is to be gone on with.
     """
+    if settings.localize and settings.graph is None:
+        raise InputError("--localize", "", "needs --continue GRAPH: the map to localize on")
+    if settings.graph is not None and settings.backend != "graph":
+        raise InputError("--backend", settings.backend, "cannot go on from a pose graph: graph can")
     if settings.backend not in BACKENDS:
         raise InputError("--backend", settings.backend, f"is none of {', '.join(BACKENDS)}")
     if not 0.005 <= settings.resolution <= 1.0:
@@ -114,12 +127,31 @@ def prepare(settings: Settings) -> MappingRun:
     odometry = log.odometry
     if settings.odometry is not None:
         odometry = merged_odometry(log.odometry, read_odometry(settings.odometry))
+    slam, first = _begun(settings, log)
     if settings.out is not None:
         try:
             settings.out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(settings.out, "", f"cannot be made: {error.strerror}") from error
-    return MappingRun(settings, log, relations, odometry)
+    return MappingRun(settings, log, relations, odometry, slam, first)
+
+
+def _begun(settings: Settings, log: LidarLog) -> tuple[Slam, Pose | None]:
+    """What maps the log, and where on its map the log begins if it has one already."""
+    if settings.graph is None:
+        common = MapSettings(resolution=settings.resolution, empty_range=0.0)
+        return BACKENDS[settings.backend](log.lidar, np.random.default_rng(settings.seed), common), None
+    slam = load_graph(settings.graph)
+    if slam.front is not None and log.scans[0].time <= slam.front.time:
+        times = f"at {log.scans[0].time:.3f} s, the graph ends at {slam.front.time:.3f} s"
+        raise InputError(settings.log, "first scan", f"time runs backwards: it was taken {times}")
+    start = slam.pose if settings.start is None else settings.start
+    first = place_on_map(slam, log.scans[0], start)
+    if first is None:
+        place = f"({start.x:.2f} m, {start.y:.2f} m, {math.degrees(start.theta):.0f}°)"
+        reason = f"fits the map nowhere around {place}, or in several places; say with --start where it is"
+        raise InputError(settings.log, "first scan", reason)
+    return (MapLocalizer(slam, first) if settings.localize else slam), first
 
 
 def merged_odometry(own: Trajectory, dense: Trajectory) -> Trajectory:
@@ -138,19 +170,29 @@ class MappingRun:
         log: The log.
         relations: To score by, if there are any.
         odometry: To interpolate poses with.
+        slam: What maps it.
+        first: base_link at the first scan, if there is a map already to go on with.
 
     Attributes:
         result: After all `steps`, what came of it.
     """
 
-    def __init__(self, settings: Settings, log: LidarLog, relations: Relations | None, odometry: Trajectory) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        log: LidarLog,
+        relations: Relations | None,
+        odometry: Trajectory,
+        slam: Slam,
+        first: Pose | None,
+    ) -> None:
         self.settings = settings
         self.log = log
         self.result: Result | None = None
         self._relations = relations
         self._interpolation = odometry if len(odometry.times) > 1 else None
-        common = MapSettings(resolution=settings.resolution, empty_range=0.0)
-        self.slam = BACKENDS[settings.backend](log.lidar, np.random.default_rng(settings.seed), common)
+        self.slam = slam
+        self._first = first
 
     @property
     def scans(self) -> int:
@@ -168,7 +210,10 @@ class MappingRun:
         taken = np.zeros(self.scans)
         for number, (scan, odometry) in enumerate(zip(self.log.scans, self.log.scan_odometry, strict=True)):
             before = time.perf_counter()
-            self.slam.add(scan, odometry)
+            if number == 0 and self._first is not None and isinstance(self.slam, GraphSlam):
+                self.slam.resume(scan, odometry, self._first)
+            else:
+                self.slam.add(scan, odometry)
             taken[number] = time.perf_counter() - before
             yield number + 1
         if isinstance(self.slam, GraphSlam):

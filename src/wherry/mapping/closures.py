@@ -8,6 +8,9 @@ points on surfaces lie on the submap's (overlap). Whatever is tried is kept with
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +21,7 @@ from wherry.mapping.refinement import refine
 from wherry.mapping.submap import Submap
 from wherry.space.pose import Floats, Pose
 
-LEAST_RESPONSE = 0.55
+LEAST_RESPONSE = 0.45
 MOST_RIVALRY = 0.90  # share of the best response that another peak may have
 LEAST_OVERLAP = 0.6
 DEVIATIONS = 3.0  # σ that are searched to either side
@@ -27,7 +30,9 @@ MOST_REFINED = 0.3  # m that the exact match may be away from the place that was
 LEAST_WINDOW_ANGLE = math.radians(4.0)
 LARGEST_WINDOW = 8.0  # m
 LARGEST_WINDOW_ANGLE = math.radians(40.0)
+NUMBERS = re.compile(r":| \d")  # where a reason goes on to its figures
 POINTS = 300  # of a cloud, for finding its place
+WIDE_WINDOW = 2.0  # m; in wider ones fewer points are used, so that the time does not grow with the area
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,8 @@ def try_closure(time: float, node: int, target: int, submap: Submap, cloud: Clou
         cloud: What is around the keyscan, in its frame.
         window: Where it may be.
     """
-    found = correlate(submap, cloud.thinned(POINTS).points, window, rivalry=MOST_RIVALRY)
+    points = cloud.thinned(round(POINTS * min(WIDE_WINDOW / window.distance, 1.0))).points
+    found = correlate(submap, points, window, rivalry=MOST_RIVALRY)
     fine = refine(submap, cloud, found.pose)
     if found.response < LEAST_RESPONSE:
         refused = f"response {found.response:.2f} is below {LEAST_RESPONSE}"
@@ -101,3 +107,9 @@ def try_closure(time: float, node: int, target: int, submap: Submap, cloud: Clou
     return Closure(
         time, node, target, fine.pose, fine.information, found.response, found.rival, window.distance, refused
     )
+
+
+def refusals(closures: Sequence[Closure]) -> Mapping[str, int]:
+    """How many closures each gate refused, the strictest gate first."""
+    gates = (NUMBERS.split(closure.refused)[0].strip() for closure in closures if closure.refused)
+    return dict(Counter(gates).most_common())

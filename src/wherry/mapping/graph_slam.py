@@ -33,6 +33,7 @@ MATCH_DISTANCE, MATCH_DISTANCE_PER_DISTANCE = 0.01, 0.005  # m, m per m from the
 MATCH_ANGLE, MATCH_ANGLE_PER_DISTANCE = math.radians(0.2), math.radians(0.03)  # rad, rad per m
 WAY_DOUBT = 4.0  # how much more uncertain the way from piece to piece is taken to be, for what matching overlooked
 CLOSURE_COVARIANCE = np.diag([0.02**2, 0.02**2, math.radians(0.3) ** 2])  # m, m, rad likewise, of closures
+RESUMED_COVARIANCE = np.diag([0.05**2, 0.05**2, math.radians(1.0) ** 2])  # m, m, rad, of a place to resume at
 SIGHT = 3.0  # m; surroundings are matched to submaps whose robot was so near, or may have been
 SURPRISE, SURPRISE_ANGLE = 0.05, math.radians(0.5)  # m and rad; a closure that moves the map by so much does so now
 CLOSURE_CELL = 0.1  # m; of the points matched together, one in each square of this size is kept
@@ -143,10 +144,41 @@ class GraphSlam:
         else:
             match = find_scan(submap, cloud, expected, movement, noise)
             front = self._keep(front, scan, cloud, expected if match is None else match.pose, match, odometry)
-            if self.settings.close_loops and front.key % self.settings.closure_every == 0:
+            if self.settings.close_loops and front.key % self.settings.closure_every == 0 and self._is_elsewhere():
                 self._search_closures(front)
         self.front = front
         self.passed.append((scan.time, front.key, front.pose.relative_to(front.key_pose)))
+        return self.pose
+
+    def resume(self, scan: Scan, odometry: Odometry | None, pose: Pose) -> Pose:
+        """Go on at another place, as at the beginning of another day's log; odometry may have started anew.
+
+        Args:
+            scan: The first one there, later than all before.
+            odometry: Of its instant, if there is any.
+            pose: base_link in the map frame, see `wherry.mapping.localizer.place_on_map`.
+
+        Returns:
+            The same pose.
+
+        Raises:
+            ValueError: There is no map yet.
+        """
+        if self.front is None:
+            raise ValueError("there is no map to resume on before the first scan")
+        last, key = len(self.pieces) - 1, len(self.keyscans)
+        if self.front.piece < last:  # it would have been tracked next
+            self._connect(self.front.piece)
+        nearest = int(np.hypot(*(self.nodes[:, :2] - pose.as_array()[:2]).T).argmin())
+        around = next(number for number, piece in enumerate(self.pieces) if piece.members[-1][0] >= nearest)
+        self.edges.append(Edge(nearest, key, pose.relative_to(self._node(nearest)), RESUMED_COVARIANCE))
+        way = pose.relative_to(self._node(self.pieces[around].origin))
+        self.ways.append(Edge(around, last + 1, way, RESUMED_COVARIANCE))
+        self.keyscans.append(Keyscan(scan, Cloud.of(scan, self.lidar, self.settings.range_limit)))
+        self.nodes = np.vstack([self.nodes, pose.as_array()])
+        self.pieces.append(Piece(key, members=[(key, IDENTITY)]))
+        self.front = replace(Front.begin(scan.time, odometry), piece=last + 1, key=key)
+        self.passed.append((scan.time, key, IDENTITY))
         return self.pose
 
     def finish(self) -> None:
@@ -198,17 +230,29 @@ class GraphSlam:
             successor = self.pieces[-1]
             successor.members.append((front.key, front.key_pose.relative_to(successor.start)))
             if len(tracked.members) >= self.settings.submap_scans:
-                covariance = successor.start_covariance + WAY_DOUBT * _roughness(successor.start)
-                self.ways.append(Edge(front.piece, front.piece + 1, successor.start, covariance))
+                self._connect(front.piece)
                 return front.on_next(successor.start)
         elif len(tracked.members) >= self.settings.submap_scans // 2:
             self.pieces.append(Piece(front.key, front.key_pose, front.covariance, [(front.key, IDENTITY)]))
             return replace(front, next_covariance=NO_COVARIANCE)
         return front
 
+    def _connect(self, piece: int) -> None:
+        """Tell how the next piece begins on this one."""
+        successor = self.pieces[piece + 1]
+        covariance = successor.start_covariance + WAY_DOUBT * _roughness(successor.start)
+        self.ways.append(Edge(piece, piece + 1, successor.start, covariance))
+
     def _submap(self, piece: int) -> Submap:
         """A piece's submap."""
         return self._submaps.of(piece, self.pieces[piece])
+
+    def _is_elsewhere(self) -> bool:
+        """Whether the robot has moved on since a search failed: in a wide window little news is none."""
+        if not self.closures or self.closures[-1].accepted:
+            return True
+        steps = np.diff(self.nodes[self.closures[-1].node :, :2], axis=0)
+        return float(np.hypot(steps[:, 0], steps[:, 1]).sum()) >= self.closures[-1].window / 2.0
 
     def _search_closures(self, front: Front) -> None:
         """Try to close loops from the last keyscan to the submaps that it may lie in."""

@@ -21,6 +21,7 @@ ITERATIONS = 20
 CONVERGED = 1e-4  # m and rad, largest change of a pose
 LEAST_GAIN = 1e-4  # relative change of the cost that still is one
 ROBUST_SCALE = 2.0  # σ, an error that large counts half (Cauchy's loss)
+FAR_OFF, NARROWING = 4.0, 4.0  # times that scale; by how much it is narrowed from step to step
 FIRST_DAMPING = 1e-6
 
 
@@ -46,14 +47,30 @@ class PoseGraph:
 def optimized(graph: PoseGraph, iterations: int = ITERATIONS) -> PoseGraph:
     """The same graph with the poses of least cost.
 
+    Where an edge that might be wrong is far off at first, the robust loss is narrowed step by step (graduated
+    non-convexity, as in Yang et al. 2020): each such edge is believed first, and then only if the others bear it out.
+    With the narrow loss at once, a true closure after a long drift would never be listened to.
+
     Args:
         graph: Its poses are the starting point.
-        iterations: At most so many steps.
+        iterations: At most so many steps at each width of the loss.
     """
     if len(graph.ends) == 0 or len(graph.poses) < 2:
         return graph
-    poses, damping = graph.poses, FIRST_DAMPING
-    values, rows, columns, gradient, cost = _linearized(graph, poses)
+    poses = graph.poses
+    width = float(edge_errors(graph)[graph.robust].max(initial=0.0))
+    while width > FAR_OFF * ROBUST_SCALE:
+        poses = _solved(graph, poses, width, iterations)
+        width /= NARROWING
+    poses = _solved(graph, poses, ROBUST_SCALE, iterations).copy()
+    poses[:, 2] -= math.tau * np.round(poses[:, 2] / math.tau)
+    return replace(graph, poses=poses)
+
+
+def _solved(graph: PoseGraph, poses: Floats, scale: float, iterations: int) -> Floats:
+    """[N, 3] the poses of least cost near given ones, with a robust loss of one width, σ."""
+    damping = FIRST_DAMPING
+    values, rows, columns, gradient, cost = _linearized(graph, poses, scale)
     for _ in range(iterations):
         # The first pose is held: its rows and columns are left out.
         size = 3 * len(poses) - 3
@@ -64,7 +81,7 @@ def optimized(graph: PoseGraph, iterations: int = ITERATIONS) -> PoseGraph:
         )
         step = np.vstack([np.zeros((1, 3)), factor.solve(-gradient).reshape(-1, 3)])
         moved = poses + step
-        linearized = _linearized(graph, moved)
+        linearized = _linearized(graph, moved, scale)
         if linearized[4] <= cost:
             done = cost - linearized[4] < LEAST_GAIN * cost or np.abs(step).max() < CONVERGED
             poses, damping = moved, damping / 10.0
@@ -75,9 +92,7 @@ def optimized(graph: PoseGraph, iterations: int = ITERATIONS) -> PoseGraph:
             damping *= 100.0
             if damping > 1e6:
                 break
-    wrapped = poses.copy()
-    wrapped[:, 2] -= math.tau * np.round(wrapped[:, 2] / math.tau)
-    return replace(graph, poses=wrapped)
+    return poses
 
 
 def edge_errors(graph: PoseGraph) -> Floats:
@@ -85,9 +100,11 @@ def edge_errors(graph: PoseGraph) -> Floats:
     return _errors(graph.poses, graph.ends, graph.measured, graph.information)
 
 
-def _linearized(graph: PoseGraph, poses: Floats) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64], Floats, float]:
+def _linearized(
+    graph: PoseGraph, poses: Floats, scale: float
+) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64], Floats, float]:
     """The system's values with their rows and columns, its gradient, and the cost."""
-    return _linearize(poses, graph.ends, graph.measured, graph.information, graph.robust)
+    return _linearize(poses, graph.ends, graph.measured, graph.information, graph.robust, scale)
 
 
 @kernel
@@ -114,7 +131,12 @@ def _error(first: Floats, second: Floats, measured: Floats) -> Floats:
 
 @kernel
 def _linearize(
-    poses: Floats, ends: NDArray[np.int64], measured: Floats, information: Floats, robust: NDArray[np.bool_]
+    poses: Floats,
+    ends: NDArray[np.int64],
+    measured: Floats,
+    information: Floats,
+    robust: NDArray[np.bool_],
+    scale: float,
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64], Floats, float]:
     """Gauss–Newton's system at the poses, without the first one; as `_linearized`."""
     count = len(ends)
@@ -128,8 +150,8 @@ def _linearize(
         squared = error @ information[e] @ error
         weight = 1.0
         if robust[e]:
-            weight = 1.0 / (1.0 + squared / (ROBUST_SCALE * ROBUST_SCALE))
-            cost += ROBUST_SCALE * ROBUST_SCALE * math.log1p(squared / (ROBUST_SCALE * ROBUST_SCALE))
+            weight = 1.0 / (1.0 + squared / (scale * scale))
+            cost += scale * scale * math.log1p(squared / (scale * scale))
         else:
             cost += squared
         # Derivatives by x_i and x_j; R is the rotation from the world to the frame that was measured.
