@@ -31,7 +31,7 @@ from wherry.ros import messages as ros
 from wherry.ros.conversion import header_of
 from wherry.ros.messages import Message, fields_of, message_types
 from wherry.ros.names import load_names
-from wherry.ros.recording import Bag, LogRecording, Recording
+from wherry.ros.recording import Bag, LogRecording, RecordedTransport, Recording
 from wherry.ros.transport import Quality, Topic
 from wherry.simulation import build
 from wherry.simulation.model import BODY
@@ -207,6 +207,17 @@ def test_late_comers_get_what_was_latched(tmp_path: Path, name: str) -> None:
         assert (qos["/scan"].durability.name, qos["/scan"].reliability.name) == ("VOLATILE", "BEST_EFFORT")
 
 
+def test_recording_changes_nothing(recorded: tuple[Path, list[Any]]) -> None:
+    simulation = build(find_world("taxi"), np.random.default_rng(0))
+    for one, other in zip(drive(simulation.robot, 2.0), recorded[1], strict=True):
+        assert type(one) is type(other)
+        assert one.time == other.time
+        if isinstance(one, Scan):
+            assert_array_equal(one.ranges, other.ranges)
+        else:
+            assert one == other
+
+
 # ---- beliefs
 
 
@@ -272,10 +283,10 @@ def test_a_log_becomes_a_bag_with_what_was_found_out(tmp_path: Path) -> None:
         recording.scan(1, Pose(6.0), np.zeros((3, 3)))
     again = read_bag(tmp_path / "run")
     assert [scan.time for scan in again.scans] == [101.0, 102.0]
-    assert_allclose(again.odometry.times, times[:3])  # what came after the last scan says nothing
+    assert_array_equal(again.odometry.times, times)
     assert again.lidar == Pose(0.1)
     counts = Counter(topic for topic, _, _ in messages(tmp_path / "run"))
-    assert (counts["/particlecloud"], counts["/tf"]) == (1, 5)
+    assert (counts["/particlecloud"], counts["/tf"]) == (1, 6)
 
 
 # ---- others open them
@@ -436,3 +447,94 @@ def test_threads_may_write_at_once(tmp_path: Path) -> None:
     assert Counter(topic for topic, _, _ in messages(tmp_path / "run.bag")) == {
         f"/t{worker}": 50 for worker in range(4)
     }
+
+
+# ---- over ROS
+
+
+class Wire:
+    """A transport that hears its own messages, as rospy's does."""
+
+    generation = 1
+
+    def __init__(self) -> None:
+        self.listeners: dict[str, list[Any]] = {}
+        self.advertised: list[str] = []
+        self.is_closed = False
+
+    def __enter__(self) -> Wire:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def advertise(self, topic: Topic[Any]) -> None:
+        self.advertised.append(topic.name)
+
+    def publish(self, topic: Topic[Any], message: Any) -> None:
+        for heard in self.listeners.get(topic.name, []):
+            heard(message)
+
+    def subscribe(self, topic: Topic[Any], heard: Any) -> None:
+        self.listeners.setdefault(topic.name, []).append(heard)
+
+    def publishers_of(self, topic: Topic[Any]) -> int:
+        return 3
+
+    def subscribers_of(self, topic: Topic[Any]) -> int:
+        return 4
+
+    def connected(self) -> bool:
+        return True
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def test_what_goes_through_a_transport_is_recorded_once_on_the_robots_clock(tmp_path: Path) -> None:
+    wire, got = Wire(), []
+    with Bag(tmp_path / "run.bag") as bag, RecordedTransport(wire, bag, load_names()) as transport:
+        transport.subscribe(TOPICS.scan, got.append)
+        transport.subscribe(TOPICS.odom, got.append)
+        transport.subscribe(TOPICS.tf_static, got.append)
+        wire.publish(TOPICS.tf_static, ros.TFMessage())  # latched: it comes before anybody knows the time
+        wire.publish(TOPICS.odom, ros.Odometry(header_of(1e9, "odom")))
+        wire.publish(TOPICS.tf, ros.TFMessage())  # nobody but the recording listens to it
+        transport.publish(TOPICS.tf, ros.TFMessage())  # comes back
+        transport.publish(TOPICS.plan, ros.Path())  # does not
+        wire.publish(TOPICS.scan, ros.LaserScan(header_of(1e9 + 0.5, "laser")))
+        transport.publish(TOPICS.cmd_vel, ros.Twist())
+        transport.publish(TOPICS.cmd_vel_stamped, ros.TwistStamped())  # another type of the same topic
+        wire.publish(TOPICS.odom, ros.Odometry(header_of(1e9 - 7.0, "odom")))  # a clock that jumps back
+    assert wire.is_closed
+    assert [type(message) for message in got] == [ros.TFMessage, ros.Odometry, ros.LaserScan, ros.Odometry]
+    found = [(topic, stamp / 1e9 - 1e9) for topic, stamp, _ in messages(tmp_path / "run.bag")]
+    first = {"/tf_static": 1, "/odom": 1, "/tf": 2, "/plan": 1}
+    assert Counter(topic for topic, time in found if time == 0.0) == first
+    assert Counter(topic for topic, time in found if time == 0.5) == {"/scan": 1, "/cmd_vel": 2, "/odom": 1}
+
+
+def test_a_recorded_transport_is_the_transport_that_it_wraps(tmp_path: Path) -> None:
+    wire = Wire()
+    with Bag(tmp_path / "run.bag") as bag:
+        transport = RecordedTransport(wire, bag, load_names())
+        transport.advertise(TOPICS.plan)
+        answers = (transport.generation, transport.publishers_of(TOPICS.scan), transport.subscribers_of(TOPICS.scan))
+        assert answers == (1, 3, 4)
+        assert transport.connected()
+        assert wire.advertised == ["/plan"]
+
+
+def test_a_full_disk_stops_the_agent_and_not_the_listeners(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    wire, got = Wire(), []
+    with Bag(tmp_path / "run.bag") as bag:
+        transport = RecordedTransport(wire, bag, load_names())
+        transport.subscribe(TOPICS.odom, got.append)
+        monkeypatch.setattr(bag._storage, "write", full)
+        wire.publish(TOPICS.odom, ros.Odometry())
+        assert len(got) == 1
+        with pytest.raises(InputError, match="No space left"):
+            transport.publish(TOPICS.plan, ros.Path())

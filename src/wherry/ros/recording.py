@@ -521,14 +521,21 @@ class LogRecording:
             pose: base_link in the map frame then.
             particles: [N, 3] x m, y m, θ rad, map frame; may be empty.
         """
-        scan, odometry = self._log.scans[index], self._log.odometry
-        while self._written < len(odometry.times) and odometry.times[self._written] <= scan.time:
+        scan = self._log.scans[index]
+        self._write_odometry(scan.time)
+        self._recording.believed(pose, particles, scan.time)
+        self._recording.measured(scan, self._log.lidar)
+        if index == len(self._log.scans) - 1:
+            self._write_odometry(np.inf)
+
+    def _write_odometry(self, until: float) -> None:
+        """Record the odometry up to an instant, s, that was not yet."""
+        odometry = self._log.odometry
+        while self._written < len(odometry.times) and odometry.times[self._written] <= until:
             now = Pose.from_array(odometry.poses[self._written])
             measured = Odometry(float(odometry.times[self._written]), now, Velocity())
             self._recording.measured(measured, self._log.lidar)
             self._written += 1
-        self._recording.believed(pose, particles, scan.time)
-        self._recording.measured(scan, self._log.lidar)
 
     def map(self, grid: OccupancyGrid, seconds: float) -> None:
         """Record a map, s."""
