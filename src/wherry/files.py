@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from wherry.errors import InputError
@@ -63,3 +65,24 @@ def write_atomically(path: str | Path, data: str | bytes) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def growing_file(path: str | Path) -> Iterator[Path]:
+    """A place to write a file to bit by bit; it gets its name when the block ends, however it ends.
+
+    Until then it is called ``NAME.part`` with the file's own ending behind; that is what a killed process leaves.
+
+    Raises:
+        InputError: The folder does not exist or cannot be written to.
+    """
+    path = Path(path)
+    unfinished = path.with_name(f"{path.stem}.part{path.suffix}")
+    try:
+        unfinished.touch()
+    except OSError as error:
+        raise InputError(path, "", f"cannot be written: {error.strerror}") from error
+    try:
+        yield unfinished
+    finally:
+        unfinished.replace(path)

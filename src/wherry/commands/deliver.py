@@ -9,7 +9,7 @@ import typer
 
 from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json
 from wherry.commands.recording import RecordOption, recorded
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
+from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, films, watched
 
 
 def deliver(
@@ -23,6 +23,8 @@ def deliver(
         Path | None, typer.Option(help="Where to write report, map and rules; without it, runs/WORLD-seedN.")
     ] = None,
     record: RecordOption = None,
+    rerun: Annotated[Path | None, typer.Option(help="Record the run for the Rerun viewer: NAME.rrd.")] = None,
+    video: Annotated[Path | None, typer.Option(help="Film the simulated world: NAME.mp4.")] = None,
     view: ViewOption = False,
     host: HostOption = LOOPBACK,
     port: PortOption = PORT,
@@ -50,15 +52,17 @@ def deliver(
         console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from below cannot be reached by any robot.")
     with (
         recorded(record, laser_height=LIDAR_HEIGHT - WHEEL_RADIUS) as (recording, recorded_robot),
+        films(run.simulation, rerun=rerun, video=video) as film,
         watched(f"wherry: {run.plan.name}", run.out, console, view=view, host=host, port=port) as sink,
     ):
         with DeliveryProgress(console, len(run.plan.boxes)) as progress:
-            result = run(both(progress, sink, recording), recorded_robot)
+            result = run(both(progress, sink, recording, film), recorded_robot)
         print_rules(console, run.rules)
         print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.status}", result.figures)
         console.print(f"Pictures, map and rules: {run.out / 'report.html'}")
-    if record is not None:
-        console.print(f"Bag: {record}", highlight=False)
+    for what, path in {"Bag": record, "Rerun": rerun, "Film": video}.items():
+        if path is not None:
+            console.print(f"{what}: {path}", highlight=False, soft_wrap=True)
     if as_json:
         print_json(result.as_json())
     raise typer.Exit(result.exit_status)

@@ -15,6 +15,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from wherry.simulation import Simulation
     from wherry.trace import Sink
 
 ViewOption = Annotated[bool, typer.Option("--view", help="Show the run on a page in the browser, live.")]
@@ -70,6 +71,33 @@ def watched(
             console.print(f"The run is over. Close the page, or press Ctrl-C: {server.url}", highlight=False)
             with contextlib.suppress(KeyboardInterrupt):
                 server.wait_until_nobody_watches()
+
+
+@contextlib.contextmanager
+def films(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> Iterator[Sink]:
+    """A sink that records a run for others: for the Rerun viewer, and as a film of the simulated world.
+
+    Args:
+        simulation: The world.
+        rerun: A .rrd file; None for none.
+        video: An .mp4 file; None for none.
+
+    Raises:
+        InputError: Something that this needs is not installed, or a file cannot be written.
+    """
+    from wherry.trace import both, ignore
+
+    with contextlib.ExitStack() as stack:
+        sinks: list[Sink] = []
+        if rerun is not None:
+            from wherry.views.rerun_recording import rerun_recording
+
+            sinks.append(stack.enter_context(rerun_recording(rerun)))
+        if video is not None:
+            from wherry.experiments.film import filmed
+
+            sinks.append(stack.enter_context(filmed(video, simulation)))
+        yield both(*sinks) if sinks else ignore
 
 
 def show(url: str, console: Console) -> None:

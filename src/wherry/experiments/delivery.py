@@ -127,6 +127,7 @@ class DeliveryRun:
         plan: The true floor plan, with the boxes where they stand at first.
         out: The folder for results.
         unreachable: The cells of the boxes that no robot could deliver.
+        simulation: The world, for those who score or film it.
     """
 
     def __init__(
@@ -145,7 +146,7 @@ class DeliveryRun:
         self._settings = settings
         self._grid = grid
         self._learner = learner
-        self._simulation = simulation
+        self.simulation = simulation
         self._rng = rng
         self._records: list[Record] = []
         self._steps: list[Step] = []
@@ -163,9 +164,9 @@ class DeliveryRun:
 
         # Thinned, so that a run is scored by the same records whoever watches it.
         sink = both(thinned(self._records.append, SCORED_EVERY), watch)
-        sink(beginning(self.plan.name, self._learner, self._simulation.robot.body))
+        sink(beginning(self.plan.name, self._learner, self.simulation.robot.body))
         try:
-            self._ready = self._get_ready(wrap(self._simulation.robot), sink)
+            self._ready = self._get_ready(wrap(self.simulation.robot), sink)
             self._deliver(self._ready, sink)
             stopped = False
         except KeyboardInterrupt:
@@ -192,7 +193,7 @@ class DeliveryRun:
             self._marks.append(self._mark())
 
     def _mark(self) -> Mark:
-        referee, size = self._simulation.referee, self.plan.cell_size
+        referee, size = self.simulation.referee, self.plan.cell_size
         truths = [box for box in referee.boxes if box.first_cell not in self.unreachable]
         on_floor = tuple(_cell_of(box.position, size) for box in truths if box.place is BoxPlace.FLOOR)
         loaded = any(box.place is BoxPlace.HELD for box in truths)
@@ -201,7 +202,7 @@ class DeliveryRun:
 
     def _score(self, wall_seconds: float, *, stopped: bool) -> Result:
         """Everything in it but the steps comes from the referee."""
-        referee = self._simulation.referee
+        referee = self.simulation.referee
         boxes, unreachable = len(self.plan.boxes), len(self.unreachable)
         world_from_map, rmse = self._localization()
         complete = referee.delivered >= boxes - unreachable
@@ -215,9 +216,9 @@ class DeliveryRun:
             path_ratio=self._path_ratio(),
             localization_rmse_m=rmse,
             map_error_m=self._map_error(world_from_map),
-            sim_seconds=self._simulation.time,
+            sim_seconds=self.simulation.time,
             wall_seconds=wall_seconds,
-            real_time_factor=self._simulation.time / wall_seconds,
+            real_time_factor=self.simulation.time / wall_seconds,
             seed=self._settings.seed,
             world=self.plan.name,
             status="stopped" if stopped else "delivered" if complete else "not delivered",
@@ -239,7 +240,7 @@ class DeliveryRun:
         seen = [record for record in self._records if isinstance(record, Seen) and len(record.particles)]
         if not seen:
             return None, None
-        history = self._simulation.referee.history
+        history = self.simulation.referee.history
         rows = np.searchsorted(history[:, 0], [record.time - 1e-6 for record in seen])
         true = [Pose.from_array(row[1:]) for row in history[np.minimum(rows, len(history) - 1)]]
         estimated = [record.pose for record in seen]
@@ -250,7 +251,7 @@ class DeliveryRun:
         if world_from_map is None or self._ready is None:
             return None
         points = world_from_map.transform(self._ready.grid.occupied_points())
-        return float(np.median(self._simulation.referee.wall_distance(points)))
+        return float(np.median(self.simulation.referee.wall_distance(points)))
 
     def _write(self, result: Result) -> None:
         """What was made: the map, the rules, the result, and the page."""
