@@ -18,11 +18,13 @@ from wherry.commands.export import export_app
 from wherry.commands.learn import learn
 from wherry.commands.localize import localize
 from wherry.commands.map import map_log
+from wherry.commands.play import play
 from wherry.commands.replay import replay
 from wherry.commands.reproduce import reproduce
 from wherry.commands.ros import ros_app
 from wherry.commands.rviz import rviz
 from wherry.commands.view import view
+from wherry.commands.worlds import worlds
 from wherry.errors import InputError
 
 BAD_INPUT = 2
@@ -38,10 +40,12 @@ app.command()(deliver)
 app.command("map")(map_log)
 app.command()(localize)
 app.command()(learn)
+app.command()(play)
 app.command()(replay)
 app.command()(reproduce)
 app.command()(rviz)
 app.command()(view)
+app.add_typer(worlds, name="worlds")
 app.add_typer(export_app, name="export")
 app.add_typer(ros_app(1), name="ros1")
 app.add_typer(ros_app(2), name="ros2")

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from runs import room, seen, short_run
 
@@ -53,6 +53,7 @@ def test_whole_numbers_come_out_as_they_were() -> None:
 coordinate = st.floats(-100.0, 100.0)
 
 
+@settings(deadline=None)
 @given(coordinate, coordinate, st.floats(-10.0, 10.0), st.integers(0, 2**32 - 1))
 def test_what_is_seen_comes_out_to_half_a_step(x: float, y: float, theta: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -101,6 +102,7 @@ def random_grid(rng: np.random.Generator, height: int, width: int, origin: Pose)
     return OccupancyGrid(probability, 0.05, origin)
 
 
+@settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.lists(st.tuples(*[st.integers(-200, 200)] * 2), min_size=1, max_size=5))
 def test_maps_that_grow_shrink_and_shift_come_out(seed: int, corners: list[tuple[int, int]]) -> None:
     rng = np.random.default_rng(seed)
@@ -150,6 +152,7 @@ def test_frames_in_a_row_are_told_apart_and_stay_aligned() -> None:
 FRAME = Encoder().encode(seen(0.0, 1.0, particles=3))
 
 
+@settings(deadline=None)
 @given(st.integers(0, len(FRAME) - 1), st.integers(1, 255))
 def test_a_changed_byte_is_refused(at: int, difference: int) -> None:
     damaged = bytearray(FRAME)

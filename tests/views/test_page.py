@@ -5,17 +5,16 @@ Pictures of both themes and sizes are left in build/screenshots, to be looked at
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from browsing import DESK, PHONE, SCREENSHOTS, until
+from playwright import sync_api as playwright
 from runs import BOX, LASER, TERMS, short_run
 
 from wherry.trace import Said, Seen
@@ -24,37 +23,6 @@ from wherry.views.recordings import FILE_NAME, Recorder
 from wherry.views.web.broadcast import Broadcast
 from wherry.views.web.page import player_page
 from wherry.views.web.server import serve
-
-playwright = pytest.importorskip("playwright.sync_api")
-
-CHROMIUM = Path("/usr/bin/chromium")
-SCREENSHOTS = Path("build/screenshots")
-DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[playwright.Browser]:
-    if not CHROMIUM.exists():
-        if os.environ.get("CI") == "true":
-            pytest.fail(f"{CHROMIUM} is missing")
-        pytest.skip(f"no {CHROMIUM}")
-    with playwright.sync_playwright() as tools:
-        browser = tools.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-@pytest.fixture
-def page(browser: playwright.Browser) -> Iterator[playwright.Page]:
-    """A page that must not complain."""
-    page = browser.new_page(viewport=DESK)
-    complaints: list[str] = []
-    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.set_default_timeout(10_000)
-    yield page
-    page.close()
-    assert [text for text in complaints if "ERR_CONNECTION_REFUSED" not in text] == []
 
 
 @pytest.fixture(scope="session")
@@ -71,14 +39,6 @@ def opened(page: playwright.Page, url: str, *, at: float, theme: str = "light") 
     page.goto(f"{url}?theme={theme}")
     until(page, "trace.begin !== null && trace.over")
     go_to(page, at)
-
-
-def until(page: playwright.Page, expression: str) -> None:
-    """Wait until something holds on the page; asked from outside, as the page lets nobody evaluate text."""
-    deadline = time.monotonic() + 10.0
-    while not page.evaluate(expression):
-        assert time.monotonic() < deadline, f"never came true: {expression}"
-        page.wait_for_timeout(20)
 
 
 def go_to(page: playwright.Page, moment: float) -> None:
@@ -335,6 +295,7 @@ def test_a_live_run_is_followed_and_its_end_is_told(page: playwright.Page) -> No
 SERVED = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
+from browsing import DESK, PHONE, SCREENSHOTS, until
 from runs import short_run
 from wherry.views.web.broadcast import Broadcast
 from wherry.views.web.server import serve

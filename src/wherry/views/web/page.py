@@ -6,7 +6,7 @@ import base64
 import hashlib
 import html
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 
 from wherry.views.recordings import packed
@@ -26,9 +26,18 @@ def player_page(title: str, settings: Mapping[str, object], frames: bytes | None
     return assemble("player.html", SCRIPTS, {"title": title, "settings": settings, "trace": trace})
 
 
-def assemble(name: str, scripts: tuple[str, ...], values: Mapping[str, object]) -> str:
-    """A page of its skeleton, the style, and scripts, under a policy that lets no other script run."""
-    style, program = _text("style.css"), "\n".join(_text(script) for script in scripts)
+def assemble(
+    name: str, scripts: Sequence[str], values: Mapping[str, object], *, styles: Sequence[str] = ("style.css",)
+) -> str:
+    """A page of its skeleton, styles and scripts, under a policy that lets no other script run.
+
+    Args:
+        name: The skeleton's file.
+        scripts: The scripts' files, in the order in which they build on each other.
+        values: ``title``, ``settings`` and, if the page carries one, ``trace``.
+        styles: The styles' files.
+    """
+    style, program = ("\n".join(_text(file) for file in files) for files in (styles, scripts))
     digest = base64.b64encode(hashlib.sha256(f"\n{program}\n".encode()).digest()).decode("ascii")
     policy = (
         f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data: blob:; "

@@ -41,7 +41,15 @@ for (const [layer, [words, colour]] of Object.entries(LAYERS)) {
   box.addEventListener("change", () => (box.checked ? scene.hidden.delete(layer) : scene.hidden.add(layer)));
   const mark = make("i");
   mark.style.setProperty("--c", `var(${colour})`);
-  element("layers").append(make("label", "", box, mark, make("span", "", words)));
+  const label = make("label", "", box, mark, make("span", "", words));
+  label.id = `layer-${layer}`;
+  element("layers").append(label);
+}
+// A log has neither boxes nor cells, and a learner on a grid no laser.
+const LAYERS_OF = { map: ["laser", "particles", "trail"], localize: ["laser", "particles", "trail"], learn: ["warehouse"] };
+function updateLayers() {
+  const layers = LAYERS_OF[trace.records.Began[0]?.task] ?? Object.keys(LAYERS);
+  for (const layer of Object.keys(LAYERS)) element(`layer-${layer}`).hidden = !layers.includes(layer);
 }
 if (matchMedia("(max-width: 720px)").matches) element("legend").open = false;
 
@@ -229,6 +237,7 @@ function frame(now) {
   updateControls();
   updatePhases();
   updateScale();
+  updateLayers();
   requestAnimationFrame(frame);
 }
 new ResizeObserver(() => scene.resize()).observe(canvas);
