@@ -54,6 +54,7 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
         frame_prefix: PrefixOption = "",
         remap: RemapOption = None,
         interface: InterfaceOption = "",
+        record: RecordOption = None,
         as_json: JsonOption = False,
         quiet: QuietOption = False,
     ) -> None:
@@ -72,8 +73,8 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
         with open_transport(generation, "wherry_simulator", namespace, interface) as transport:
             _tell_master(transport, namespace)
             console.print(f"{simulation.plan.name} at {rate:g} × real time; Ctrl-C ends it.", highlight=False)
-            with contextlib.suppress(KeyboardInterrupt):
-                ros_simulation.node_of(simulation, transport, called, rate).run(is_over)
+            with contextlib.suppress(KeyboardInterrupt), recorded_transport(record, transport, called) as recorded:
+                ros_simulation.node_of(simulation, recorded, called, rate).run(is_over)
         result = ros_simulation.verdict(simulation)
         console.print(
             f"{result['sim_seconds']:.1f} s, {result['delivered']} of {result['boxes']} boxes delivered, "
