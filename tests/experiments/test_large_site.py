@@ -15,7 +15,7 @@ from wherry.space.pose import Pose, relative
 
 
 def test_the_drive_keeps_to_the_streets() -> None:
-    way, blocked = drive(40.0), site(40.0, np.random.default_rng(0))
+    way, blocked = drive(44.5), site(44.5, np.random.default_rng(0))
     cells = np.floor(way[:, :2] / RESOLUTION).astype(np.int64)
     assert not blocked[cells[:, 1], cells[:, 0]].any()
     steps = relative(way[1:], way[:-1])
@@ -26,7 +26,7 @@ def test_the_drive_keeps_to_the_streets() -> None:
 
 def test_a_small_site_is_mapped_right() -> None:
     ticks: list[tuple[int, int]] = []
-    result = run(28.0, seed=1, progress=lambda done, total: ticks.append((done, total)))
+    result = run(24.5, seed=1, progress=lambda done, total: ticks.append((done, total)))
     assert ticks[0] == (0, result.scans)
     assert result.closures > 0
     assert result.rmse_m < 0.05

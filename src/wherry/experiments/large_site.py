@@ -24,10 +24,10 @@ from wherry.space.pose import IDENTITY, Floats, Pose, relative
 from wherry.space.raycast import cast_rays
 
 RESOLUTION = 0.05  # m, a cell of the site and of its map
-STREET, BLOCK = 4.0, 8.0  # m
+STREET, BLOCK = 4.0, 16.0  # m
 PITCH = STREET + BLOCK
-CRATES = 12  # in a block
-SPACING = 0.5  # m from scan to scan
+CRATES = 40  # in a block
+SPACING = 0.75  # m from scan to scan
 TURN = math.radians(30.0)  # likewise, where the robot turns on the spot
 BEAMS, RANGE_MAX = 360, 20.0
 NOISE = 0.01  # m, σ of a range
