@@ -27,8 +27,13 @@ def _taxi(data: Path, images: Path, progress: Progress) -> str:
 def _slam(data: Path, images: Path, progress: Progress) -> str:
     from wherry.experiments import slam_table
 
-    progress(0, 1)
-    return f"## SLAM\n```\n{slam_table.table(slam_table.reproduce(data))}\n```\n"
+    return slam_table.reproduce(data, progress)
+
+
+def _sites(data: Path, folder: Path, progress: Progress) -> str:
+    from wherry.experiments import large_site
+
+    return large_site.reproduce(progress)
 
 
 def _localization(data: Path, images: Path, progress: Progress) -> str:
@@ -44,11 +49,19 @@ def _delivery(data: Path, images: Path, progress: Progress) -> str:
         return delivery_study.reproduce(Path(folder), progress)
 
 
+def _figures(data: Path, images: Path, progress: Progress) -> str:
+    from wherry.experiments import paper_figures
+
+    return paper_figures.reproduce(images, progress)
+
+
 REPRODUCTIONS: Mapping[str, Callable[[Path, Path, Progress], str]] = {
     "taxi": _taxi,
     "slam": _slam,
+    "sites": _sites,
     "localization": _localization,
     "delivery": _delivery,
+    "figures": _figures,
 }
 """Each takes the folder of recorded logs, the folder for pictures and a progress, and returns Markdown."""
 

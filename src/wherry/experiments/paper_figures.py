@@ -16,8 +16,8 @@ from wherry.environments.pictures import in_colour
 from wherry.experiments.delivery import order_of
 from wherry.experiments.delivery_page import pictures_of
 from wherry.experiments.kidnapping import Wanderer, true_map
+from wherry.experiments.results import write_picture
 from wherry.experiments.robot_delivery import deliver, delivery_learner
-from wherry.files import write_atomically
 from wherry.floorplan import FloorPlan, find_world, place_boxes
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
@@ -59,14 +59,15 @@ def reproduce(images: Path, progress: Progress) -> str:
     Raises:
         InputError: The folder cannot be written to, or nothing can be rendered here.
     """
-    for done, (name, data) in enumerate(figures()):
+    shown = []
+    for done, (name, content) in enumerate(figures()):
         progress(done, len(CAPTIONS))
-        write_atomically(images / name, data)
-    shown = "\n\n".join(f"![{caption}]({images.name}/{name})\n*{caption}.*" for name, caption in CAPTIONS.items())
-    return f"## The paper's figures\nFrom the worlds `{BUILDING}` and `{MAZE}`, seed {SEED}.\n\n{shown}\n"
+        shown.append(f"{write_picture(images, name, content, CAPTIONS[name])}\n*{CAPTIONS[name]}.*")
+    worlds = f"From the worlds `{BUILDING}` and `{MAZE}`, seed {SEED}."
+    return "\n\n".join(["## The paper's figures", worlds, *shown]) + "\n"
 
 
-def figures() -> Iterator[tuple[str, bytes | str]]:
+def figures() -> Iterator[tuple[str, bytes]]:
     """Each figure's file name and content."""
     taxi = taxi_grid(5)
     state = taxi.state_of((2, 2), passenger="Y", destination="R")
@@ -76,10 +77,10 @@ def figures() -> Iterator[tuple[str, bytes | str]]:
     with Photographer(simulation, 1000, 1000) as photographer:
         yield "fig1b-world.png", _png(photographer.overhead())
     laser, carrying = _delivery_pictures(simulation, plan)
-    yield "fig3-laser.svg", laser
+    yield "fig3-laser.svg", laser.encode()
     for number, picture in enumerate(_particles()):
-        yield f"fig3-particles-{number}.svg", picture
-    yield "fig4-map.svg", carrying
+        yield f"fig3-particles-{number}.svg", picture.encode()
+    yield "fig4-map.svg", carrying.encode()
 
 
 def _png(pixels: NDArray[np.uint8]) -> bytes:
