@@ -164,7 +164,7 @@ def _bayes(arena: Arena, rng: np.random.Generator) -> Contender:
 
 def _rmax(arena: Arena, rng: np.random.Generator) -> Contender:
     learner = Rmax(arena.environment.domain)
-    planner = ValueIteration(learner, space=arena.acting)
+    planner = ValueIteration(learner)  # nothing that this learner says of a state holds for the next repetition's
     return Contender(PolicyAgent(learner, planner), planner.policy)
 
 
@@ -172,7 +172,7 @@ def _factored_rmax(arena: Arena, rng: np.random.Generator) -> Contender:
     if arena.parents is None:
         raise InputError("--learner", "factored-rmax", f"needs to be told what depends on what in {arena.title}")
     learner = FactoredRmax(arena.environment.domain, arena.parents)
-    planner = ValueIteration(learner, space=arena.acting)
+    planner = ValueIteration(learner)  # nothing that this learner says of a state holds for the next repetition's
     return Contender(PolicyAgent(learner, planner), planner.policy)
 
 

@@ -191,6 +191,8 @@ class BayesianLearner:
         self._never_seen: dict[str, Concept] = {}
         self._violations: dict[str, None] = {}
         self._answers: dict[str, dict[tuple[object, ...], Answer]] = {}
+        self._expectations: dict[Subject, dict[int, Expected]] = {}
+        self._lawful: dict[tuple[str, str], list[Subject]] = {}  # by action and class: the subjects that have laws
 
     @property
     def doubtful(self) -> bool:
@@ -246,14 +248,16 @@ class BayesianLearner:
 
     def _expected(self, action: str, object_class: ObjectClass, terms: int) -> list[Expected]:
         """For every attribute that the action is known to change, the most likely effect."""
-        expected = []
-        for attribute in object_class.changeable:
-            subject = Subject(action, object_class.name, attribute.name)
-            laws = [(law.probability(terms), law) for law in self.laws.get(subject, ())]
-            if laws:
-                chance, law = max(laws, key=lambda pair: pair[0])
-                doubt = 0.0 if self.evidence[subject].met(terms) else law.doubt(terms)
-                expected.append(Expected(attribute.name, law.effect, chance, doubt))
+        return [self._expect(subject, terms) for subject in self._lawful.get((action, object_class.name), ())]
+
+    def _expect(self, subject: Subject, terms: int) -> Expected:
+        """The most likely effect on one attribute; worked out once until more is learnt of it."""
+        kept = self._expectations.setdefault(subject, {})
+        expected = kept.get(terms)
+        if expected is None:
+            chance, law = max(((law.probability(terms), law) for law in self.laws[subject]), key=lambda entry: entry[0])
+            doubt = 0.0 if self.evidence[subject].met(terms) else law.doubt(terms)
+            expected = kept[terms] = Expected(subject.attribute, law.effect, chance, doubt)
         return expected
 
     def _surprise(self, action: str, whole: int) -> float:
@@ -332,6 +336,7 @@ class BayesianLearner:
         """Learn from what happened to one attribute of one object; return whether beliefs have changed."""
         evidence = self.evidence.setdefault(subject, Evidence())
         evidence.add(terms, before, after, eff_att(attribute, before, after, self.effect_types))
+        self._expectations.get(subject, {}).pop(terms, None)
         return self._find_laws(subject)
 
     def reconsider(self) -> None:
@@ -355,6 +360,12 @@ class BayesianLearner:
         if laws == self.laws.get(subject, ()):
             return False
         self.laws[subject] = laws
+        self._expectations.pop(subject, None)
+        self._lawful[subject.action, subject.class_name] = [
+            Subject(subject.action, subject.class_name, attribute.name)
+            for attribute in self.domain.classes_by_name[subject.class_name].changeable
+            if self.laws.get(Subject(subject.action, subject.class_name, attribute.name))
+        ]
         return True
 
     def _law(self, subject: Subject, effect: Effect) -> Law | None:

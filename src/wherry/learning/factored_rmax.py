@@ -11,9 +11,9 @@ from typing import Any
 
 from wherry.learning.rmax import NOT_KNOWN
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.mdp import Prediction, Transition
+from wherry.oomdp.mdp import UNKNOWN, Prediction, Transition
 from wherry.oomdp.objects import State, Value
-from wherry.oomdp.outcomes import Answer, Fixed
+from wherry.oomdp.outcomes import Answer, Told
 
 Variable = tuple[str, str]
 """An attribute of an object, by the object's name and the attribute's."""
@@ -34,17 +34,33 @@ class FactoredRmax:
     """
 
     doubtful = False
-    violations: tuple[str, ...] = ()
 
     def __init__(self, domain: Domain, parents: Parents) -> None:
         self.domain = domain
         self.parents = parents
         self.revisions = dict.fromkeys(domain.actions, 0)
         self._tables: dict[tuple[Action, Variable], dict[tuple[Value, ...], Hashable]] = {}
+        self._violations: dict[str, None] = {}
+
+    @property
+    def violations(self) -> tuple[str, ...]:
+        """Which variables depend on more than the network says."""
+        return tuple(self._violations)
 
     def predict(self, state: State, action: Action) -> Prediction:
         """What the tables say, or unknown where one of them has a gap."""
-        return self.answer(state, action).predict(state, action)
+        worth = self._look_up(state, action, WORTH)
+        if worth is None:
+            return UNKNOWN
+        objects = []
+        for item in state.objects:
+            values = [
+                self._look_up(state, action, (item.name, attribute.name)) for attribute in item.object_class.attributes
+            ]
+            if None in values:
+                return UNKNOWN
+            objects.append(type(item)(item.object_class, item.name, tuple(values)))
+        return Prediction(state.with_objects(objects), *worth)
 
     def key(self, state: State) -> Hashable:
         """The state itself."""
@@ -52,18 +68,14 @@ class FactoredRmax:
 
     def answer(self, state: State, action: Action) -> Answer:
         """What the tables say, or unknown where one of them has a gap."""
-        worth = self._look_up(state, action, WORTH)
-        if worth is None:
-            return NOT_KNOWN
-        objects = []
-        for item in state.objects:
-            values = [
-                self._look_up(state, action, (item.name, attribute.name)) for attribute in item.object_class.attributes
-            ]
-            if None in values:
-                return NOT_KNOWN
-            objects.append(type(item)(item.object_class, item.name, tuple(values)))
-        return Answer(((Fixed(Prediction(state.with_objects(objects), *worth)), 1.0),))
+        return Answer(((Told(self), 1.0),)) if self._knows(state, action) else NOT_KNOWN
+
+    def _knows(self, state: State, action: Action) -> bool:
+        """Whether no table has a gap."""
+        variables = [
+            (item.name, attribute.name) for item in state.objects for attribute in item.object_class.attributes
+        ]
+        return all(self._look_up(state, action, variable) is not None for variable in (WORTH, *variables))
 
     def _look_up(self, state: State, action: Action, variable: Variable) -> Any:
         return self._tables.get((action, variable), {}).get(self._parent_values(state, action, variable))
@@ -76,9 +88,12 @@ class FactoredRmax:
         for variable, value in _next_values(transition):
             table = self._tables.setdefault((transition.action, variable), {})
             key = self._parent_values(transition.state, transition.action, variable)
-            if table.get(key) != value:
+            if key not in table:
                 table[key] = value
                 self.revisions[transition.action.name] += 1
+            elif table[key] != value:
+                name = ".".join(filter(None, variable))
+                self._violations[f"{transition.action}, {name}: depends on more than the network says"] = None
 
 
 def _next_values(transition: Transition) -> Iterator[tuple[Variable, Hashable]]:

@@ -10,29 +10,34 @@ from collections.abc import Hashable
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, Prediction, Transition
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import Answer, Fixed
+from wherry.oomdp.outcomes import Answer, Fixed, Told
 
 NOT_KNOWN = Answer(((Fixed(UNKNOWN), 1.0),))
 
 
 class Rmax:
-    """Remembers what every action did in every state.
+    """Remembers what every action did in every state the first time.
 
     Args:
         domain: What states are described with.
     """
 
     doubtful = False
-    violations: tuple[str, ...] = ()
 
     def __init__(self, domain: Domain) -> None:
         self.domain = domain
         self.revisions = dict.fromkeys(domain.actions, 0)
-        self._known: dict[tuple[State, Action], Answer] = {}
+        self._known: dict[tuple[State, Action], Prediction] = {}
+        self._violations: dict[str, None] = {}
+
+    @property
+    def violations(self) -> tuple[str, ...]:
+        """Which actions did different things in the same state."""
+        return tuple(self._violations)
 
     def predict(self, state: State, action: Action) -> Prediction:
         """What the action did in this state, or unknown."""
-        return self.answer(state, action).predict(state, action)
+        return self._known.get((state, action), UNKNOWN)
 
     def key(self, state: State) -> Hashable:
         """The state itself."""
@@ -40,12 +45,13 @@ class Rmax:
 
     def answer(self, state: State, action: Action) -> Answer:
         """What the action did in this state, or unknown."""
-        return self._known.get((state, action), NOT_KNOWN)
+        return Answer(((Told(self), 1.0),)) if (state, action) in self._known else NOT_KNOWN
 
     def add_experience(self, transition: Transition) -> None:
         """Remember one experience."""
+        tried = transition.state, transition.action
         seen = Prediction(transition.next_state, transition.reward, transition.terminated)
-        answer = Answer(((Fixed(seen), 1.0),))
-        if self._known.get((transition.state, transition.action)) != answer:
-            self._known[transition.state, transition.action] = answer
+        if self._known.setdefault(tried, seen) is seen:
             self.revisions[transition.action.name] += 1
+        elif self._known[tried] != seen:
+            self._violations[f"{transition.action}: did not do the same each time in one state"] = None

@@ -122,7 +122,9 @@ class Domain:
     def _conditions(self, state: State, arguments: tuple[str, ...]) -> tuple[int, ...]:
         targets = tuple(state[name] for name in arguments)
         bound = {target.object_class.name: target for target in targets}
-        common = sum(term.holds(state, bound) << index for index, term in enumerate(self.terms))
+        common = 0
+        for index, term in enumerate(self.terms):
+            common |= term.holds(state, bound) << index
         conditions = [common]
         for item in state.objects:
             name = item.object_class.name

@@ -219,7 +219,28 @@ class Grounded:
         """What the model says of this one state."""
         prediction = self.model.predict(state, action)
         branches = (prediction, *prediction.otherwise)
-        return Answer(tuple((Fixed(branch._replace(otherwise=())), branch.probability) for branch in branches))
+        chances = [(Told(self.model, place), branch.probability) for place, branch in enumerate(branches)]
+        return Answer(tuple(chances), prediction.doubt)
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a model says of every state by itself.
+
+    It is one and the same branch for all states: planners keep a row of all states for each branch.
+
+    Attributes:
+        model: Is asked again for each state; what it once said has to stay true.
+        place: 0 for what is most likely, 1 for what is next, and so on.
+    """
+
+    model: Model
+    place: int = 0
+
+    def predict(self, state: State, action: Action) -> Prediction:
+        """That branch of what the model predicts."""
+        prediction = self.model.predict(state, action)
+        return (prediction, *prediction.otherwise)[self.place]._replace(otherwise=())
 
 
 @dataclass(frozen=True, slots=True)

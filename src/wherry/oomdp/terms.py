@@ -36,7 +36,10 @@ def related(relation: Relation, first: str, second: str) -> Term:
     """The term that a relation holds between objects of two classes."""
 
     def holds(state: State, bound: Bound) -> bool:
-        return any(_relates(relation, item, second, state, bound) for item in candidates(first, state, bound))
+        for item in candidates(first, state, bound):  # noqa: SIM110  `any` takes twice the time, in every new state
+            if _relates(relation, item, second, state, bound):
+                return True
+        return False
 
     return Term(f"{relation.name}({first.lower()}, {second.lower()})", (first, second), holds)
 
@@ -66,8 +69,9 @@ def candidates(class_name: str, state: State, bound: Bound) -> tuple[Object, ...
 
 def _relates(relation: Relation, item: Object, second: str, state: State, bound: Bound) -> bool:
     """Whether the relation holds between an object and some candidate of a class, static ones included."""
-    if any(relation.holds(item, other) for other in candidates(second, state, bound)):
-        return True
+    for other in candidates(second, state, bound):
+        if relation.holds(item, other):
+            return True
     if second in bound:
         return False
     if relation.keys is not None:

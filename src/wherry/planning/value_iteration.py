@@ -7,7 +7,7 @@ the policy goes and finds out, as long as anything can be gained by it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,13 +69,28 @@ class ValueIteration:
 
     def policy(self, state: State) -> Action:
         """The best action; of equally good ones the first."""
-        best, _ = _best(self._solve(state), *self._tables())
-        return self.space.actions[best]
+        number = self.space.number(state, self.model)
+        self._solve([number])
+        return self.space.actions[_best(number, *self._tables())]
 
     def value(self, state: State) -> float:
         """V(s), the discounted sum of rewards that the best policy can expect."""
-        number = self._solve(state)
-        return float(self._values[number])
+        return float(self.values([state])[0])
+
+    def values(self, states: Sequence[State]) -> Floats:
+        """V [N] of N states, and of all that can be reached from them, worked out together."""
+        numbers = [self.space.number(state, self.model) for state in states]
+        self._solve(numbers)
+        return self._values[numbers]
+
+    def sweep(self) -> int:
+        """Sweep all states that were reached last until their values hold still; return how many these are.
+
+        `policy` and `values` do so by themselves when something was learnt.
+        """
+        _sweep(self._reached, self.tolerance, *self._tables())
+        self._solved[self._reached] = True
+        return len(self._reached)
 
     def _tables(self) -> tuple[Integers, Integers, Floats, Floats, Integers, Floats, Floats, float, float, float]:
         """What the kernels look up."""
@@ -85,14 +100,12 @@ class ValueIteration:
             self.discount, self.unknown_value, self.curiosity,
         )  # fmt: skip
 
-    def _solve(self, state: State) -> int:
-        """Make the values right for a state and all that can be reached from it; return the state's number."""
-        number = self.space.number(state, self.model)
-        if self._model_has_learnt() or number >= len(self._solved) or not self._solved[number]:
-            self._reach(number)
-            _sweep(self._reached, self.tolerance, *self._tables())
-            self._solved[self._reached] = True
-        return number
+    def _solve(self, numbers: list[int]) -> None:
+        """Make the values right for numbered states and all that can be reached from them."""
+        learnt = self._model_has_learnt()
+        if learnt or not all(number < len(self._solved) and self._solved[number] for number in numbers):
+            self._reach(np.array(numbers, np.int32))
+            self.sweep()
 
     def _model_has_learnt(self) -> bool:
         """Whether the model's revisions have moved on; then it is asked again for the states at hand."""
@@ -107,13 +120,13 @@ class ValueIteration:
         self._ask(np.unique(self.space.group[self._reached]))
         return True
 
-    def _reach(self, start: int) -> None:
+    def _reach(self, starts: Integers) -> None:
         """Find all states that can be reached, asking the model and filling in the tables where need be."""
         while True:
             self._make_room()
             space = self.space
             self._reached, gaps = _reach(
-                start, len(space.states), space.group, self._branches, self._asked, self._revisions, space.successor
+                starts, len(space.states), space.group, self._branches, self._asked, self._revisions, space.successor
             )
             to_ask = gaps[:, 1] == NONE
             self._ask(np.unique(space.group[gaps[to_ask, 0]]))
@@ -168,13 +181,13 @@ class ValueIteration:
 
 @kernel
 def _reach(
-    start: int, count: int, group: Integers, branches: Integers, asked: Integers, revisions: Integers,
+    starts: Integers, count: int, group: Integers, branches: Integers, asked: Integers, revisions: Integers,
     successor: Integers,
 ) -> tuple[Integers, Integers]:  # fmt: skip
-    """Search breadth-first from a state.
+    """Search breadth-first from some states.
 
     Args:
-        start: The state's number.
+        starts: [N] the states' numbers.
         count: How many states are numbered.
         group: [S].
         branches: [G, A, K].
@@ -189,9 +202,12 @@ def _reach(
     seen = np.zeros(count, np.bool_)
     order = np.empty(count, np.int32)
     gaps = np.empty((count * branches.shape[1] * branches.shape[2], 2), np.int32)
-    order[0] = start
-    seen[start] = True
-    reached, missing, at = 1, 0, 0
+    reached, missing, at = 0, 0, 0
+    for start in starts:
+        if not seen[start]:
+            seen[start] = True
+            order[reached] = start
+            reached += 1
     while at < reached:
         state = order[at]
         at += 1
@@ -216,52 +232,69 @@ def _reach(
 @kernel
 def _backup(
     state: int, action: int, group: Integers, branches: Integers, chances: Floats, doubts: Floats, successor: Integers,
-    reward: Floats, values: Floats, discount: float, unknown_value: float, curiosity: float,
+    reward: Floats, discount: float, unknown_value: float, curiosity: float, weights: Floats, targets: Integers,
 ) -> float:  # fmt: skip
-    """Q(s, a) of the values as they are; -inf where the action is not possible, or is hopeless."""
-    total, value = 0.0, 0.0
+    """What Q(s, a) is made of: a constant, which is returned, plus Σ_k weights[k] V(targets[k]).
+
+    The constant is -inf where the action is not possible, or is hopeless.
+
+    Args:
+        state: s.
+        action: a.
+        group: [S].
+        branches: [G, A, K].
+        chances: [G, A, K].
+        doubts: [G, A].
+        successor: [B, S].
+        reward: [B, S].
+        discount: γ.
+        unknown_value: V(s_max).
+        curiosity: What it is worth to settle a doubt.
+        weights: [K] is overwritten: γ P(s'|s, a), or 0 for a branch that leads to no state.
+        targets: [K] is overwritten: s', or 0.
+    """
+    total, constant = 0.0, 0.0
+    weights[:] = 0.0
+    targets[:] = 0
     for at in range(branches.shape[2]):
         branch, chance = branches[group[state], action, at], chances[group[state], action, at]
         if branch == NONE or chance == 0.0:
             continue
         target = successor[branch, state]
         if target >= 0:
-            value += chance * (reward[branch, state] + discount * values[target])
+            constant += chance * reward[branch, state]
+            weights[at], targets[at] = chance * discount, target
         elif target == END:
-            value += chance * reward[branch, state]
+            constant += chance * reward[branch, state]
         elif target == UNKNOWN:
-            value += chance * unknown_value
+            constant += chance * unknown_value
         else:
             continue
         total += chance
-    return value / total + curiosity * doubts[group[state], action] if total > 0 else -math.inf
+    if total == 0:
+        return -math.inf
+    weights /= total
+    return constant / total + curiosity * doubts[group[state], action]
 
 
 @kernel
 def _best(
     state: int, group: Integers, branches: Integers, chances: Floats, doubts: Floats, successor: Integers,
     reward: Floats, values: Floats, discount: float, unknown_value: float, curiosity: float,
-) -> tuple[int, float]:  # fmt: skip
-    """The first of the best actions, and max_a Q(s, a)."""
+) -> int:  # fmt: skip
+    """The first of the best actions."""
+    weights, targets = np.empty(branches.shape[2]), np.empty(branches.shape[2], np.int32)
     best, best_value = 0, -math.inf
     for action in range(branches.shape[1]):
         value = _backup(
-            state,
-            action,
-            group,
-            branches,
-            chances,
-            doubts,
-            successor,
-            reward,
-            values,
-            discount,
-            unknown_value,
-            curiosity,
-        )
+            state, action, group, branches, chances, doubts, successor, reward, discount, unknown_value, curiosity,
+            weights, targets,
+        )  # fmt: skip
+        for at in range(len(weights)):
+            value += weights[at] * values[targets[at]]
         if value > best_value + TIE:
             best, best_value = action, value
-    return best, best_value
+    return best
 
 
 @kernel
@@ -271,8 +304,10 @@ def _sweep(
 ) -> None:  # fmt: skip
     """Sweep back and forth until the values hold still; they start below any sum of rewards, and so only rise.
 
+    The tables are first put together for the states at hand, so that a sweep reads straight through memory.
+
     Args:
-        states: [R] the states to sweep, nearest first.
+        states: [R] the states to sweep, nearest first; nothing leads out of them.
         tolerance: ε.
         group: [S].
         branches: [G, A, K].
@@ -285,8 +320,16 @@ def _sweep(
         unknown_value: V(s_max).
         curiosity: What it is worth to settle a doubt.
     """
-    lowest = 0.0
-    for state in states:
+    count, actions, width = len(states), branches.shape[1], branches.shape[2]
+    constants, lowest = np.empty((count, actions)), 0.0
+    weights, targets = np.empty((count, actions, width)), np.empty((count, actions, width), np.int32)
+    for at in range(count):
+        state = states[at]
+        for action in range(actions):
+            constants[at, action] = _backup(
+                state, action, group, branches, chances, doubts, successor, reward, discount, unknown_value, curiosity,
+                weights[at, action], targets[at, action],
+            )  # fmt: skip
         for branch in branches[group[state]].flat:
             if branch != NONE:
                 lowest = min(lowest, reward[branch, state])
@@ -295,11 +338,14 @@ def _sweep(
     change = math.inf
     while change > tolerance:
         change = 0.0
-        for at in range(2 * len(states)):  # there, towards the start, and back again
-            state = states[len(states) - 1 - at] if at < len(states) else states[at - len(states)]
-            _, value = _best(
-                state, group, branches, chances, doubts, successor, reward, values, discount, unknown_value, curiosity
-            )  # fmt: skip
-            if value > values[state]:
-                change = max(change, value - values[state])
-                values[state] = value
+        for turn in range(2 * count):  # there, towards the start, and back again
+            at = count - 1 - turn if turn < count else turn - count
+            best = values[states[at]]
+            before = best
+            for action in range(actions):
+                value = constants[at, action]
+                for place in range(width):
+                    value += weights[at, action, place] * values[targets[at, action, place]]
+                best = max(best, value)
+            values[states[at]] = best
+            change = max(change, best - before)
