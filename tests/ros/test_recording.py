@@ -506,8 +506,16 @@ def test_what_goes_through_a_transport_is_recorded_once_on_the_robots_clock(tmp_
         transport.publish(TOPICS.cmd_vel, ros.Twist())
         transport.publish(TOPICS.cmd_vel_stamped, ros.TwistStamped())  # another type of the same topic
         wire.publish(TOPICS.odom, ros.Odometry(header_of(1e9 - 7.0, "odom")))  # a clock that jumps back
+        transport.finish()
+    wire.publish(TOPICS.scan, ros.LaserScan(header_of(1e9 + 9.0, "laser")))  # heard while the bag is closed
     assert wire.is_closed
-    assert [type(message) for message in got] == [ros.TFMessage, ros.Odometry, ros.LaserScan, ros.Odometry]
+    assert [type(message) for message in got] == [
+        ros.TFMessage,
+        ros.Odometry,
+        ros.LaserScan,
+        ros.Odometry,
+        ros.LaserScan,
+    ]
     found = [(topic, stamp / 1e9 - 1e9) for topic, stamp, _ in messages(tmp_path / "run.bag")]
     first = {"/tf_static": 1, "/odom": 1, "/tf": 2, "/plan": 1}
     assert Counter(topic for topic, time in found if time == 0.0) == first

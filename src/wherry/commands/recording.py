@@ -89,7 +89,11 @@ def recorded_transport(path: Path | None, transport: Transport, names: Names) ->
     from wherry.ros.recording import Bag, RecordedTransport
 
     with _interrupted_when_terminated(), Bag(path) as bag:
-        yield RecordedTransport(transport, bag, names)
+        recorded = RecordedTransport(transport, bag, names)
+        try:
+            yield recorded
+        finally:
+            recorded.finish()
 
 
 @contextlib.contextmanager

@@ -431,6 +431,7 @@ class RecordedTransport:
         self._clocks = {names.topics.scan.name, names.topics.odom.name}
         self._heard: set[str] = set()
         self._lock = Lock()
+        self._is_finished = False
         self._now: float | None = None
         self._waiting: list[tuple[Topic[Any], Message]] = []
         self.subscribe(names.topics.tf, lambda message: None)
@@ -485,8 +486,15 @@ class RecordedTransport:
         """As the transport."""
         self._transport.close()
 
+    def finish(self) -> None:
+        """Record nothing more, so that the bag can be closed; everything else goes on."""
+        with self._lock:
+            self._is_finished = True
+
     def _record(self, topic: Topic[Any], message: Message) -> None:
         with self._lock:
+            if self._is_finished:
+                return
             if topic.name in self._clocks:
                 assert isinstance(message, ros.LaserScan | ros.Odometry)  # noqa: S101 - the topics' types
                 stamp = message.header.stamp
