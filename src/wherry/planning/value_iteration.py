@@ -274,7 +274,8 @@ def _backup(
     if total == 0:
         return -math.inf
     weights /= total
-    return constant / total + curiosity * doubts[group[state], action]
+    settles: float = doubts[group[state], action]
+    return constant / total + curiosity * settles
 
 
 @kernel
