@@ -11,10 +11,13 @@ import typer
 
 from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
 from wherry.commands.recording import RecordOption, recorded_log
+from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
     from wherry.space.pose import Pose
+
+MAPS_SHOWN = 60  # times that the growing map is drawn for those who watch; drawing takes longer than mapping a scan
 
 
 def map_log(
@@ -38,11 +41,15 @@ def map_log(
         bool, typer.Option("--localize", help="With --continue: follow the robot, leave the map as it is.")
     ] = False,
     record: RecordOption = None,
+    view: ViewOption = False,
+    host: HostOption = LOOPBACK,
+    port: PortOption = PORT,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Make a map and a trajectory of recorded scans and odometry (SLAM)."""
     from wherry.experiments import slam
+    from wherry.experiments.log_trace import LogTrace
     from wherry.mapping.closures import refusals
     from wherry.mapping.graph_slam import GraphSlam
     from wherry.views.terminal import print_table
@@ -63,20 +70,29 @@ def map_log(
         )
     )
     console = console_for(as_json=as_json, quiet=quiet)
-    with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
-        task = progress.add_task("mapping", total=run.scans)
-        for done in run.steps():
-            progress.update(task, completed=done)
-        if recording is not None:
-            run.record(recording)
-    assert run.result is not None  # noqa: S101 - steps() ends by setting it
-    figures = asdict(run.result)
-    print_table(console, f"Map of {log.name}", {name: shown(value) for name, value in figures.items()})
-    if isinstance(run.slam, GraphSlam) and run.slam.closures:
-        refused = {name: str(number) for name, number in refusals(run.slam.closures).items()}
-        print_table(console, "Closures refused for", refused)
-    if out is not None:
-        console.print(f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
+    with watched(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
+        trace = LogTrace("map", log.name, run.log, sink)
+        shown_at = {run.scans * part // MAPS_SHOWN for part in range(1, MAPS_SHOWN)} if view else set()
+        with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
+            task = progress.add_task("mapping", total=run.scans)
+            for done in run.steps():
+                progress.update(task, completed=done)
+                if done:
+                    trace.scan(done - 1, run.pose)
+                if done in shown_at:
+                    trace.map(run.slam.grid(), done - 1, fraction=done / run.scans)
+            if recording is not None:
+                run.record(recording)
+        if view or out is not None:
+            trace.map(run.slam.grid(), run.scans - 1)
+        assert run.result is not None  # noqa: S101 - steps() ends by setting it
+        figures = asdict(run.result)
+        print_table(console, f"Map of {log.name}", {name: shown(value) for name, value in figures.items()})
+        if isinstance(run.slam, GraphSlam) and run.slam.closures:
+            refused = {name: str(number) for name, number in refusals(run.slam.closures).items()}
+            print_table(console, "Closures refused for", refused)
+        if out is not None:
+            console.print(f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
     if as_json:
         print_json(figures)
 
