@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -8,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bus import Bus, BusTransport
+from bus import Bus, BusTransport, DdsBus, wait_for
 
 from wherry.errors import InputError
 from wherry.robot import Odometry, Scan, Velocity
@@ -25,6 +26,7 @@ NAMES = load_names()
 TOPICS = NAMES.topics
 COVARIANCE = np.zeros(36)
 DRIVE = Velocity(0.3, 0.1)
+DOMAIN = 103
 
 
 class Driver:
@@ -59,9 +61,14 @@ class Driver:
         return self.bus.heard[TOPICS.cmd_vel.name]
 
 
-@pytest.fixture
-def bus() -> Bus:
-    return Bus()
+@pytest.fixture(params=["in process", "DDS"])
+def bus(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bus]:
+    if request.param == "in process":
+        yield Bus()
+        return
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    with contextlib.closing(DdsBus()) as bus:
+        yield bus
 
 
 @pytest.fixture
@@ -335,12 +342,13 @@ def test_nonsense_on_cmd_vel_is_nobodys_command(robot: RosRobot, driver: Driver,
 def test_a_silent_second_publisher_is_told(robot: RosRobot, bus: Bus) -> None:
     assert robot.status().level == ros.DiagnosticStatus.OK
     bus.node().advertise(TOPICS.cmd_vel)
+    wait_for(lambda: robot.status().level != ros.DiagnosticStatus.OK)
     assert robot.status().level == ros.DiagnosticStatus.WARN
     assert "could drive" in robot.status().message
 
 
-def test_a_master_that_is_gone_is_told(robot: RosRobot, node: BusTransport) -> None:
-    node.is_connected = False
+def test_a_master_that_is_gone_is_told(robot: RosRobot, node: BusTransport, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(node, "connected", lambda: False)
     assert "master" in robot.status().message
 
 

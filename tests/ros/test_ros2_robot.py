@@ -1,0 +1,128 @@
+"""`RosRobot` and the simulator as two processes over DDS: the contract of robots, and what happens when one dies."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from dds import ended, simulator, wait_until
+from worlds import HALL, hall
+
+from robot_contract import RobotContract
+from wherry.experiments.ros_simulation import node_of
+from wherry.robot import Odometry, Velocity
+from wherry.ros import messages as ros
+from wherry.ros.bodies import load_body
+from wherry.ros.conversion import from_odometry, to_twist
+from wherry.ros.names import load_names
+from wherry.ros.robot import RosRobot
+from wherry.ros.ros2 import DdsTransport
+
+NAMES = load_names()
+TOPICS = NAMES.topics
+RATE = 1.5  # × real time; the contract watches the robot for half a minute
+EMPTY = HALL.replace("  o  ", "     ")
+CONTRACT, DEATHS = 101, 102  # domains
+
+pytestmark = pytest.mark.slow
+
+DRIVER = """
+import time
+from wherry.ros.names import load_names
+from wherry.ros.messages import Twist, Vector3
+from wherry.ros.ros2 import DdsTransport
+transport, topics = DdsTransport(), load_names().topics
+while True:
+    transport.publish(topics.cmd_vel, Twist(Vector3(0.3)))
+    time.sleep(0.02)
+"""
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("world") / "hall.txt"
+    path.write_text(HALL)
+    return path
+
+
+class TestRosRobot(RobotContract):
+    @pytest.fixture
+    def robot(self, monkeypatch: pytest.MonkeyPatch) -> Iterator[RosRobot]:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(CONTRACT))
+        over = threading.Event()
+        with DdsTransport() as robots, DdsTransport() as transport, RosRobot(transport, NAMES, load_body()) as robot:
+            node = node_of(hall(EMPTY), robots, NAMES, RATE)
+            thread = threading.Thread(target=node.run, args=(over.is_set,))
+            thread.start()
+            try:
+                robot.wait_until_ready(60.0)
+                yield robot
+            finally:
+                over.set()
+                thread.join()
+
+
+class Watcher:
+    """What the robot does, as an outsider sees it."""
+
+    def __init__(self, transport: DdsTransport) -> None:
+        self.odometry: list[Odometry] = []
+        self.arrived: list[float] = []
+        transport.subscribe(TOPICS.odom, self._hear)
+
+    def _hear(self, message: ros.Odometry) -> None:
+        self.odometry.append(from_odometry(message, "odom", "base_link"))
+        self.arrived.append(time.monotonic())
+
+    @property
+    def speed(self) -> float:
+        return self.odometry[-1].velocity.linear if self.odometry else 0.0
+
+    def travelled_since(self, when: float) -> float:
+        """m, from the first odometry that arrived after ``when`` on."""
+        poses = [o.pose for o, arrived in zip(self.odometry, self.arrived, strict=True) if arrived >= when]
+        return poses[0].distance_to(poses[-1])
+
+
+@pytest.fixture
+def transport(monkeypatch: pytest.MonkeyPatch) -> Iterator[DdsTransport]:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DEATHS))
+    with DdsTransport() as transport:
+        yield transport
+
+
+def test_the_robot_stands_half_a_second_after_its_driver_is_killed(world: Path, transport: DdsTransport) -> None:
+    watcher = Watcher(transport)
+    with simulator(world, DEATHS), subprocess.Popen([sys.executable, "-c", DRIVER], env=os.environ) as driver:
+        try:
+            wait_until(lambda: watcher.speed > 0.25)
+        finally:
+            driver.kill()  # -9
+        killed = time.monotonic()
+        time.sleep(1.5)
+        assert watcher.travelled_since(killed + 0.5) < 0.005
+        assert abs(watcher.speed) < 0.01
+        assert watcher.travelled_since(killed) > 0.03  # it was driving
+
+
+def test_a_simulation_ends_when_it_is_told_to_and_says_what_its_referee_saw(
+    world: Path, transport: DdsTransport
+) -> None:
+    watcher = Watcher(transport)
+    with simulator(world, DEATHS, "--rate", "5", "--duration", "5") as process:
+        wait_until(lambda: bool(watcher.odometry))
+        while process.poll() is None and watcher.odometry[-1].time < 2.0:
+            transport.publish(TOPICS.cmd_vel, to_twist(Velocity(0.2)))
+            time.sleep(0.02)
+        result = ended(process, timeout=60.0)
+    assert result["sim_seconds"] == pytest.approx(5.0, abs=0.11)
+    assert result["boxes"] == 1
+    assert result["collisions"] == result["delivered"] == 0
+    assert process.returncode == 0
+    assert watcher.odometry[-1].pose.x > 0.1
