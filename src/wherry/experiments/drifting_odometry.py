@@ -7,7 +7,6 @@ estimate, and no smaller than that one's own error.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -106,22 +105,3 @@ def closure_errors(slam: GraphSlam, closures: list[Closure], reference: Floats) 
     measured = np.array([closure.measured.as_array() for closure in closures]).reshape(-1, 3)
     off = relative(measured, relative(reference[ends[:, 1]], reference[ends[:, 0]]))
     return np.column_stack([np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])])
-
-
-def run(data: Path, seeds: int, progress: Callable[[], None] = lambda: None) -> tuple[Result, ...]:
-    """Map every building with several drifts.
-
-    Args:
-        data: The folder that holds ``radish/``.
-        seeds: How many.
-        progress: Called after each.
-
-    Raises:
-        InputError: A log is missing.
-    """
-    results = []
-    for name in BUILDINGS:
-        for seed in range(seeds):
-            results.append(map_building(data / "radish" / f"{name}-corrected.log.gz", name, seed))
-            progress()
-    return tuple(results)
