@@ -7,7 +7,7 @@ what MuJoCo and Gazebo do differently:
   So the floor has the wheels' coefficient and a box its own, and every pair that matters has the simulator's.
 - A wheel's edge touches the floor along a line and scrubs when the robot turns on the spot. The simulator's wheels are
   ellipsoids, which Gazebo's engines do not have; here a thin disc of the wheel's radius touches.
-- A detachable joint begins attached. A publisher that the world brings along opens the latch during the first second.
+- A detachable joint begins attached. Publishers that the world brings along open the latch during the first 2 s.
 - A lidar that sees pictures would see its own housing from inside; the housing is invisible to it.
 """
 
@@ -56,6 +56,7 @@ SURROUNDINGS = 2.0  # m of floor around the building
 SIM_SDF, CLASSIC_SDF = "1.9", "1.6"  # versions that Fortress, and every classic Gazebo since Kinetic, reads
 WORLD_SYSTEMS = (("physics", "Physics"), ("user-commands", "UserCommands"), ("scene-broadcaster", "SceneBroadcaster"))
 OPEN_LATCH = "/latch/open"
+OPENING = (0, 1)  # s of the world's clock
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,11 +394,12 @@ def _add_sim_plugins(model: ET.Element, boxes: int, gazebo: Gazebo) -> None:
 
 
 def _open_latch_at_first(world: ET.Element, gazebo: Gazebo) -> None:
-    """Open the latch as long as the world's clock says second 0; joints cannot begin detached."""
-    plugin = _plugin(world, gazebo, "triggered-publisher", "TriggeredPublisher")
-    clock = _child(plugin, "input", type=f"{gazebo.messages}.Clock", topic=f"/world/{world.get('name')}/clock")
-    _child(clock, "match", field="sim.sec").text = "0"
-    _child(plugin, "output", type=f"{gazebo.messages}.Empty", topic=OPEN_LATCH)
+    """Open the latch while the world's clock says second 0 or 1, at once and surely; joints cannot begin detached."""
+    for second in OPENING:
+        plugin = _plugin(world, gazebo, "triggered-publisher", "TriggeredPublisher")
+        clock = _child(plugin, "input", type=f"{gazebo.messages}.Clock", topic=f"/world/{world.get('name')}/clock")
+        _child(clock, "match", field="sim.sec").text = str(second)
+        _child(plugin, "output", type=f"{gazebo.messages}.Empty", topic=OPEN_LATCH)
 
 
 def _add_classic_drive(model: ET.Element) -> None:
