@@ -23,6 +23,11 @@ def kernel(function: Kernel) -> Kernel:
     return cast("Kernel", numba.njit(cache=True, error_model="numpy")(function))
 
 
+def reordering_kernel(function: Kernel) -> Kernel:
+    """As `kernel`, and sums may be added up in any order: on vector units, but always in the same one on a machine."""
+    return cast("Kernel", numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})(function))
+
+
 def stepper(function: Kernel) -> Kernel:
     """Compile a generator that kernels loop over; it is compiled into each of them.
 

@@ -61,6 +61,15 @@ def test_turning_on_the_spot() -> None:
     assert across < 1e-9
 
 
+def test_a_turn_slips_sideways() -> None:
+    p = AmclParameters(alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0, turn_slip=0.1)
+    particles, noise = np.zeros((40_000, 3)), np.random.default_rng(1).standard_normal((40_000, 4)).astype(np.float32)
+    MOTION_MODELS["differential"](particles, Pose(0.0, 0.0, 0.5), p, noise)
+    along, across, heading = particles.var(axis=0)
+    assert across == pytest.approx(0.01 * 0.25, rel=0.05)
+    assert max(along, heading) < 1e-9
+
+
 def test_backwards_is_no_worse_than_forwards() -> None:
     p = AmclParameters(alpha1=0.1, alpha2=0.0, alpha3=0.0, alpha4=0.0)
     np.testing.assert_allclose(spread("differential", Pose(-1.0, 0.0, 0.0), p), 0.0, atol=1e-9)

@@ -29,6 +29,7 @@ MATCHED_BEAMS = 360  # more do not make the match better
 ONE_PLACE = 0.8  # share of the belief that is in the heaviest cluster, and
 PLACE_SIZE = 1.0  # m, its standard deviation, where the belief is called to be at one place
 AT_ONE_PLACE = 0.1  # of least_effective is enough there: nothing else has to be kept alive
+BETTER = 0.02  # share of the beams that a match must explain more, to be preferred to one that goes on smoothly
 JUMP_SLACK = 0.5  # m; odometry is not called a jump below this
 
 
@@ -82,7 +83,7 @@ class Amcl:
         self._move = MOTION_MODELS[parameters.robot_model_type]
         most = parameters.max_particles
         self._buffers = (np.empty((most, 3)), np.empty((most, 3)))
-        self._noise = np.empty((most, 3), np.float32)
+        self._noise = np.empty((most, 4 if parameters.turn_slip else 3), np.float32)
         self._log_weights = np.empty(most)
         self._increments = np.empty(most)
         self._weights = np.empty(most)
@@ -199,10 +200,13 @@ class Amcl:
         elif self._is_due(odometry):
             self._propagate(odometry)
             self._reweight(beams)
-            self._estimate = self._refined(self._summary(self._carried_on(odometry, scan)), scan)
+            carried = self._carried_on(odometry, scan)
+            summary = self._summary(carried)
+            self._estimate = self._refined(summary, [carried.pose, summary.pose], scan)
             self._resample()
         else:
-            self._estimate = self._refined(self._carried_on(odometry, scan), scan)
+            carried = self._carried_on(odometry, scan)
+            self._estimate = self._refined(carried, [carried.pose], scan)
         self._seen = odometry
         self._time = scan.time
         return replace(self._estimate, problem=problem) if problem else self._estimate
@@ -258,8 +262,9 @@ class Amcl:
         share = self._recovery.random_share if len(self._free) else 0.0
         count = self._room_for(count, share)
         low_variance(particles[: self._count], weights, self._rng.random(), resampled[:count])
-        replaced = self._rng.choice(count, self._rng.binomial(count, share), replace=False)
-        resampled[replaced] = self._anywhere(len(replaced))
+        if share > 0.0:
+            replaced = self._rng.choice(count, self._rng.binomial(count, share), replace=False)
+            resampled[replaced] = self._anywhere(len(replaced))
         self._buffers = (resampled, particles)
         self._count = count
         self._log_weights[:count] = -math.log(count)
@@ -273,16 +278,11 @@ class Amcl:
         return p.max_particles if growing >= 1.0 else min(math.ceil(count / (1.0 - growing)), p.max_particles)
 
     def _summary(self, expected: Estimate) -> Estimate:
-        """The heaviest cluster's mean and covariance.
-
-        A refined estimate is more precise than the particles' mean. It is carried on as long as the particles support
-        it, and given up as soon as they do not.
-        """
+        """The heaviest cluster's mean and covariance."""
         cluster = heaviest_cluster(self._buffers[0][: self._count], self._weights[: self._count], self._table)
-        supported = self.parameters.refine and agrees(expected.pose, cluster.mean, cluster.covariance)
         return replace(
             expected,
-            pose=expected.pose if supported else cluster.mean,
+            pose=cluster.mean,
             covariance=cluster.covariance,
             weight=cluster.weight,
             particles=self._count,
@@ -295,13 +295,28 @@ class Amcl:
         moved = odometry.pose.relative_to(self._seen.pose) if self._seen else Pose()
         return replace(self._estimate, time=scan.time, pose=self._estimate.pose @ moved, updated=False, problem="")
 
-    def _refined(self, estimate: Estimate, scan: Scan) -> Estimate:
-        """The estimate matched to the map, over all beams, if the parameters ask for it."""
+    def _refined(self, estimate: Estimate, starts: Sequence[Pose], scan: Scan) -> Estimate:
+        """The estimate matched to the map, over all beams, if the parameters ask for it.
+
+        A pose that was refined before is more precise than the particles' mean. It is carried on as long as the
+        particles support it and the scan fits no worse there.
+
+        Args:
+            estimate: Its covariance says how far a match may be away.
+            starts: Where matches begin, the preferred one first.
+            scan: The scan.
+        """
         if not self.parameters.refine:
             return estimate
         ends = choose_beams(scan, self._lidar, self.parameters, MATCHED_BEAMS).ends
-        match = match_scan(self._field, ends, estimate.pose, estimate.covariance, self.parameters.refine_sigma)
-        return replace(estimate, pose=match.pose)
+        sigma = self.parameters.refine_sigma
+        supported = [pose for pose in starts if agrees(pose, estimate.pose, estimate.covariance)]
+        best, most = estimate.pose, -1.0
+        for pose in supported:
+            match = match_scan(self._field, ends, pose, estimate.covariance, sigma)
+            if match.explained > most + BETTER:
+                best, most = match.pose, match.explained
+        return replace(estimate, pose=best)
 
     @property
     def _is_at_one_place(self) -> bool:

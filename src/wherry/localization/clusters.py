@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.kernels import kernel
+from wherry.kernels import kernel, reordering_kernel
 from wherry.localization.resampling import BIN_SIZE, TURN_BINS, bin_slot, pack
 from wherry.space.pose import Pose
 
@@ -66,17 +66,22 @@ def _bin_particles(particles: Floats, table: Integers, bin_size: Floats) -> tupl
     members = np.empty(count, np.int64)
     bins = np.empty((count, 3), np.int64)
     found = 0
+    previous, previous_member = -1, 0  # resampled particles come in runs
     for i in range(count):
         x = math.floor(particles[i, 0] / bin_size[0])
         y = math.floor(particles[i, 1] / bin_size[1])
         theta = math.floor(particles[i, 2] / bin_size[2]) % TURN_BINS
         packed = pack(x, y, theta)
+        if packed == previous:
+            members[i] = previous_member
+            continue
         slot = bin_slot(table, packed)
         if table[slot, 1] == 0:
             bins[found, 0], bins[found, 1], bins[found, 2] = x, y, theta
             found += 1
             table[slot, 0], table[slot, 1] = packed, found
-        members[i] = table[slot, 1] - 1
+        previous, previous_member = packed, table[slot, 1] - 1
+        members[i] = previous_member
     return members, bins[:found]
 
 
@@ -104,30 +109,29 @@ def _join_neighbours(table: Integers, bins: Integers) -> Integers:
     return root
 
 
-@kernel
+@reordering_kernel
 def moments(particles: Floats, weights: Floats, chosen: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Weighted mean and covariance of the chosen particles; headings are averaged as directions."""
-    mean = np.zeros(3)
-    total, cos, sin = 0.0, 0.0, 0.0
+    total, x, y, cos, sin = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(particles)):
         if chosen[i]:
-            total += weights[i]
-            mean[0] += weights[i] * particles[i, 0]
-            mean[1] += weights[i] * particles[i, 1]
-            cos += weights[i] * math.cos(particles[i, 2])
-            sin += weights[i] * math.sin(particles[i, 2])
-    mean[0] /= total
-    mean[1] /= total
-    mean[2] = math.atan2(sin, cos)
-    covariance = np.zeros((3, 3))
-    offset = np.empty(3)
+            weight = weights[i]
+            total += weight
+            x += weight * particles[i, 0]
+            y += weight * particles[i, 1]
+            cos += weight * math.cos(particles[i, 2])
+            sin += weight * math.sin(particles[i, 2])
+    x, y, theta = x / total, y / total, math.atan2(sin, cos)
+    xx, xy, yy, xt, yt, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(particles)):
         if chosen[i]:
-            offset[0] = particles[i, 0] - mean[0]
-            offset[1] = particles[i, 1] - mean[1]
-            turn = particles[i, 2] - mean[2]
-            offset[2] = turn - math.tau * math.floor((turn + math.pi) / math.tau)
-            for row in range(3):
-                for column in range(3):
-                    covariance[row, column] += weights[i] / total * offset[row] * offset[column]
-    return mean, covariance
+            share = weights[i] / total
+            dx, dy, turn = particles[i, 0] - x, particles[i, 1] - y, particles[i, 2] - theta
+            turn -= math.tau * math.floor((turn + math.pi) / math.tau)
+            xx += share * dx * dx
+            xy += share * dx * dy
+            yy += share * dy * dy
+            xt += share * dx * turn
+            yt += share * dy * turn
+            tt += share * turn * turn
+    return np.array([x, y, theta]), np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])

@@ -29,6 +29,7 @@ FEWEST_SCANS = 3  # that must agree on a new place
 MOST_SCANS = 6  # that are kept, and must agree on a place that explains no more than most
 WIDE_MARGIN = 0.8  # of mean log likelihood, by which such a place must explain them better
 MARGIN = 0.2  # likewise, where the robot is certainly lost
+BELIEVABLE = -0.5  # evidence of being lost that a new place may leave: one that fits badly, too, is no better
 COMPARED_BEAMS = 180
 DOUBT = 0.5  # share of the new belief that is spread over all hypotheses alike, in case the scan misleads
 UNSEEN = 0.5  # share of the first belief that is spread over the whole map, if the scan is ambiguous
@@ -89,6 +90,7 @@ class Localizer:
         self.amcl = Amcl(grid, lidar, parameters, rng)
         self._lidar = lidar
         self._field = DistanceField.of(grid, parameters.laser_likelihood_max_dist)
+        self._charted = ~grid.unknown
         self._relocalizer = Relocalizer(grid, lidar, parameters)
         self._detector = LostDetector()
         self._started = True
@@ -117,7 +119,7 @@ class Localizer:
             hypotheses = self._start(scan)
         estimate = self.amcl.update(odometry, scan)
         ends = choose_beams(scan, self._lidar, self.amcl.parameters, COMPARED_BEAMS).ends
-        agreement = compare(self._field, ends, self._lidar, estimate.pose)
+        agreement = compare(self._field, self._charted, ends, self._lidar, estimate.pose)
         if not estimate.problem:
             self._detector.observe(scan.time, agreement)
             kept = self._watch(scan.time, odometry.pose, ends, agreement, converged=estimate.is_at_one_place)
@@ -162,7 +164,7 @@ class Localizer:
             for h in found
             if h.agreement.log_likelihood > here.log_likelihood + margin
             and h.agreement.explained > least
-            and self._detector.model.evidence(h.agreement) < 0.0
+            and self._detector.model.evidence(h.agreement) < BELIEVABLE
         )
         if better:
             self.amcl.initialize_at(_spread(better), kept=KEPT)

@@ -31,8 +31,8 @@ def propagate_differential(particles: Floats, motion: Pose, parameters: AmclPara
     Args:
         particles: [N, 3] m, m, rad, map frame; changed in place.
         motion: The new odometry pose as seen from the old one.
-        parameters: alpha1 to alpha4 count.
-        noise: [N, 3] standard normal.
+        parameters: alpha1 to alpha4 and turn_slip count.
+        noise: [N, 3] standard normal; [N, 4] if there is turn_slip.
     """
     translation = math.hypot(motion.x, motion.y)
     turn1 = math.atan2(motion.y, motion.x) if translation >= STANDING else 0.0
@@ -47,6 +47,7 @@ def propagate_differential(particles: Floats, motion: Pose, parameters: AmclPara
                 math.sqrt(p.alpha1 * noise1**2 + p.alpha2 * translation**2),
                 math.sqrt(p.alpha3 * translation**2 + p.alpha4 * (noise1**2 + noise2**2)),
                 math.sqrt(p.alpha1 * noise2**2 + p.alpha2 * translation**2),
+                p.turn_slip * abs(motion.theta),
             ]
         ),
         noise,
@@ -93,8 +94,10 @@ def _move_differential(particles: Floats, motion: Floats, spread: Floats, noise:
     for i in range(len(particles)):
         direction = particles[i, 2] + motion[0] - spread[0] * noise[i, 0]
         translation = motion[1] - spread[1] * noise[i, 1]
-        particles[i, 0] += translation * math.cos(direction)
-        particles[i, 1] += translation * math.sin(direction)
+        cos, sin = math.cos(direction), math.sin(direction)
+        slip = spread[3] * noise[i, 3] if spread[3] else 0.0
+        particles[i, 0] += translation * cos - slip * sin
+        particles[i, 1] += translation * sin + slip * cos
         heading = direction + motion[2] - spread[2] * noise[i, 2]
         particles[i, 2] = heading - math.tau * math.floor((heading + math.pi) / math.tau)
 

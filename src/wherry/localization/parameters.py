@@ -53,13 +53,15 @@ class AmclParameters:
         initial_pose: Where it starts, map frame.
         initial_covariance: [3] variances m², m², rad² of the initial pose.
 
-    wherry's own:
+    Beyond amcl:
         independent_beams: How many independent readings the weighed beams are worth, since neighbours err alike.
         least_effective: Share of the particles that a scan leaves alive at least: a scan that would leave fewer counts
             for less. Without it a belief in several places is narrowed down to one before the evidence is in.
         refine: Whether the particles' mean is matched to the map before it is reported.
         refine_sigma: σ, m, of the matched readings around the map's obstacles.
         robot_radius: m, readings that end so near to base_link are the robot's own load, and are not used.
+        turn_slip: m/rad, σ of how far a turn moves a differential robot's base_link sideways: the point that the
+            odometry is for is not quite the one about which it turns.
         max_odometry_speed: m/s, a faster change of the odometry's pose is a jump, which is not believed.
     """
 
@@ -101,6 +103,7 @@ class AmclParameters:
     refine: bool = True
     refine_sigma: float = 0.05
     robot_radius: float = 0.0
+    turn_slip: float = 0.0
     max_odometry_speed: float = 10.0
 
     def __post_init__(self) -> None:
@@ -118,7 +121,7 @@ class AmclParameters:
         shares = ["z_hit", "z_short", "z_max", "z_rand", "beam_skip_threshold", "beam_skip_error_threshold"]
         shares += ["recovery_alpha_slow", "recovery_alpha_fast", "least_effective"]
         noises = ["alpha1", "alpha2", "alpha3", "alpha4", "alpha5", "update_min_d", "update_min_a", "lambda_short"]
-        noises += ["robot_radius"]
+        noises += ["robot_radius", "turn_slip"]
         sizes = ["sigma_hit", "laser_likelihood_max_dist", "laser_max_range", "pf_err", "pf_z", "refine_sigma"]
         sizes += ["beam_skip_distance", "max_odometry_speed", "independent_beams"]
         return [

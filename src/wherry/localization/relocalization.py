@@ -102,6 +102,7 @@ class Relocalizer:
         self._lidar = lidar
         self._parameters = parameters or AmclParameters()
         self._field = DistanceField.of(grid, 1.0)
+        self._charted = ~grid.unknown
         factor = max(1, round(SEARCH_CELL / grid.resolution))
         self._cell = grid.resolution * factor
         nearness = np.exp(-0.5 * np.square(_pool(self._field.distance, factor, np.min) / SEARCH_SIGMA))
@@ -140,7 +141,7 @@ class Relocalizer:
         scans = [found.agreement]
         for seen_from, ends in earlier:
             match = match_scan(self._field, ends, found.pose @ seen_from, found.covariance + DRIFT, MATCH_SIGMA)
-            scans.append(compare(self._field, ends, self._lidar, match.pose))
+            scans.append(compare(self._field, self._charted, ends, self._lidar, match.pose))
         return replace(found, agreement=mean_agreement(scans))
 
     def _candidates(self, ends: Floats) -> tuple[list[Pose], bool]:
@@ -164,7 +165,9 @@ class Relocalizer:
         """A pose of the search, matched to the map and compared with it; its probability is not known yet."""
         coarse = match_scan(self._field, ends, pose, SEARCH_COVARIANCE, SEARCH_SIGMA)
         fine = match_scan(self._field, ends, coarse.pose, SEARCH_COVARIANCE, MATCH_SIGMA)
-        return Hypothesis(fine.pose, fine.covariance, 0.0, compare(self._field, ends, self._lidar, fine.pose))
+        return Hypothesis(
+            fine.pose, fine.covariance, 0.0, compare(self._field, self._charted, ends, self._lidar, fine.pose)
+        )
 
 
 def _distinct(judged: list[Hypothesis]) -> tuple[Hypothesis, ...]:

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.kernels import kernel
+from wherry.kernels import kernel, reordering_kernel
 from wherry.localization.parameters import AmclParameters
 from wherry.robot import Scan
 from wherry.space.distance_field import DistanceField
@@ -60,16 +60,22 @@ def choose_beams(scan: Scan, lidar: Pose, parameters: AmclParameters, count: int
     nearest = max(scan.range_min, parameters.laser_min_range)
     with np.errstate(invalid="ignore"):
         readings = np.flatnonzero((scan.ranges >= nearest) & (scan.ranges < furthest))
-    ranges, angles = scan.ranges[readings], scan.angles[readings]
-    ends = lidar.transform(np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)]))
     if parameters.robot_radius > 0.0:
-        outside = np.square(ends).sum(axis=1) > parameters.robot_radius**2
-        ranges, ends = ranges[outside], ends[outside]
+        ends = _ends(scan, readings, lidar)
+        readings = readings[np.square(ends).sum(axis=1) > parameters.robot_radius**2]
     most = parameters.max_beams if count is None else count
-    if len(ranges) > most:
-        chosen = np.linspace(0, len(ranges) - 1, most).astype(np.int64)
-        ranges, ends = ranges[chosen], ends[chosen]
-    return Beams(ends, lidar, ranges, furthest)
+    if len(readings) > most:
+        readings = readings[np.linspace(0, len(readings) - 1, most).astype(np.int64)]
+    return Beams(_ends(scan, readings, lidar), lidar, scan.ranges[readings], furthest)
+
+
+def _ends(scan: Scan, readings: NDArray[np.int64], lidar: Pose) -> Floats:
+    """[B, 2] m, base_link frame: where the beams of these numbers ended."""
+    ranges, angles = scan.ranges[readings], scan.angle_min + scan.angle_increment * readings + lidar.theta
+    ends = np.empty((len(readings), 2))
+    ends[:, 0] = lidar.x + ranges * np.cos(angles)
+    ends[:, 1] = lidar.y + ranges * np.sin(angles)
+    return ends
 
 
 class SensorModel(Protocol):
@@ -203,13 +209,16 @@ def _add_from_table(
     cells = np.empty(ends.shape[1], np.int32)
     for i in range(len(particles)):
         _find_cells(table.shape, place, particles[i], ends, cells)
-        even, odd = 0.0, 0.0  # two sums do not wait for each other
-        for b in range(0, len(cells) - 1, 2):
-            even += flat[cells[b]]
-            odd += flat[cells[b + 1]]
-        if len(cells) % 2:
-            even += flat[cells[-1]]
-        log_weights[i] += even + odd
+        log_weights[i] += _sum_of(flat, cells)
+
+
+@reordering_kernel
+def _sum_of(flat: NDArray[np.float32], cells: NDArray[np.int32]) -> float:
+    """The sum of the table's values, in whatever order is fastest."""
+    total = np.float32(0.0)
+    for b in range(len(cells)):
+        total += flat[cells[b]]
+    return float(total)
 
 
 @kernel
