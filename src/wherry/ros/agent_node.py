@@ -177,7 +177,8 @@ class AgentNode:
         header = header_of(seen.time, self._frames.map)
         held = [term for term, sign in zip(self._terms, self._condition, strict=False) if sign == "1"]
         text = "\n".join([self._condition, *held])
-        above = to_pose(Pose(seen.pose.x, seen.pose.y), 0.6)
+        ahead = 0.5 + TEXT_HEIGHT * (1 + len(held)) / 2  # so that it hides neither robot nor squares from above
+        above = to_pose(Pose(seen.pose.x, seen.pose.y + ahead), 0.6)
         yield ros.Marker(
             header,
             "condition",
