@@ -17,6 +17,7 @@ from wherry.commands.common import (
     progress_bar,
     shown,
 )
+from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 from wherry.errors import InputError
 
 DOMAINS = ("taxi", "delivery", "gymnasium-taxi")
@@ -41,6 +42,9 @@ def learn(
     seed: SeedOption = 0,
     rules_out: Annotated[Path | None, typer.Option(help="Where to save what the last learner knows, as JSON.")] = None,
     out: Annotated[Path | None, typer.Option(help="Where to draw the learning curve: a .png or an .svg file.")] = None,
+    view: ViewOption = False,
+    host: HostOption = LOOPBACK,
+    port: PortOption = PORT,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -57,10 +61,12 @@ def learn(
         Settings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
     )
     console = console_for(as_json=as_json, quiet=quiet)
-    with progress_bar(console, "repetitions") as progress:
-        task = progress.add_task(f"{chosen}: {experiment.arena.title}", total=repetitions)
-        for _ in experiment.repetitions():
-            progress.advance(task)
+    with watched("wherry: learning", None, console, view=view, host=host, port=port) as sink:
+        experiment.watch = sink if view else None
+        with progress_bar(console, "repetitions") as progress:
+            task = progress.add_task(f"{chosen}: {experiment.arena.title}", total=repetitions)
+            for _ in experiment.repetitions():
+                progress.advance(task)
     result = experiment.result()
     if experiment.learner is not None:
         print_rules(console, experiment.learner.sentences())

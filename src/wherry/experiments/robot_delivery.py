@@ -69,7 +69,7 @@ def deliver(ready: Ready, learner: RuleLearner, sink: Sink, rng: np.random.Gener
     """
     environment = ready.environment
     sink(_cells_laid(ready))
-    sink(_learnt(learner, environment.pilot.time))
+    sink(learnt(learner, environment.pilot.time))
     told = dict(learner.revisions)
     if not environment.remaining:
         sink(Said(environment.pilot.time, "done", "There is nothing to deliver that I could find."))
@@ -89,9 +89,9 @@ def deliver(ready: Ready, learner: RuleLearner, sink: Sink, rng: np.random.Gener
                 plan=_centres(agent.plan, ready.frame),
             )
         )
-        sink(_perceived(learner.domain, step.transition.next_state, environment.pilot.time))
+        sink(perceived(learner.domain, step.transition.next_state, environment.pilot.time))
         if learner.revisions != told:
-            sink(_learnt(learner, environment.pilot.time))
+            sink(learnt(learner, environment.pilot.time))
             told = dict(learner.revisions)
         _comment(step, environment.pilot.time, sink)
         yield step
@@ -108,7 +108,7 @@ def _cells_laid(ready: Ready) -> CellsLaid:
     return CellsLaid(ready.environment.pilot.time, ready.frame, warehouse, np.array(walls, np.int32).reshape(-1, 3))
 
 
-def _perceived(domain: Domain, state: State, now: float) -> Perceived:
+def perceived(domain: Domain, state: State, now: float) -> Perceived:
     """A state's condition and the objects that change, as a record."""
     things = (
         Thing(item.object_class.name, item.name, tuple(zip(item.object_class.positions, item.values, strict=True)))
@@ -117,7 +117,7 @@ def _perceived(domain: Domain, state: State, now: float) -> Perceived:
     return Perceived(now, str(domain.cond(state)), tuple(things))
 
 
-def _learnt(learner: RuleLearner, now: float) -> Learnt:
+def learnt(learner: RuleLearner, now: float) -> Learnt:
     """What is believed, as a record."""
     rules = tuple(LearntRule(rule.action, str(rule.condition), rule.effect) for rule in learner.rules())
     failures = learner.failure_conditions().items()

@@ -17,6 +17,7 @@ import numpy as np
 from wherry.episodes import Decision, PolicyAgent, run
 from wherry.errors import InputError
 from wherry.experiments.arenas import ARENAS, LONGEST_EPISODE, Arena
+from wherry.experiments.grid_trace import GridTrace
 from wherry.experiments.tabular_q_learning import TabularQLearning
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.bounds import UnknownAnswers
@@ -28,6 +29,7 @@ from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import State
 from wherry.planning.value_iteration import ValueIteration
+from wherry.trace import Sink
 
 CURIOSITY = 8.0  # what it is worth to the Bayesian learner to settle a doubt; a delivery is worth 20
 OPTIMISTIC_VALUE = 20.0  # Q-learning's first values where they are to be optimistic: nothing is worth more
@@ -209,6 +211,7 @@ class TaxiExperiment:
         self.settings = settings
         self.arena = ARENAS[settings.domain](settings.size, settings.world)
         self.learner: RuleLearner | None = None  # the last repetition's, if it learns rules
+        self.watch: Sink | None = None  # told of the first repetition
         self._runs: list[Repetition] = []
         self._bound: int | None = None
 
@@ -235,10 +238,18 @@ class TaxiExperiment:
         contender = begin(arena, rng)
         agent = _Stopwatch(contender.agent)
         self.learner = agent.learner if isinstance(agent.learner, Doormax | BayesianLearner) else None
+        trace = None
+        if self.watch is not None and self.learner is not None and patience > 1 and not self._runs:
+            trace = GridTrace(arena.title, self.learner, self.watch)
         steps, solved, points = 0, 0, list[tuple[int, int]]()
         while solved < len(arena.probes) and steps < patience:
-            steps += sum(1 for _ in run(arena.environment, agent, rng, max_steps=LONGEST_EPISODE))
+            for step in run(arena.environment, agent, rng, max_steps=LONGEST_EPISODE):
+                steps += 1
+                if trace is not None:
+                    trace.step(step)
             solved = arena.solved(contender.best)
+            if trace is not None:
+                trace.episode_ended(solved, len(arena.probes))
             points.append((steps, solved))
         answers = agent.unknown_answers
         self._bound = None if answers is None else answers.bound

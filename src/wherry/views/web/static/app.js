@@ -46,10 +46,11 @@ for (const [layer, [words, colour]] of Object.entries(LAYERS)) {
   element("layers").append(label);
 }
 // A log has neither boxes nor cells, and a learner on a grid no laser.
-const LAYERS_OF = { map: ["laser", "particles", "trail"], localize: ["laser", "particles", "trail"], learn: ["warehouse"] };
+const LAYERS_OF = { map: ["laser", "particles", "trail"], localize: ["laser", "particles", "trail"], learn: [] };
 function updateLayers() {
   const layers = LAYERS_OF[trace.records.Began[0]?.task] ?? Object.keys(LAYERS);
   for (const layer of Object.keys(LAYERS)) element(`layer-${layer}`).hidden = !layers.includes(layer);
+  element("legend").hidden = element("scale").hidden = !layers.length;
 }
 if (matchMedia("(max-width: 720px)").matches) element("legend").open = false;
 

@@ -185,6 +185,11 @@ class Panels {
     const held = perceived?.things.some((thing) => thing.values.in_bot) ? 1 : 0;
     if (!this.changed("boxes", `${step.delivered} ${step.remaining} ${held}`)) return;
     const all = step.delivered + step.remaining;
+    if (this.trace.records.Began[0].task === "learn") {
+      element("counted").textContent = "Episodes";
+      element("delivered").textContent = step.delivered;
+      return;
+    }
     element("delivered").textContent = `${step.delivered} of ${all}`;
     element("boxes").setAttribute("aria-label", `${step.delivered} of ${all} boxes delivered, ${held} in the fork`);
     element("boxes").replaceChildren(

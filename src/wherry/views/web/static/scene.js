@@ -86,11 +86,10 @@ class Scene {
     if (!cells || !cells.walls.length) return null;
     const box = [Infinity, Infinity, -Infinity, -Infinity];
     for (let n = 0; n < cells.walls.length; n += 3) {
-      for (const [dx, dy] of [[0, 0], [1, 1]]) {
-        const [x, y] = this.inMap(cells, (cells.walls[n] + dx) * cells.size, (cells.walls[n + 1] + dy) * cells.size);
-        [box[0], box[1]] = [Math.min(box[0], x), Math.min(box[1], y)];
-        [box[2], box[3]] = [Math.max(box[2], x), Math.max(box[3], y)];
-      }
+      // A wall stands on the north or the east edge, so that its cell's north-east corner lies on the plan.
+      const [x, y] = this.inMap(cells, (cells.walls[n] + 1) * cells.size, (cells.walls[n + 1] + 1) * cells.size);
+      [box[0], box[1]] = [Math.min(box[0], x), Math.min(box[1], y)];
+      [box[2], box[3]] = [Math.max(box[2], x), Math.max(box[3], y)];
     }
     return box;
   }
@@ -173,14 +172,18 @@ class Scene {
     context.save();
     context.translate(ox, oy);
     context.rotate(theta);
-    if (this.shows("cells") && cells.size * this.scale > 14) {
-      let [low, high] = [[Infinity, Infinity], [-Infinity, -Infinity]];
-      for (let n = 0; n < cells.walls.length; n += 3) {
-        for (const axis of [0, 1]) {
-          low[axis] = Math.min(low[axis], cells.walls[n + axis]);
-          high[axis] = Math.max(high[axis], cells.walls[n + axis]);
-        }
+    const [low, high] = [[Infinity, Infinity], [-Infinity, -Infinity]];
+    for (let n = 0; n < cells.walls.length; n += 3) {
+      for (const axis of [0, 1]) {
+        low[axis] = Math.min(low[axis], cells.walls[n + axis]);
+        high[axis] = Math.max(high[axis], cells.walls[n + axis]);
       }
+    }
+    if (!this.map.bounds) {
+      context.fillStyle = colours.free;
+      context.fillRect((low[0] + 1) * cells.size, (low[1] + 1) * cells.size, (high[0] - low[0]) * cells.size, (high[1] - low[1]) * cells.size);
+    }
+    if (this.shows("cells") && cells.size * this.scale > 14) {
       context.beginPath();
       for (let x = low[0] + 1; x <= high[0] + 1; x++) context.rect(x * cells.size, (low[1] + 1) * cells.size, 0, (high[1] - low[1]) * cells.size);
       for (let y = low[1] + 1; y <= high[1] + 1; y++) context.rect((low[0] + 1) * cells.size, y * cells.size, (high[0] - low[0]) * cells.size, 0);
@@ -372,8 +375,25 @@ class Scene {
       if (thing.values.x === undefined) return;
       const [x, y] = this.inMap(cells, (thing.values.x + 0.5) * cells.size, (thing.values.y + 0.5) * cells.size);
       this.disc(x, y, cells.size * (0.34 - 0.07 * at), fills[at % fills.length], this.colours["robot-edge"]);
+      this.label(thing.name, x, y - cells.size * (0.47 - 0.12 * at), fills[at % fills.length]);
     });
     this.drawSelection();
+  }
+
+  // Words under a place of the map.
+  label(words, x, y, fill) {
+    const { context } = this;
+    const [px, py] = this.project(x, y);
+    context.save();
+    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    context.font = "600 12px system-ui, sans-serif";
+    context.textAlign = "center";
+    context.lineWidth = 4;
+    context.strokeStyle = this.colours.free;
+    context.strokeText(words, px, py);
+    context.fillStyle = fill;
+    context.fillText(words, px, py);
+    context.restore();
   }
 
   drawSelection() {
