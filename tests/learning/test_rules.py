@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from wherry.errors import InputError
 from wherry.floorplan import find_world
 from wherry.learning.doormax import Doormax
 from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.learning.predictions import Subject
 from wherry.learning.q_learning import QLearning
 from wherry.learning.rules import load_rules, save_rules
 from wherry.oomdp.effects import EFFECT_TYPES
@@ -44,10 +47,17 @@ def answers(learner: RuleLearner, states: list[State]) -> list[Prediction]:
     return [learner.predict(state, action) for state in states for action in learner.domain.ground_actions(state)]
 
 
-@pytest.mark.parametrize("name", LEARNERS)
+MAKERS: dict[str, Callable[..., RuleLearner]] = {
+    **LEARNERS,
+    "near-miss": partial(Doormax, inference="near-miss"),
+    "by attribute": partial(Doormax, failure_scope="attribute"),
+}
+
+
+@pytest.mark.parametrize("name", MAKERS)
 def test_the_same_predictions_after_loading(name: str, tmp_path: Path) -> None:
     environment = taxi_grid(5)
-    learner = LEARNERS[name](environment.domain)
+    learner = MAKERS[name](environment.domain)
     states = wander(environment, learner, 600)
     save_rules(learner, tmp_path / "rules.json")
     loaded = load_rules(tmp_path / "rules.json", environment.domain)
@@ -56,17 +66,52 @@ def test_the_same_predictions_after_loading(name: str, tmp_path: Path) -> None:
     assert any(prediction.known for prediction in answers(loaded, states))
 
 
-@pytest.mark.parametrize("name", LEARNERS)
+@pytest.mark.parametrize("name", MAKERS)
 def test_learning_goes_on_as_if_nothing_had_happened(name: str, tmp_path: Path) -> None:
     environment = delivery_grid(find_world("small"))
     given = {"reward": reward, "terminated": all_delivered}
-    learner = LEARNERS[name](environment.domain, **given)
+    learner = MAKERS[name](environment.domain, **given)
     wander(environment, learner, 200)
     save_rules(learner, tmp_path / "rules.json")
     loaded = load_rules(tmp_path / "rules.json", environment.domain, **given)
     states = wander(environment, learner, 200, seed=1)
     wander(environment, loaded, 200, seed=1)
     assert answers(loaded, states) == answers(learner, states)
+
+
+def test_what_was_revoked_stays_revoked(tmp_path: Path) -> None:
+    learner = Doormax(machine_domain(3), inference="near-miss")
+    for switches, after in [("000", 0), ("100", 1), ("010", 1)]:
+        teach(learner, switches, (0, after))
+    assert learner.near_misses is not None
+    assert learner.near_misses.revoked
+    save_rules(learner, tmp_path / "rules.json")
+    loaded = load_rules(tmp_path / "rules.json", learner.domain)
+    assert isinstance(loaded, Doormax)
+    assert loaded.near_misses is not None
+    assert loaded.near_misses.violations == learner.near_misses.violations
+    assert loaded.near_misses.successes == learner.near_misses.successes
+
+
+def test_an_attribute_that_is_learnt_anew_stays_so(tmp_path: Path) -> None:
+    learner = Doormax(machine_domain(3), max_effects=1)
+    for switches, after in [("100", 5), ("010", 9)]:
+        teach(learner, switches, (0, after))
+    subject = next(subject for subject in learner.failures if isinstance(subject, Subject))
+    save_rules(learner, tmp_path / "rules.json")
+    loaded = load_rules(tmp_path / "rules.json", learner.domain)
+    assert isinstance(loaded, Doormax)
+    assert loaded.from_changes_alone(subject)
+    assert ask(loaded, "010") == ask(learner, "010")
+
+
+def test_near_misses_of_single_attributes_are_refused(tmp_path: Path) -> None:
+    save_rules(Doormax(machine_domain(3), inference="near-miss"), tmp_path / "rules.json")
+    document = json.loads((tmp_path / "rules.json").read_text())
+    document["knowledge"]["failure_scope"] = "attribute"
+    (tmp_path / "rules.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="whole actions"):
+        load_rules(tmp_path / "rules.json", machine_domain(3))
 
 
 def test_rules_of_one_world_hold_in_another(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from wherry.files import read_text, write_atomically
 from wherry.learning.bayes import BayesianLearner, Evidence
 from wherry.learning.doormax import Doormax
 from wherry.learning.learners import RuleLearner
+from wherry.learning.near_miss import NearMisses
 from wherry.learning.predictions import Subject
 from wherry.learning.rewards import Rewards
 from wherry.oomdp.conditions import Condition
@@ -106,6 +107,14 @@ class FailureEntry(Part):
     conditions: list[FullCondition]
 
 
+class NearMissEntry(Part):
+    """What failures are inferred from for one action: its merged successes, its failures, and why no more is."""
+
+    successes: ConditionText | None = None
+    failures: list[FullCondition] = []
+    revoked: str | None = None
+
+
 class DoormaxKnowledge(Part):
     """What DOORMAX knows."""
 
@@ -116,6 +125,7 @@ class DoormaxKnowledge(Part):
     failure_scope: Literal["action", "attribute"]
     predictions: list[TypeEntry]
     failures: list[FailureEntry]
+    near_misses: dict[str, NearMissEntry] | None = None  # None: failures are memorised
     rewards: list[RewardCase]
 
 
@@ -251,6 +261,7 @@ def _doormax_knowledge(learner: Doormax) -> DoormaxKnowledge:
         failure_scope=learner.failure_scope,
         predictions=entries + removed,
         failures=failures,
+        near_misses=None if learner.near_misses is None else _near_miss_entries(learner.near_misses),
         rewards=_reward_cases(learner.rewards),
     )
 
@@ -291,6 +302,19 @@ def _bayesian_knowledge(learner: BayesianLearner) -> BayesianKnowledge:
         evidence=evidence,
         rewards=_reward_cases(learner.rewards),
     )
+
+
+def _near_miss_entries(near_misses: NearMisses) -> dict[str, NearMissEntry]:
+    return {
+        action: NearMissEntry(
+            successes=None if (merged := near_misses.successes.get(action)) is None else str(merged),
+            failures=sorted(
+                str(Condition.of(near_misses.size, terms)) for terms in near_misses.failures.get(action, ())
+            ),
+            revoked=near_misses.revoked.get(action),
+        )
+        for action in sorted(near_misses.successes.keys() | near_misses.failures.keys())
+    }
 
 
 def _reward_cases(rewards: Rewards) -> list[RewardCase]:
@@ -341,12 +365,15 @@ class _Reader:
         self, knowledge: DoormaxKnowledge, reward: RewardFunction | None, terminated: TerminationFunction | None
     ) -> Doormax:
         """DOORMAX as it was."""
+        if knowledge.near_misses is not None and knowledge.failure_scope != "action":
+            raise InputError(self.source, "knowledge.near_misses", "are inferred from failures of whole actions alone")
         learner = Doormax(
             self.domain,
             max_effects=knowledge.max_effects,
             effect_types=self._types(knowledge.effect_types),
             refutation=knowledge.refutation,
             failure_scope=knowledge.failure_scope,
+            inference="memorise" if knowledge.near_misses is None else "near-miss",
             reward=reward,
             terminated=terminated,
         )
@@ -366,8 +393,20 @@ class _Reader:
             if failure.attribute is not None:
                 scope = self._subject(failure.action, failure.attribute, where)
             learner.failures[scope] = {self._terms(text, where) for text in failure.conditions}
+        if learner.near_misses is not None:
+            self._read_near_misses(learner.near_misses, knowledge.near_misses or {})
         self._read_rewards(learner.rewards, knowledge.rewards)
         return learner
+
+    def _read_near_misses(self, near_misses: NearMisses, entries: Mapping[str, NearMissEntry]) -> None:
+        for action, entry in entries.items():
+            where = f"knowledge.near_misses.{action}"
+            self._action(action, where)
+            if entry.successes is not None:
+                near_misses.successes[action] = self._condition(entry.successes, where)
+            near_misses.failures[action] = {self._terms(text, where) for text in entry.failures}
+            if entry.revoked is not None:
+                near_misses.revoked[action] = entry.revoked
 
     def bayesian(
         self, knowledge: BayesianKnowledge, reward: RewardFunction | None, terminated: TerminationFunction | None
