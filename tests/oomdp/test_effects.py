@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from wherry.oomdp.effects import EFFECT_TYPES, Effect, apply, eff_att, observed
-from wherry.oomdp.objects import EXISTS, ObjectClass, State, boolean, enumeration, integer
+from wherry.oomdp.objects import EXISTS, ObjectClass, State, boolean, enumeration, integer, real
 
 PAIRS = st.one_of(
     *(
         st.tuples(st.just(attribute), values, values)
         for attribute, values in [
             (integer("n"), st.integers(-1000, 1000)),
+            (real("r"), st.integers(-100_000, 100_000).map(lambda number: number / 100)),
             (boolean("b"), st.booleans()),
             (enumeration("e", "left", "right"), st.sampled_from(["left", "right"])),
         ]
@@ -48,6 +50,34 @@ def test_every_effect_turns_before_into_after(pair: tuple) -> None:
 def test_types_that_explain_a_change(before: int, after: int, found: dict[str, object]) -> None:
     effects = eff_att(integer("n"), before, after, EFFECT_TYPES)
     assert {effect.type: effect.argument for effect in effects} == found
+
+
+@given(st.integers(-10_000, 10_000), st.integers(1, 1000), st.integers(1, 50))
+def test_equal_steps_of_a_real_number_are_one_increment(start: int, step: int, times: int) -> None:
+    """0.3 - 0.2 is not 0.2 - 0.1 in floating point; a learner has to see one effect all the same."""
+    places = [(start + at * step) / 100 for at in range(times + 1)]
+    (increment,) = {eff_att(real("r"), one, other, EFFECT_TYPES)[0] for one, other in pairwise(places)}
+    assert increment == Effect("increment", step / 100)
+    assert EFFECT_TYPES["increment"].apply(places[0], increment.argument) == places[1]
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.booleans(), st.booleans()), min_size=1, max_size=4), st.data())
+def test_all_effects_between_two_states_applied_give_the_second(
+    balls: list[tuple[int, bool, bool]], data: st.DataObject
+) -> None:
+    before = State(tuple(BALL(f"ball{at}", x=x, lit=lit) for at, (x, lit, _) in enumerate(balls)))
+    later = [
+        BALL(f"ball{at}", x=data.draw(st.integers(0, 5)), lit=data.draw(st.booleans()))
+        for at, (_, _, stays) in enumerate(balls)
+        if stays
+    ]
+    after = State(tuple(later))
+    changes = []
+    for at, item in enumerate(before.objects):
+        for attribute, old, new in observed(item, after.get(item.name)):
+            effects = eff_att(attribute, old, new, EFFECT_TYPES)
+            changes.append((at, attribute.name, data.draw(st.sampled_from(effects))))
+    assert apply(before, changes, EFFECT_TYPES) == after
 
 
 def test_a_boolean_has_no_increment() -> None:

@@ -6,6 +6,7 @@ Which operations there are is a visible dictionary, `EFFECT_TYPES`; a domain tha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -52,27 +53,47 @@ class Effect(NamedTuple):
 NUMBERS = frozenset({Kind.INTEGER, Kind.REAL})
 
 
+DIGITS = 12
+"""How many digits of real numbers count: 0.3 − 0.2 and 0.2 − 0.1 are the same increment."""
+
+
+def rounded(value: float, scale: float, digits: int = DIGITS) -> float:
+    """A real number, to as many digits as count for numbers of some size; a whole one as it is."""
+    if isinstance(value, int) or not scale or not math.isfinite(scale):
+        return value
+    return round(value, digits - 1 - math.floor(math.log10(abs(scale))))
+
+
 def _difference(before: Value, after: Value) -> Argument | None:
     """After − before. What is no number has only the increment of nothing: +0 where it stays as it is."""
     if before == after:
         return 0
     if isinstance(before, bool | str) or isinstance(after, bool | str):
         return None
-    return after - before
+    return rounded(after - before, max(abs(after), abs(before)))
+
+
+def _sum(value: Any, step: Any) -> Value:
+    """Value + step; +0 leaves what is no number as it is."""
+    return rounded(value + step, max(abs(value), abs(step))) if step else value
 
 
 def _factor(before: float, after: float) -> Argument | None:
     """The quotient; 0 → 0 has many answers, 0 → x none, and x → 0 could not be undone."""
     if before == 0 or after == 0:
         return None
-    factor = Fraction(after) / Fraction(before)
+    if isinstance(before, float) or isinstance(after, float):
+        return rounded(after / before, after / before, DIGITS + 2)  # so that the product is right in all its digits
+    factor = Fraction(after, before)
     return factor.numerator if factor.denominator == 1 else factor
 
 
 def _product(value: float, factor: float | Fraction) -> Value:
     """The product; a whole number stays one where that is exact."""
     product = Fraction(value) * Fraction(factor)
-    return product.numerator if product.denominator == 1 and isinstance(value, int) else float(product)
+    if product.denominator == 1 and isinstance(value, int):
+        return product.numerator
+    return rounded(float(product), float(product))
 
 
 EFFECT_TYPES: Mapping[str, EffectType] = {
@@ -80,7 +101,7 @@ EFFECT_TYPES: Mapping[str, EffectType] = {
         "increment",
         frozenset(Kind),
         between=_difference,
-        apply=lambda value, step: value + step if step else value,
+        apply=_sum,
         words=lambda name, step: f"{name} += {step}" if step >= 0 else f"{name} -= {-step}",
     ),
     "assignment": EffectType(
