@@ -100,7 +100,8 @@ class Node:
         deadline = time.monotonic() + request["patience"]
         while True:
             try:
-                found = self.buffer.lookup_transform(request["target"], request["source"], rospy.Time(0)).transform
+                at = rospy.Time(*request["at"])
+                found = self.buffer.lookup_transform(request["target"], request["source"], at).transform
                 break
             except Exception as error:
                 if time.monotonic() > deadline:

@@ -160,6 +160,12 @@ class Program:
         os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
 
+    def freeze(self) -> None:
+        os.killpg(self.process.pid, signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        os.killpg(self.process.pid, signal.SIGCONT)
+
     def interrupt(self) -> None:
         """Ctrl-C."""
         os.killpg(self.process.pid, signal.SIGINT)
@@ -236,9 +242,13 @@ class Peer(Program):
     def parameter(self, name: str) -> Any:
         return self.ask(do="parameter", name=name)
 
-    def transform(self, target: str, source: str, patience: float = 5.0) -> list[float]:
-        """[7] x, y, z, and the quaternion, as the real tf2 has it."""
-        found: list[float] = self.ask(do="transform", target=target, source=source, patience=patience)
+    def transform(
+        self, target: str, source: str, *, at: tuple[int, int] = (0, 0), patience: float = 5.0
+    ) -> list[float]:
+        """[7] x, y, z, and the quaternion, as the real tf2 has it at a time (s, ns); by default the last one known."""
+        found: list[float] | str = self.ask(do="transform", target=target, source=source, at=at, patience=patience)
+        if isinstance(found, str):
+            pytest.fail(f"tf2 says: {found}")
         return found
 
     def wait_for(self, topic: str, count: int, patience: float) -> list[dict[str, Any]]:

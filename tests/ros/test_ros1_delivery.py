@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 
@@ -10,14 +11,14 @@ import pytest
 
 from ros1_system import Roscore, require, stamp, values_of, wait_until
 
-RATE = 2.0  # simulated seconds a second
-SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--rate", str(RATE), "--json")
+SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--json")
 # The world's two warehouse cells as seen from its robot.
 DELIVER = ("ros1", "deliver", "--warehouse", "3.6,-0.6", "--warehouse", "3.6,-1.8", "--json")
 SCAN, ODOMETRY, TWIST = "sensor_msgs/LaserScan", "nav_msgs/Odometry", "geometry_msgs/Twist"
 MAP, DIAGNOSTICS = "nav_msgs/OccupancyGrid", "diagnostic_msgs/DiagnosticArray"
 STARTED = 90.0  # s, wall clock, that two processes may take until the robot drives
-WITHIN = 0.5  # s, on the robot's clock
+WITHIN = 0.5  # s
+ODOMETRY_PERIOD = 0.05  # s, after which at the latest it shows that a robot stands
 
 pytestmark = pytest.mark.slow
 
@@ -31,7 +32,7 @@ def roscore(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Roscore]:
 
 def test_two_boxes_are_delivered_over_ros1_alone(roscore: Roscore, capsys: pytest.CaptureFixture[str]) -> None:
     with (
-        roscore.wherry(*SIMULATE) as simulator,
+        roscore.wherry(*SIMULATE, "--rate", "2") as simulator,
         roscore.wherry(*DELIVER) as agent,
         roscore.wherry("ros1", "monitor", "--duration", "100000", "--json") as monitor,
     ):
@@ -71,11 +72,19 @@ class Ride:
     def now(self) -> float:
         return stamp(self.peer.last("/odom"))
 
-    def stops_within(self, seconds: float) -> None:
-        """From now on; measured on the robot's clock."""
-        begin = self.now()
+    def commands(self, begin: float) -> list[tuple[float, float, float]]:
+        """When, s, what was commanded from an instant on: m/s, rad/s."""
+        news = [one for one in self.peer.heard["/cmd_vel"] if one["at"] >= begin]
+        return [(one["at"], one["message"]["linear"]["x"], one["message"]["angular"]["z"]) for one in news]
+
+    def stood_at(self, begin: float) -> float:
+        """s, when the robot stood first, from an instant on."""
         wait_until(lambda: self.speed() < 0.01, 10.0, "the robot stands")
-        assert self.now() - begin <= seconds + 0.1, "two odometries: this one, and the one that was under way"
+        for news in self.peer.heard["/odom"]:
+            twist = news["message"]["twist"]["twist"]
+            if news["at"] >= begin and math.hypot(twist["linear"]["x"], twist["angular"]["z"]) < 0.01:
+                return float(news["at"])
+        return math.inf
 
     def stands_for(self, seconds: float) -> None:
         begin, heard = self.now(), len(self.peer.heard["/odom"])
@@ -90,31 +99,34 @@ class Ride:
         return {}
 
 
-@pytest.fixture
-def ride(roscore: Roscore) -> Iterator[Ride]:
+@pytest.fixture(scope="module")
+def ridden(roscore: Roscore) -> Iterator[Ride]:
     with ExitStack() as stack:
         yield Ride(roscore, stack)
 
 
+@pytest.fixture
+def ride(ridden: Ride) -> Ride:
+    """One ride for all tests; the last one ends it."""
+    ridden.wait_until_it_drives()
+    return ridden
+
+
 @pytest.mark.parametrize("mode", ["silent", "nan", "frame"])
 def test_without_a_scan_to_trust_the_agent_commands_standstill(ride: Ride, mode: str) -> None:
+    begin = time.monotonic()
     ride.peer.relay("/raw_scan", "/scan", mode)
-    sent = len(ride.peer.heard["/cmd_vel"])
-    ride.stops_within(WITHIN)
+    ride.stood_at(begin)
     ride.stands_for(1.0)
-    last = [news["message"] for news in ride.peer.heard["/cmd_vel"][sent:]][-1]
-    assert (last["linear"]["x"], last["angular"]["z"]) == (0.0, 0.0), "commanded, not only left to the watchdog"
+    commands = ride.commands(begin)
+    last_motion = max((at for at, linear, angular in commands if linear or angular), default=begin)
+    first_zero = min((at for at, *_ in commands if at > last_motion), default=math.inf)
+    assert first_zero - begin <= WITHIN, "commanded, not only left to the watchdog"
     if mode != "silent":
         words = {"nan": "no number", "frame": "'camera' instead of 'laser'"}[mode]
         wait_until(lambda: words in ride.status("wherry: robot").get("last refused", ""), 5.0, "diagnostics say why")
     ride.peer.relay("/raw_scan", "/scan", "pass")
     ride.wait_until_it_drives()
-
-
-def test_the_robot_stands_when_the_agent_is_killed(ride: Ride) -> None:
-    ride.agent.kill()
-    ride.stops_within(WITHIN)
-    ride.stands_for(1.0)
 
 
 def test_the_agent_gives_way_to_whoever_else_drives(roscore: Roscore, ride: Ride) -> None:
@@ -141,3 +153,10 @@ def test_a_master_that_dies_does_not_stop_the_ride(roscore: Roscore, ride: Ride)
         assert grid["header"]["frame_id"] == "map"
     ride.wait_until_it_drives()
     assert ride.agent.process.poll() is None
+
+
+def test_the_robot_stands_when_the_agent_is_killed(ride: Ride) -> None:
+    ride.agent.kill()
+    last_command = ride.peer.heard["/cmd_vel"][-1]["at"]
+    assert ride.stood_at(last_command) - last_command <= WITHIN + ODOMETRY_PERIOD
+    ride.stands_for(1.0)

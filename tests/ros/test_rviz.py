@@ -1,0 +1,307 @@
+"""RViz as `wherry rviz` sets it up: the files, and Debian's RViz on a screen that only software draws."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+from PIL import Image
+from scipy import ndimage
+
+from ros1_system import Peer, Program, Roscore, heading, require, wait_until
+from wherry.errors import InputError
+from wherry.ros import rviz
+from wherry.ros.description import robot_description
+from wherry.ros.names import load_names
+from wherry.simulation.model import robot_urdf
+
+BLUE, RED, GREEN = "0; 0; 255", "255; 0; 0", "0; 255; 0"
+
+
+def displays(generation: int, **options: Any) -> dict[str, dict[str, Any]]:
+    document = yaml.safe_load(rviz.configuration(generation, load_names(**options), rviz.View()))
+    return {display["Name"]: display for display in document["Visualization Manager"]["Displays"]}
+
+
+def topic_of(display: dict[str, Any]) -> Any:
+    topic = display.get("Marker Topic", display.get("Topic"))
+    return topic["Value"] if isinstance(topic, dict) else topic
+
+
+# ---- the files
+
+
+def test_both_generations_show_the_same() -> None:
+    one, two = displays(1), displays(2)
+    assert list(one) == list(two)
+    for name, display in one.items():
+        other = two[name]
+        assert topic_of(display) == topic_of(other)
+        assert display["Class"].split("/") == ["rviz", other["Class"].split("/")[1]]
+        assert other["Class"].startswith("rviz_default_plugins/")
+        for key in ("Color", "Enabled", "Style", "Size (m)", "Line Width", "Arrow Length"):
+            assert display.get(key) == other.get(key)
+
+
+def test_the_colours_are_the_papers() -> None:
+    shown = displays(1)
+    assert (topic_of(shown["Laser"]), shown["Laser"]["Color"]) == ("/scan", BLUE)
+    assert (topic_of(shown["Particles"]), shown["Particles"]["Color"]) == ("/particlecloud", RED)
+    assert (topic_of(shown["Predicted path"]), shown["Predicted path"]["Color"]) == ("/predicted_path", GREEN)
+
+
+@pytest.mark.parametrize("generation", [1, 2])
+def test_a_robots_own_names_are_filled_in(generation: int) -> None:
+    shown = displays(generation, namespace="robot1", remappings=["scan:=/front/scan"])
+    assert topic_of(shown["Laser"]) == "/front/scan"
+    assert topic_of(shown["Map"]) == "/robot1/map"
+    assert topic_of(shown["Boxes and cells"]) == "/robot1/markers"
+
+
+@pytest.mark.parametrize("generation", [1, 2])
+def test_the_view_is_filled_in(generation: int) -> None:
+    text = rviz.configuration(generation, load_names(), rviz.View(1.5, -2.0, 120.0))
+    view = yaml.safe_load(text)["Visualization Manager"]["Views"]["Current"]
+    assert (view["X"], view["Y"], view["Scale"]) == (1.5, -2.0, 120.0)
+
+
+def test_rviz_is_asked_for_what_its_publishers_offer() -> None:
+    """In ROS 2 a listener that wants more than is offered hears nothing."""
+    shown = displays(2)
+    assert shown["Map"]["Topic"]["Durability Policy"] == "Transient Local"
+    assert shown["Laser"]["Topic"]["Reliability Policy"] == "Best Effort"
+
+
+def test_the_user_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda program: None)
+    monkeypatch.delenv("ROS_VERSION", raising=False)
+    with pytest.raises(InputError, match="rviz and rviz2: is not installed: apt install"):
+        rviz.find_rviz(None)
+    with pytest.raises(InputError, match="rviz2: is not installed"):
+        rviz.find_rviz(2)
+
+
+@pytest.mark.parametrize(("version", "expected"), [("1", (1, "/bin/rviz")), ("2", (2, "/bin/rviz2"))])
+def test_the_sourced_ros_decides(monkeypatch: pytest.MonkeyPatch, version: str, expected: tuple[int, str]) -> None:
+    monkeypatch.setattr(shutil, "which", lambda program: f"/bin/{program}")
+    monkeypatch.setenv("ROS_VERSION", version)
+    assert rviz.find_rviz(None) == expected
+
+
+def test_the_description_hangs_on_base_link_and_is_otherwise_the_simulators() -> None:
+    described = robot_description(robot_urdf())
+    assert '<parent link="base_link" />\n    <child link="base_footprint" />' in described
+    assert "mesh" not in described, "nothing to be found on another machine"
+    assert robot_description(described).count("<link") == robot_urdf().count("<link")
+    with pytest.raises(ValueError, match="base_joint"):
+        robot_description("<robot name='other'/>")
+
+
+# ---- the screen
+
+VIEW = rviz.View(2.1, -1.5, 165.0)  # the small world, seen from where its robot starts, fills the screen
+SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--rate", "2")
+DELIVER = ("ros1", "deliver", "--warehouse", "3.6,-0.6", "--warehouse", "3.6,-1.8")
+HEARD = {
+    "/scan": "sensor_msgs/LaserScan",
+    "/map": "nav_msgs/OccupancyGrid",
+    "/particlecloud": "geometry_msgs/PoseArray",
+    "/plan": "nav_msgs/Path",
+    "/predicted_path": "nav_msgs/Path",
+}
+BACKGROUND = (48, 48, 48)
+NEAR = 4  # pixels
+
+
+@dataclass(frozen=True)
+class Screen:
+    """A picture of RViz, and where the map frame lies on it."""
+
+    pixels: NDArray[np.int64]
+
+    @property
+    def view(self) -> tuple[slice, slice]:
+        """Rows and columns of the window that shows the world, as its background tells: it is larger than the map."""
+        background = (self.pixels == BACKGROUND).all(axis=2)
+        rows, columns = (np.flatnonzero(background.sum(axis=axis) > 100) for axis in (1, 0))
+        return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+
+    def project(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """[N, 2] row and column of points [N, 2] m: straight down, without perspective, as the view is set up."""
+        middle = np.array([(side.start + side.stop) / 2 for side in self.view])
+        shift = (points - [VIEW.x, VIEW.y]) * VIEW.scale
+        return np.floor(middle + np.column_stack([-shift[:, 1], shift[:, 0]])).astype(np.int64)
+
+    def coloured(self, red: tuple[int, int], green: tuple[int, int], blue: tuple[int, int]) -> NDArray[np.bool_]:
+        """Which pixels of the view have a colour within these limits."""
+        limits = np.array([red, green, blue])
+        found = np.zeros(self.pixels.shape[:2], bool)
+        inside = self.pixels[self.view]
+        found[self.view] = ((inside >= limits[:, 0]) & (inside <= limits[:, 1])).all(axis=2)
+        return found
+
+
+def near(mask: NDArray[np.bool_], places: NDArray[np.int64], distance: float = NEAR) -> NDArray[np.bool_]:
+    """[N] whether there is a pixel of a mask within a distance of each place."""
+    away = ndimage.distance_transform_edt(~mask)
+    inside = (places >= 0).all(axis=1) & (places < mask.shape).all(axis=1)
+    found = np.zeros(len(places), bool)
+    found[inside] = away[tuple(places[inside].T)] <= distance
+    return found
+
+
+def mask_of(shape: tuple[int, int], places: NDArray[np.int64]) -> NDArray[np.bool_]:
+    mask = np.zeros(shape, bool)
+    inside = (places >= 0).all(axis=1) & (places < shape).all(axis=1)
+    mask[tuple(places[inside].T)] = True
+    return mask
+
+
+@contextmanager
+def screen(folder: Path) -> Iterator[dict[str, str]]:
+    """A screen in memory, drawn by software; the variables with which programs find it."""
+    read, write = os.pipe()
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x900x24", "+extension", "GLX"]
+    server = subprocess.Popen(command, pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    os.close(write)
+    try:
+        with os.fdopen(read) as pipe:
+            number = pipe.readline().strip()
+        runtime = folder / "runtime"
+        runtime.mkdir(mode=0o700)
+        yield {
+            "DISPLAY": f":{number}",
+            "LIBGL_ALWAYS_SOFTWARE": "1",
+            "QT_X11_NO_MITSHM": "1",
+            "OGRE_RTT_MODE": "Copy",
+            "XDG_RUNTIME_DIR": str(runtime),
+        }
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def photograph(environment: dict[str, str]) -> bytes:
+    command = ["import", "-window", "root", "png:-"]
+    return subprocess.run(command, env={**os.environ, **environment}, stdout=subprocess.PIPE, check=True).stdout
+
+
+def delivers(peer: Peer) -> bool:
+    """Whether the robot knows its cells and its particles, and is under way."""
+    if not all(peer.heard[topic] for topic in HEARD):
+        return False
+    path = peer.last("/predicted_path")["poses"]
+    return len(peer.last("/particlecloud")["poses"]) > 0 and len(path) > 1 and length(positions(path)) > 0.4
+
+
+def positions(poses: list[dict[str, Any]]) -> NDArray[np.float64]:
+    """[N, 2] m."""
+    inner = [pose.get("pose", pose)["position"] for pose in poses]
+    return np.array([(place["x"], place["y"]) for place in inner])
+
+
+def length(path: NDArray[np.float64]) -> float:
+    return float(np.hypot(*np.diff(path, axis=0).T).sum())
+
+
+def check_laser(screen: Screen, peer: Peer) -> None:
+    scan = peer.last("/scan")
+    at = scan["header"]["stamp"]
+    x, y, _, _, _, z, w = peer.transform("map", "laser", at=(at["secs"], at["nsecs"]))
+    ranges = np.array(scan["ranges"])
+    angles = scan["angle_min"] + np.arange(len(ranges)) * scan["angle_increment"] + heading({"z": z, "w": w})
+    seen = np.isfinite(ranges) & (ranges > 0.3)  # nearer ones are of a box in the fork, below the robot
+    ends = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])[seen]
+    places = screen.project(ends)
+    blue = screen.coloured((0, 90), (0, 90), (180, 255))
+    assert near(blue, places).mean() > 0.9, "where the laser's beams end it is blue"
+    assert near(mask_of(blue.shape, places), np.argwhere(blue), 0.04 * VIEW.scale + NEAR).mean() > 0.95, (
+        "and only there"
+    )
+
+
+def check_particles(screen: Screen, peer: Peer) -> None:
+    places = screen.project(positions(peer.last("/particlecloud")["poses"]))
+    red = screen.coloured((215, 255), (0, 60), (0, 60))
+    assert red.sum() > 50
+    assert near(red, places, 2 * NEAR).mean() > 0.9, "where particles are it is red"
+    assert near(mask_of(red.shape, places), np.argwhere(red), 0.15 * VIEW.scale + NEAR).mean() > 0.95, "and only there"
+
+
+def check_path(screen: Screen, peer: Peer) -> None:
+    path = positions(peer.last("/predicted_path")["poses"])
+    steps = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    along = np.arange(0.0, steps[-1], 0.02)
+    points = np.column_stack([np.interp(along, steps, path[:, axis]) for axis in (0, 1)])
+    places = screen.project(points)
+    green = screen.coloured((0, 80), (215, 255), (0, 80))
+    assert near(green, places).mean() > 0.7, "along the path it is green, but for what the robot hides"
+    assert near(mask_of(green.shape, places), np.argwhere(green), 0.04 * VIEW.scale + NEAR).mean() > 0.95
+
+
+def check_map(screen: Screen, peer: Peer) -> None:
+    grid = peer.last("/map")
+    info = grid["info"]
+    values = np.array(grid["data"]).reshape(info["height"], info["width"])
+    origin = info["origin"]["position"]
+    assert heading(info["origin"]["orientation"]) == pytest.approx(0.0, abs=1e-6)
+    for value, low, high in ((100, 0, 40), (0, 200, 255)):
+        # The middles of patches, for a cell is few pixels wide.
+        inner = ndimage.binary_erosion(values == value, np.ones((3, 3))) if value == 0 else values == value
+        y, x = np.nonzero(inner)
+        points = np.column_stack([x + 0.5, y + 0.5]) * info["resolution"] + [origin["x"], origin["y"]]
+        places = screen.project(points)
+        shades = screen.pixels[tuple(places.T)]
+        grey = np.ptp(shades, axis=1) < 30  # what is not covered by something coloured
+        assert grey.sum() > 50
+        right = ((shades[grey] >= low) & (shades[grey] <= high)).all(axis=1)
+        assert right.mean() > 0.8, f"cells of {value} % have their shade"
+
+
+@pytest.mark.slow
+def test_debians_rviz_shows_a_delivery(tmp_path: Path) -> None:
+    require("roscore", "rviz", "Xvfb", "import")
+    centre = ("--centre", str(VIEW.x), str(VIEW.y), "--scale", str(VIEW.scale))
+    with Roscore(tmp_path) as roscore, screen(tmp_path) as variables, roscore.peer() as peer:
+        for topic, type_name in HEARD.items():
+            peer.listen(topic, type_name)
+        with roscore.wherry(*SIMULATE) as simulator:
+            roscore.environment.update(variables)
+            with (
+                roscore.wherry("rviz", "--ros", "1", *centre, "--", "--no-stereo", "--splash-screen", "") as viewer,
+                roscore.wherry(*DELIVER) as agent,
+            ):
+                wait_until(lambda: delivers(peer), 300.0, f"a ride\n{agent.output}\n{viewer.output}")
+                peer.transform("map", "laser")  # from here on tf2 remembers
+                wait_until(lambda: delivers(peer), 60.0, "still under way")
+                picture = still(simulator, agent, variables)
+                folder = os.environ.get("WHERRY_PICTURES")
+                if folder:
+                    (Path(folder) / "rviz.png").write_bytes(picture)
+                (tmp_path / "rviz.png").write_bytes(picture)
+                shown = Screen(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(np.int64))
+                for check in (check_map, check_laser, check_particles, check_path):
+                    check(shown, peer)
+                agent.thaw()
+                simulator.thaw()
+
+
+def still(simulator: Program, agent: Program, variables: dict[str, str]) -> bytes:
+    """A picture of a moment that lasts: nothing is published while RViz draws what it has heard."""
+    simulator.freeze()
+    time.sleep(0.5)  # in which the agent says where the last scan was taken
+    agent.freeze()
+    time.sleep(3.0)
+    return photograph(variables)
