@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import os
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable
@@ -15,6 +17,12 @@ from wherry.ros.ros2 import DdsTransport
 from wherry.ros.transport import Quality, Topic
 
 TOPICS = load_names().topics
+NUMBERS = itertools.count()
+
+
+def free_domain() -> int:
+    """A ROS_DOMAIN_ID that no test of another file or of another process is likely to use; above 101, ports collide."""
+    return 1 + (13 * os.getpid() + next(NUMBERS)) % 101
 
 
 @dataclass

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bus import Bus, BusTransport, DdsBus, wait_for
+from bus import Bus, BusTransport, DdsBus, free_domain, wait_for
 
 from wherry.errors import InputError
 from wherry.robot import Odometry, Scan, Velocity
@@ -26,7 +26,7 @@ NAMES = load_names()
 TOPICS = NAMES.topics
 COVARIANCE = np.zeros(36)
 DRIVE = Velocity(0.3, 0.1)
-DOMAIN = 103
+DOMAIN = free_domain()
 
 
 class Driver:

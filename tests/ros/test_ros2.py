@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bus import free_domain
 from rosbags.typesys import Stores, get_typestore
 
 from wherry.errors import InputError
@@ -22,6 +23,7 @@ from wherry.ros.ros2 import DdsTransport, configuration, domain_id, from_idl, id
 TOPICS = load_names().topics
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPES = message_types()
+PAIR, KILLED, HUNG, NOWHERE = (free_domain() for _ in range(4))
 NUMBERS = np.random.default_rng(0)
 
 
@@ -112,7 +114,7 @@ def test_the_domain_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_an_interface_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", "190")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(NOWHERE))
     with pytest.raises(InputError, match="--interface: nowhere0"):
         DdsTransport("nowhere0")
 
@@ -137,7 +139,7 @@ class Heard:
 
 @pytest.fixture
 def pair(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[DdsTransport, DdsTransport]]:
-    monkeypatch.setenv("ROS_DOMAIN_ID", "191")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(PAIR))
     with DdsTransport() as one, DdsTransport() as other:
         yield one, other
 
@@ -199,7 +201,7 @@ def test_only_others_are_counted(pair: tuple[DdsTransport, DdsTransport]) -> Non
 
 
 def test_a_process_that_is_killed_leaves_no_message_behind(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", "192")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(KILLED))
     program = (
         "import time; from wherry.ros.ros2 import DdsTransport; from wherry.ros.names import load_names\n"
         "from wherry.ros.messages import Bool, Twist\n"
@@ -219,7 +221,7 @@ def test_a_process_that_is_killed_leaves_no_message_behind(monkeypatch: pytest.M
 
 
 def test_a_listener_that_hangs_does_not_hold_up_the_publisher(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", "193")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(HUNG))
     program = (
         "import time; from wherry.ros.ros2 import DdsTransport; from wherry.ros.names import load_names\n"
         "transport, topics = DdsTransport(), load_names().topics\n"

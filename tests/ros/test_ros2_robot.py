@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from bus import free_domain
 from dds import ended, simulator, wait_until
 from worlds import HALL, hall
 
@@ -28,7 +29,7 @@ NAMES = load_names()
 TOPICS = NAMES.topics
 RATE = 1.5  # × real time; the contract watches the robot for half a minute
 EMPTY = HALL.replace("  o  ", "     ")
-CONTRACT, DEATHS = 101, 102  # domains
+CONTRACT, DEATHS = free_domain(), free_domain()
 
 pytestmark = pytest.mark.slow
 

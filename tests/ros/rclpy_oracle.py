@@ -1,0 +1,79 @@
+"""Run by the real rclpy in an environment of its own: tells what it hears of a robot as JSON, and drives it.
+
+Its arguments are where to drive (m/s), for how long (s), and whether with stamps.
+"""
+
+import json
+import sys
+import time
+
+import rclpy
+from geometry_msgs.msg import PoseArray, Twist, TwistStamped
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState, LaserScan
+
+speed, seconds, stamped = float(sys.argv[1]), float(sys.argv[2]), sys.argv[3] == "stamped"
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
+heard = {}
+
+
+def keep(name):
+    def hear(message):
+        heard.setdefault(name, []).append(message)
+
+    return hear
+
+
+def stamp(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+rclpy.init()
+node = rclpy.create_node("oracle")
+node.create_subscription(LaserScan, "/scan", keep("scan"), qos_profile_sensor_data)
+node.create_subscription(Odometry, "/odom", keep("odom"), 50)
+node.create_subscription(Clock, "/clock", keep("clock"), qos_profile_sensor_data)
+node.create_subscription(JointState, "/joint_states", keep("joints"), 50)
+node.create_subscription(OccupancyGrid, "/map", keep("map"), LATCHED)
+node.create_subscription(PoseArray, "/particlecloud", keep("particles"), 10)
+node.create_subscription(Path, "/plan", keep("plan"), 10)
+publisher = node.create_publisher(TwistStamped if stamped else Twist, "/cmd_vel", 10)
+
+patience = time.monotonic() + 40.0
+while not {"scan", "odom", "map"} <= heard.keys() and time.monotonic() < patience:
+    rclpy.spin_once(node, timeout_sec=0.1)
+end = time.monotonic() + seconds
+while time.monotonic() < end:
+    if speed and "odom" in heard:
+        message = TwistStamped() if stamped else Twist()
+        if stamped:
+            message.header.stamp = heard["odom"][-1].header.stamp
+        (message.twist if stamped else message).linear.x = speed
+        publisher.publish(message)
+    until = time.monotonic() + 0.05
+    while time.monotonic() < until:
+        rclpy.spin_once(node, timeout_sec=0.01)
+print(  # noqa: T201 - this is how it answers
+    json.dumps(
+        {
+            "counts": {name: len(messages) for name, messages in heard.items()},
+            "scans": {stamp(scan): [float(value) for value in scan.ranges] for scan in heard.get("scan", [])[-3:]},
+            "scan": [
+                (s.header.frame_id, s.angle_min, s.angle_increment, s.range_max) for s in heard.get("scan", [])[:1]
+            ],
+            "odom": {
+                stamp(odom): [odom.pose.pose.position.x, odom.pose.pose.orientation.z, odom.twist.twist.linear.x]
+                for odom in heard.get("odom", [])
+            },
+            "frames": [(odom.header.frame_id, odom.child_frame_id) for odom in heard.get("odom", [])[:1]],
+            "joints": [list(state.name) for state in heard.get("joints", [])[:1]],
+            "map": [
+                (grid.info.width, grid.info.height, grid.info.resolution, grid.info.origin.position.x, list(grid.data))
+                for grid in heard.get("map", [])
+            ],
+            "particles": [len(cloud.poses) for cloud in heard.get("particles", [])[:1]],
+        }
+    )
+)
