@@ -73,8 +73,14 @@ class Extent:
         return sum(self.of(learner, size) for learner in LEARNERS for size in SIZES)
 
 
-SLOW = {("doormax-letter", 10): 20, ("factored-rmax", 5): 20, ("factored-rmax", 10): 0, ("rmax", 5): 20, ("rmax", 10): 0}
-"""R-max and Factored R-max plan again after nearly every step: on the large grid that takes them minutes to hours each."""
+SLOW = {
+    ("doormax-letter", 10): 20,
+    ("factored-rmax", 5): 20,
+    ("factored-rmax", 10): 0,
+    ("rmax", 5): 20,
+    ("rmax", 10): 0,
+}
+"""R-max and Factored R-max plan again after nearly every step: on the large grid that takes from minutes to hours."""
 
 
 def reproduce(images: Path, progress: Callable[[int, int], None], extent: Extent | None = None) -> str:

@@ -1,0 +1,107 @@
+"""wherry play on a pipe and on a terminal: what is shown, and which keys do what."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import pytest
+
+from wherry.commands import play as command
+from wherry.experiments.play import LEARNERS, TABLES
+
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def play(call: Call, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, str, str]]:
+    """Play with some typed lines."""
+
+    def played(typed: str, *arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "stdin", io.StringIO(typed))
+        return call("play", *arguments)
+
+    return played
+
+
+def test_a_pipe_is_read_line_by_line(play: Call) -> None:
+    status, out, _ = play("N\npickup\nss\nq\nn\n", "taxi", "--seed", 1)
+    assert status == 0
+    screens = out.split("Taxi 5×5, watched by bayes: ")[1:]
+    assert [screen.partition(",")[0] for screen in screens] == [f"step {number}" for number in range(5)]
+    assert "cond(s) = " in screens[0]
+    assert "touch_N(taxi, wall)" in screens[0]
+    assert screens[0].count("UNKNOWN") == 6
+    assert screens[1].count("UNKNOWN") < 6
+    assert "\x1b" not in out
+
+
+def test_the_learner_finishes_what_it_is_let(play: Call) -> None:
+    status, out, err = play("l" * 200, "delivery", "--boxes", 1, "--json")
+    assert status == 0
+    result = json.loads(out)
+    assert result["episodes"] == 1
+    assert result["rules"] >= 6
+    assert "robot.x += 1" in err
+    assert "This one is over" in err
+
+
+def test_words_that_mean_nothing_are_said_so_and_do_nothing(play: Call) -> None:
+    _, out, _ = play("north\nr\nx\n", "taxi")
+    assert "'north' means nothing" in out
+    assert "'x' means nothing" in out
+    assert "step 1" not in out
+
+
+def test_keys_act_at_once_on_a_terminal() -> None:
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "wherry", "play", "taxi"],
+        stdin=theirs, stdout=theirs, stderr=theirs, env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+    )  # fmt: skip
+    os.close(theirs)
+    try:
+        shown = read_until(ours, "step 0")
+        os.write(ours, b"\x1b[A")
+        shown += read_until(ours, "step 1")
+        os.write(ours, b"p")
+        shown += read_until(ours, "step 2")
+        os.write(ours, b"q")
+        shown += read_until(ours, None)
+        assert process.wait(timeout=30) == 0
+    finally:
+        process.kill()
+        process.wait()
+        os.close(ours)
+    assert "PICKUP: nothing changes" in shown
+
+
+def read_until(terminal: int, words: str | None) -> str:
+    """What a terminal shows until some words come, or until it is closed."""
+    seen, deadline = "", time.monotonic() + 60
+    while words is None or words not in seen:
+        assert time.monotonic() < deadline, seen
+        if select.select([terminal], [], [], 1.0)[0]:
+            try:
+                seen += os.read(terminal, 65536).decode("utf-8", errors="replace")
+            except OSError:  # the other side is closed
+                break
+    return seen
+
+
+@pytest.mark.parametrize("arguments", [["chess"], ["taxi", "--learner", "oracle"], ["delivery", "--boxes", "900"]])
+def test_what_there_is_not_is_refused(call: Call, arguments: list[str]) -> None:
+    status, out, err = call("play", *arguments)
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+
+
+def test_the_command_offers_what_there_is() -> None:
+    assert (set(command.DOMAINS), set(command.LEARNERS)) == (set(TABLES), set(LEARNERS))
