@@ -14,6 +14,7 @@ from typer.exceptions import TyperException
 
 from wherry import __version__
 from wherry.commands.deliver import deliver
+from wherry.commands.doctor import doctor
 from wherry.commands.export import export_app
 from wherry.commands.learn import learn
 from wherry.commands.localize import localize
@@ -41,6 +42,7 @@ app.command("map")(map_log)
 app.command()(localize)
 app.command()(learn)
 app.command()(play)
+app.command()(doctor)
 app.command()(replay)
 app.command()(reproduce)
 app.command()(rviz)

@@ -1,0 +1,72 @@
+"""wherry doctor: what it finds is so, and what it advises is told only where it is needed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from wherry.experiments import installation
+from wherry.experiments.installation import CHECKS, Finding, failed
+
+Call = Callable[..., tuple[int, str, str]]
+
+
+def only(monkeypatch: pytest.MonkeyPatch, checks: Mapping[str, Callable[[], Finding]]) -> None:
+    monkeypatch.setattr(installation, "CHECKS", checks)
+
+
+def test_everything_that_is_looked_for_is_told(call: Call) -> None:
+    status, out, err = call("doctor", "--json")
+    assert status == 0
+    found = json.loads(out)
+    assert list(found) == list(CHECKS)
+    assert found["Python"]["works"]
+    assert found["packages"]["works"]
+    assert found["rendering"]["works"], found["rendering"]["detail"]
+    for name in CHECKS:
+        assert name in err
+
+
+def test_what_is_broken_and_required_is_the_exit_status(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> Finding:
+        raise OSError("gone")
+
+    fine = Finding("fine", works=True, detail="1.0", advice="never told")
+    missing = Finding("extra", works=False, detail="not installed", advice="pip install extra")
+    only(monkeypatch, {"fine": lambda: fine, "extra": lambda: missing})
+    status, out, _ = call("doctor")
+    assert status == 0
+    assert "never told" not in out
+    assert "pip install extra" in out
+    only(monkeypatch, {"packages": broken})
+    status, out, _ = call("doctor")
+    assert status == 1
+    assert "Broken: packages" in out
+    assert "OSError: gone" in out
+
+
+def test_an_error_is_a_finding() -> None:
+    assert failed("packages", ValueError("no")).required
+    assert not failed("rendering", ValueError("no")).required
+
+
+def test_missing_modules_programs_and_data_are_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("WHERRY_DATA", str(tmp_path))
+    assert not CHECKS["RViz"]().works
+    assert not CHECKS["recorded logs"]().works
+    assert not installation._module("nothing", "no_such.module", "none").works
+    (tmp_path / "intel").mkdir()
+    (tmp_path / "rviz2").touch(mode=0o755)
+    assert CHECKS["RViz"]() == Finding(
+        "RViz", works=True, detail=str(tmp_path / "rviz2"), advice=CHECKS["RViz"]().advice
+    )
+    assert CHECKS["recorded logs"]().works
+
+
+def test_an_older_python_is_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installation, "OLDEST_PYTHON", (4, 0))
+    assert not CHECKS["Python"]().works
