@@ -34,8 +34,16 @@ def one_of(names: Iterable[str]) -> Callable[[str], list[str]]:
 
 def print_json(result: Mapping[str, object]) -> None:
     """Print one JSON object on a line of its own, figures rounded to what they can be trusted for."""
-    rounded = {name: round(value, 6) if isinstance(value, float) else value for name, value in result.items()}
-    typer.echo(json.dumps(rounded, allow_nan=False))
+    typer.echo(json.dumps(_rounded(result), allow_nan=False))
+
+
+def _rounded(value: object) -> object:
+    """The value with all floats in it rounded."""
+    if isinstance(value, float):
+        return round(value, 6)
+    if isinstance(value, Mapping):
+        return {name: _rounded(entry) for name, entry in value.items()}
+    return [_rounded(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def progress_bar(console: Console, unit: str) -> Progress:
