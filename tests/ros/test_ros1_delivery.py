@@ -63,7 +63,11 @@ class Ride:
         self.wait_until_it_drives()
 
     def wait_until_it_drives(self) -> None:
-        wait_until(lambda: self.peer.heard["/odom"] and self.speed() > 0.1, STARTED, f"it drives\n{self.agent.output}")
+        def drives() -> bool:
+            assert self.agent.process.poll() is None, self.agent.output
+            return bool(self.peer.heard["/odom"]) and self.speed() > 0.1
+
+        wait_until(drives, STARTED, f"it drives\n{self.agent.output}")
 
     def speed(self) -> float:
         twist = self.peer.last("/odom")["twist"]["twist"]

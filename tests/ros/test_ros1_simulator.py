@@ -91,9 +91,9 @@ def test_one_clock_stamps_everything(peer: Peer) -> None:
     clocks = [news["message"]["clock"] for news in list(peer.heard["/clock"])]
     times = [clock["secs"] + 1e-9 * clock["nsecs"] for clock in clocks]
     assert times == sorted(times)
-    assert np.median(np.diff(times)) == pytest.approx(0.01, abs=0.002)
+    assert np.diff(times).max() < 0.05 + 1e-6, "told with every odometry, and in between if there is time"
     for topic in ("/scan", "/odom", "/joint_states"):
-        assert stamp(peer.last(topic)) == pytest.approx(times[-1], abs=0.3)
+        assert stamp(peer.last(topic)) == pytest.approx(times[-1], abs=1.0)
 
 
 def test_it_obeys_and_stops_by_itself(peer: Peer) -> None:
