@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json
+from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, one_of, print_json
 from wherry.commands.recording import RecordOption, recorded_transport
 
 if TYPE_CHECKING:
@@ -97,7 +97,17 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         rules: Annotated[Path | None, typer.Option(help="Learnt rules to start with.")] = None,
         learner: Annotated[str, typer.Option(help="How the robot learns: bayes or doormax.")] = "bayes",
         body: Annotated[Path | None, typer.Option(help="A YAML file with the robot's shape and limits.")] = None,
-        wait: Annotated[float, typer.Option(min=0, help="Seconds to wait for the robot.")] = 30.0,
+        mapping: Annotated[
+            str, typer.Option(help="Whose map: own, or ros for /map.", autocompletion=one_of(("own", "ros")))
+        ] = "own",
+        localization: Annotated[
+            str,
+            typer.Option(
+                help="Whose pose: own, or ros for map → odom on /tf, or /amcl_pose.",
+                autocompletion=one_of(("own", "ros")),
+            ),
+        ] = "own",
+        wait: Annotated[float, typer.Option(min=0, help="Seconds to wait for the robot, a map, a pose.")] = 30.0,
         use_sim_time: Annotated[
             bool | None,
             typer.Option("--use-sim-time/--use-real-time", help="Without it: whether anybody publishes /clock."),
@@ -123,6 +133,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         from wherry.ros.names import load_names
         from wherry.ros.robot import RobotLostError, RosRobot
         from wherry.space.map_files import load_map
+        from wherry.trace import both
         from wherry.views.terminal import DeliveryProgress, print_rules
 
         called = load_names(names, namespace=namespace, frame_prefix=frame_prefix, remappings=remap or ())
@@ -143,9 +154,19 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         ):
             console.print("Waiting for the robot.")
             robot.wait_until_ready(wait, use_sim_time=use_sim_time)
-            with AgentNode(robot, transport, called) as node, DeliveryProgress(console, 0) as progress:
+            stack = ros_delivery.Stack(robot, transport, called, mapping, localization, wait)
+            teller = AgentNode(
+                robot,
+                transport,
+                called,
+                owns_map=mapping == ros_delivery.OWN,
+                owns_pose=localization == ros_delivery.OWN,
+            )
+            with teller as node, DeliveryProgress(console, 0) as progress:
+                if grid is not None:
+                    node.tell_map(grid)
                 try:
-                    figures, ready = ros_delivery.run(robot, node, order, knowledge, grid, progress, seed)
+                    figures, ready = ros_delivery.run(robot, stack, order, knowledge, grid, both(node, progress), seed)
                 except RobotLostError as error:
                     typer.echo(f"wherry: {error}", err=True)
                     raise typer.Exit(1) from error

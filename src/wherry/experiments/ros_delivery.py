@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,15 +13,20 @@ from wherry.experiments.robot_delivery import beginning, deliver
 from wherry.learning.learners import RuleLearner
 from wherry.learning.rules import save_rules
 from wherry.realization.mission import Mission, Order, Ready
-from wherry.ros.agent_node import AgentNode
+from wherry.ros.conversion import header_of, to_pose
+from wherry.ros.messages import PoseWithCovariance, PoseWithCovarianceStamped
+from wherry.ros.names import Names
+from wherry.ros.outside import OutsideMap, OutsideMapper, OutsidePose
 from wherry.ros.robot import RosRobot
+from wherry.ros.transport import Transport
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Floats
-from wherry.trace import Sink, both
+from wherry.space.pose import Floats, Pose
+from wherry.trace import Sink
 
 OWN, OUTSIDE = "own", "ros"
 FARTHEST = 1000.0  # m
+INITIAL_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.0, 0.0, 0.0, 0.02**2]).ravel()  # m², rad²: the pose is known well
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,34 +71,108 @@ def _place(text: str) -> Floats:
     return place
 
 
+class Stack:
+    """Who maps and who localizes: we, or an outside stack.
+
+    Args:
+        robot: Ready.
+        transport: ROS.
+        names: What everything is called.
+        mapping: `OWN` or `OUTSIDE`.
+        localization: `OWN` or `OUTSIDE`.
+        patience: s to wait for an outside map or pose.
+
+    Raises:
+        InputError: Mapping or localization is neither.
+    """
+
+    def __init__(
+        self, robot: RosRobot, transport: Transport, names: Names, mapping: str, localization: str, patience: float
+    ) -> None:
+        for option, value in (("--mapping", mapping), ("--localization", localization)):
+            if value not in (OWN, OUTSIDE):
+                raise InputError(option, value, f"is neither {OWN} nor {OUTSIDE}")
+        self._robot = robot
+        self._transport = transport
+        self._names = names
+        self._patience = patience
+        self._map = OutsideMap(transport, names) if mapping == OUTSIDE else None
+        self._pose = OutsidePose(transport, names, lambda: robot.odometry) if localization == OUTSIDE else None
+
+    def get_ready(self, order: Order, grid: OccupancyGrid | None, sink: Sink, rng: np.random.Generator) -> Ready:
+        """Map, or take a map; localize, or be told; find the boxes.
+
+        Args:
+            order: What is to be done.
+            grid: A finished map; None to make one, or to take that of the outside stack.
+            sink: Told what happens.
+            rng: Where all randomness comes from.
+
+        Raises:
+            InputError: The outside stack does not say what it should.
+        """
+        maps = None if grid is None else _always(grid)
+        if self._map is not None:
+            self._map.wait(self._patience)
+            maps = self._map.grid
+        pose = self._pose
+        if pose is None:
+            mission = Mission(self._robot, order, sink, rng)
+            return mission.explore() if maps is None else mission.find_itself(maps())
+        if maps is None:
+            return Mission(self._robot, order, sink, rng, localizer=self._hand_over).explore()
+        pose.wait(self._patience)
+        odometry = self._robot.odometry
+        if odometry is None:
+            raise RuntimeError("the robot is not ready")
+        mapper = OutsideMapper(maps, pose, odometry)
+        return Mission(self._robot, order, sink, rng, mapper=lambda _: mapper, localizer=lambda *_: pose).explore()
+
+    def _hand_over(self, grid: OccupancyGrid, pose: Pose) -> OutsidePose:
+        """Tell the outside localization where the robot is on our map, which it has been given, and wait for it."""
+        del grid
+        if self._pose is None:
+            raise RuntimeError("nobody else localizes")
+        header = header_of(self._robot.time, self._names.frames.map)
+        estimate = PoseWithCovariance(to_pose(pose), INITIAL_COVARIANCE)
+        self._transport.publish(self._names.topics.initialpose, PoseWithCovarianceStamped(header, estimate))
+        self._pose.wait(self._patience)
+        return self._pose
+
+
+def _always(grid: OccupancyGrid) -> Callable[[], OccupancyGrid]:
+    """A map that does not grow."""
+    return lambda: grid
+
+
 def run(
     robot: RosRobot,
-    node: AgentNode,
+    stack: Stack,
     order: Order,
     learner: RuleLearner,
     grid: OccupancyGrid | None,
-    watch: Sink,
+    sink: Sink,
     seed: int,
 ) -> tuple[Figures, Ready]:
     """Deliver every box.
 
     Args:
         robot: Ready.
-        node: Tells ROS what happens.
+        stack: Maps and localizes.
         order: What to do.
         learner: Goes on from what it knows.
         grid: A map to use instead of exploring.
-        watch: Told what happens too.
+        sink: Told what happens.
         seed: Of everything that is random.
+
+    Raises:
+        InputError: The outside stack does not say what it should, or the map does not fit.
+        RobotLostError: The robot cannot be reached any more.
     """
     rng = np.random.default_rng(seed)
-    sink = both(node, watch)
     sink(beginning("ROS", learner, robot.body))
     started = robot.time
-    mission = Mission(robot, order, sink, rng)
-    if grid is not None:
-        node.tell_map(grid)
-    ready = mission.explore() if grid is None else mission.find_itself(grid)
+    ready = stack.get_ready(order, grid, sink, rng)
     actions = learning = 0
     for step in deliver(ready, learner, sink, rng):
         actions += 1

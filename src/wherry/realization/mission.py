@@ -7,7 +7,9 @@ mission ends with a `RobotEnvironment`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +29,7 @@ from wherry.realization.boxes import Box, standing_free, without_boxes
 from wherry.realization.cells import occupied_cells, plan_of_map
 from wherry.realization.environment import RobotEnvironment
 from wherry.realization.pilot import Pilot, Ride
-from wherry.realization.tracking import PoseTracker
+from wherry.realization.tracking import Corrector, PoseTracker
 from wherry.robot import Odometry, Robot, Scan
 from wherry.space.frame import CellFrame, lay_cells
 from wherry.space.occupancy import OccupancyGrid
@@ -95,6 +97,41 @@ class SlamCorrector:
         return False
 
 
+class Mapper(Protocol):
+    """What gives a map that grows while the robot explores, and the robot's pose on it."""
+
+    @property
+    def corrector(self) -> Corrector:
+        """Corrects the pose on the map."""
+        ...
+
+    @property
+    def start(self) -> Pose:
+        """base_link in the map frame where exploring begins."""
+        ...
+
+    def grid(self) -> OccupancyGrid:
+        """The map so far."""
+        ...
+
+
+class OwnMapper:
+    """Our own SLAM; the map frame is where the robot starts.
+
+    Args:
+        lidar: The lidar's pose, base_link frame.
+    """
+
+    def __init__(self, lidar: Pose) -> None:
+        self._slam = GraphSlam(lidar)
+        self.corrector: Corrector = SlamCorrector(self._slam)
+        self.start = Pose()
+
+    def grid(self) -> OccupancyGrid:
+        """As `Mapper.grid`."""
+        return self._slam.grid()
+
+
 class MapCorrector:
     """Corrects the pose on a finished map."""
 
@@ -158,25 +195,38 @@ class Mission:
         order: What it is asked to do.
         sink: Told what happens.
         rng: Where all randomness comes from.
+        mapper: Makes what maps, from the lidar's pose.
+        localizer: Makes what localizes on a finished map from the pose that is believed; None for our own.
     """
 
-    def __init__(self, robot: Robot, order: Order, sink: Sink, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        order: Order,
+        sink: Sink,
+        rng: np.random.Generator,
+        *,
+        mapper: Callable[[Pose], Mapper] = OwnMapper,
+        localizer: Callable[[OccupancyGrid, Pose], Corrector] | None = None,
+    ) -> None:
         self._robot = robot
         self._order = order
         self._sink = sink
         self._rng = rng
+        self._mapper = mapper
+        self._localizer = localizer or self._own_localizer
 
     def explore(self) -> Ready:
         """Make a map by driving to where most is unknown, until nothing reachable is; then get ready on it."""
-        slam = GraphSlam(self._robot.body.lidar)
-        pilot = Pilot(self._robot, PoseTracker(SlamCorrector(slam), Pose()), self._sink)
+        mapper = self._mapper(self._robot.body.lidar)
+        pilot = Pilot(self._robot, PoseTracker(mapper.corrector, mapper.start), self._sink)
         watch = BoxWatch(pilot)
         self._say(pilot, "explore", "I know nothing of this place, so I drive to where my laser will see most.")
         pilot.look()
         looked: list[Floats] = []
         goal: Floats | None = None
         while True:
-            grid = slam.grid()
+            grid = mapper.grid()
             costmap = self._costmap(grid, pilot, watch.boxes)
             if goal is None or visible_unknown(grid, goal) < WORTHWHILE:
                 viewpoint = next_viewpoint(
@@ -191,13 +241,13 @@ class Mission:
                 looked.append(goal)
                 goal = None
         pilot.stand()
-        grid = slam.grid()
+        grid = mapper.grid()
         boxes = standing_free(watch.boxes, grid, pilot.body.box_radius)
         grid = without_boxes(grid, boxes, pilot.body.box_radius)
         self._sink(Explored(pilot.time, grid, 1.0, 0))
         self._say(pilot, "explore", "Nothing that I can reach is unknown any more.")
         self._localize(pilot, grid)
-        return self._get_ready(pilot, watch, grid, Pose())
+        return self._get_ready(pilot, watch, grid, mapper.start)
 
     def find_itself(self, grid: OccupancyGrid) -> Ready:
         """Find the robot's place on a map that it was given, then get ready on it.
@@ -250,9 +300,13 @@ class Mission:
 
     def _localize(self, pilot: Pilot, grid: OccupancyGrid) -> None:
         """Go on by localization on a map, from the pose that is believed now."""
-        localizer = Localizer(grid, pilot.body.lidar, PRECISE, self._rng)
-        localizer.initialize(pilot.pose, START_COVARIANCE)
-        pilot.localize_with(PoseTracker(MapCorrector(localizer), pilot.pose))
+        pilot.localize_with(PoseTracker(self._localizer(grid, pilot.pose), pilot.pose))
+
+    def _own_localizer(self, grid: OccupancyGrid, pose: Pose) -> Corrector:
+        """Our own particle filter on a map."""
+        localizer = Localizer(grid, self._robot.body.lidar, PRECISE, self._rng)
+        localizer.initialize(pose, START_COVARIANCE)
+        return MapCorrector(localizer)
 
     def _get_ready(self, pilot: Pilot, watch: BoxWatch, grid: OccupancyGrid, map_from_start: Pose) -> Ready:
         """Lay cells on the map, look into every corner for boxes, and stand in the middle of a cell."""

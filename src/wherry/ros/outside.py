@@ -139,6 +139,21 @@ class OutsidePose:
             self._news.notify_all()
 
 
+class OutsideMapper:
+    """A map of somebody else's, and the robot's pose on it, as exploring needs them; both have been waited for.
+
+    Args:
+        grid: The map now; it may grow, or be finished.
+        pose: Where the robot is.
+        odometry: Of now.
+    """
+
+    def __init__(self, grid: Callable[[], OccupancyGrid], pose: OutsidePose, odometry: Odometry) -> None:
+        self.grid = grid
+        self.corrector = pose
+        self.start = pose.pose(odometry)
+
+
 def _wait(
     news: threading.Condition, happened: Callable[[], bool], patience: float, what: str, refusals: Refusals
 ) -> None:
