@@ -23,6 +23,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.highlevel import AnyReader
 
 from wherry.bags import is_bag, read_bag
+from wherry.commands.recording import recorded
 from wherry.errors import InputError
 from wherry.floorplan import find_world
 from wherry.logs import LidarLog
@@ -71,7 +72,7 @@ def count(measured: list[Scan | Odometry]) -> int:
 
 
 @pytest.fixture(scope="module", params=NAMES)
-def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Any]]:
+def bag_of_a_drive(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Any]]:
     """A bag, and what was measured while it was recorded."""
     path = tmp_path_factory.mktemp("bags") / request.param
     return path, record_drive(path)
@@ -87,8 +88,8 @@ def messages(path: Path) -> Iterator[tuple[str, int, Any]]:
 # ---- what goes in comes out
 
 
-def test_a_bag_is_the_log_of_what_was_measured(recorded: tuple[Path, list[Any]]) -> None:
-    path, measured = recorded
+def test_a_bag_is_the_log_of_what_was_measured(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
+    path, measured = bag_of_a_drive
     assert is_bag(path)
     log = read_bag(path)
     scans = [one for one in measured if isinstance(one, Scan)]
@@ -104,8 +105,8 @@ def test_a_bag_is_the_log_of_what_was_measured(recorded: tuple[Path, list[Any]])
     assert log.skipped == ()
 
 
-def test_every_topic_is_there_by_its_customary_name(recorded: tuple[Path, list[Any]]) -> None:
-    path, measured = recorded
+def test_every_topic_is_there_by_its_customary_name(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
+    path, measured = bag_of_a_drive
     counts = Counter(topic for topic, _, _ in messages(path))
     scans, odometry = (sum(isinstance(one, kind) for one in measured) for kind in (Scan, Odometry))
     assert counts == {
@@ -118,8 +119,8 @@ def test_every_topic_is_there_by_its_customary_name(recorded: tuple[Path, list[A
     }
 
 
-def test_all_stamps_are_of_one_clock_and_transforms_come_first(recorded: tuple[Path, list[Any]]) -> None:
-    path, _ = recorded
+def test_all_stamps_are_of_one_clock_and_transforms_come_first(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
+    path, _ = bag_of_a_drive
     latest: dict[str, int] = {}
     for topic, stamp, message in messages(path):
         header = message.transforms[0].header if topic.startswith("/tf") else getattr(message, "header", None)
@@ -207,9 +208,9 @@ def test_late_comers_get_what_was_latched(tmp_path: Path, name: str) -> None:
         assert (qos["/scan"].durability.name, qos["/scan"].reliability.name) == ("VOLATILE", "BEST_EFFORT")
 
 
-def test_recording_changes_nothing(recorded: tuple[Path, list[Any]]) -> None:
+def test_recording_changes_nothing(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
     simulation = build(find_world("taxi"), np.random.default_rng(0))
-    for one, other in zip(drive(simulation.robot, 2.0), recorded[1], strict=True):
+    for one, other in zip(drive(simulation.robot, 2.0), bag_of_a_drive[1], strict=True):
         assert type(one) is type(other)
         assert one.time == other.time
         if isinstance(one, Scan):
@@ -318,6 +319,7 @@ def test_mcaps_own_reader_opens_ours(tmp_path: Path) -> None:
     measured = record_drive(path)
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
         found = [message for *_, message in reader.iter_decoded_messages(topics=["/scan"])]
     assert summary is not None
@@ -364,6 +366,17 @@ def test_an_interrupted_recording_is_a_whole_bag(tmp_path: Path, name: str) -> N
         raise KeyboardInterrupt
     assert [entry.name for entry in tmp_path.iterdir()] == [name]
     assert [scan.time for scan in read_bag(path).scans] == [number / 10 for number in range(10)]
+
+
+def test_a_terminated_recording_is_a_whole_bag(tmp_path: Path) -> None:
+    simulation = build(find_world("taxi"), np.random.default_rng(0))
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt), recorded(tmp_path / "run.bag") as (_, recorded_robot):  # noqa: PT012
+        drive(recorded_robot(simulation.robot), 1.0)
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(10.0)
+    assert len(read_bag(tmp_path / "run.bag").scans) == 10
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 @pytest.mark.parametrize("name", NAMES)
