@@ -50,6 +50,15 @@ def test_two_boxes_are_delivered_over_ros1_alone(roscore: Roscore, capsys: pytes
     assert heard["scan to velocity, median, ms"] <= 10.0
 
 
+def test_a_map_of_another_size_than_it_says_is_refused(roscore: Roscore) -> None:
+    with roscore.wherry(*SIMULATE), roscore.peer("mapper") as mapper:
+        info = {"resolution": 0.05, "width": 10, "height": 10, "origin": {"orientation": {"w": 1.0}}}
+        mapper.send("/map", MAP, {"header": {"frame_id": "map"}, "info": info, "data": [0] * 99}, latch=True)
+        with roscore.wherry(*DELIVER, "--mapping", "ros", "--wait", "20") as agent:
+            assert agent.finish(120.0) == 2
+    assert "99 values for 10 × 10 cells" in " ".join(agent.output.split())
+
+
 class Ride:
     """An agent that explores on a simulated robot, whose scans a third node passes on, or not."""
 

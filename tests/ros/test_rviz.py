@@ -6,6 +6,7 @@ import io
 import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -68,6 +69,26 @@ def test_a_robots_own_names_are_filled_in(generation: int) -> None:
     assert topic_of(shown["Laser"]) == "/front/scan"
     assert topic_of(shown["Map"]) == "/robot1/map"
     assert topic_of(shown["Boxes and cells"]) == "/robot1/markers"
+    text = rviz.configuration(generation, load_names(namespace="robot1"), rviz.View())
+    tools = {tool["Class"].split("/")[1]: tool for tool in yaml.safe_load(text)["Visualization Manager"]["Tools"]}
+    assert topic_of(tools["SetInitialPose"]) == "/robot1/initialpose"
+    assert topic_of(tools["SetGoal"]) in ("/move_base_simple/goal", "/goal_pose"), "not ours"
+
+
+@pytest.mark.parametrize("generation", [1, 2])
+def test_the_file_can_be_written_for_another_machine(tmp_path: Path, generation: int) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "wherry",
+        "rviz",
+        "--ros",
+        str(generation),
+        "--write",
+        str(tmp_path / "robot.rviz"),
+    ]
+    subprocess.run([*command, "--remap", "scan:=/front/scan"], check=True)
+    assert "/front/scan" in (tmp_path / "robot.rviz").read_text()
 
 
 @pytest.mark.parametrize("generation", [1, 2])

@@ -53,21 +53,22 @@ def configuration(generation: int, names: Names, view: View) -> str:
     text = (resources.files("wherry.ros") / "rviz_configs" / f"rviz{generation}.rviz").read_text(encoding="utf-8")
     document = yaml.safe_load(text)
     manager = document["Visualization Manager"]
-    absolute = {_absolute(getattr(Topics(), entry.name).name): entry.name for entry in fields(Topics)}
-    for display in manager["Displays"]:
+    known = {_absolute(getattr(Topics(), entry.name).name): entry.name for entry in fields(Topics)}
+    for part in (*manager["Displays"], *manager["Tools"]):
         for key in ("Topic", "Marker Topic"):
-            if key in display:
-                _rename(display, key, absolute, names.topics)
+            if key in part:
+                _rename(part, key, known, names.topics)
     manager["Global Options"]["Fixed Frame"] = names.frames.map
     manager["Views"]["Current"] |= {"X": view.x, "Y": view.y, "Scale": view.scale}
     written: str = yaml.safe_dump(document, sort_keys=False)
     return written
 
 
-def _rename(display: dict[str, Any], key: str, known: Mapping[str, str], topics: Topics) -> None:
-    """Put the robot's own name in place of a topic's usual one."""
-    holder, place = (display[key], "Value") if isinstance(display[key], dict) else (display, key)
-    holder[place] = getattr(topics, known[holder[place]]).name
+def _rename(part: dict[str, Any], key: str, known: Mapping[str, str], topics: Topics) -> None:
+    """Put the robot's own name in place of a topic's usual one, if it is one of ours."""
+    holder, place = (part[key], "Value") if isinstance(part[key], dict) else (part, key)
+    if holder[place] in known:
+        holder[place] = getattr(topics, known[holder[place]]).name
 
 
 def _absolute(name: str) -> str:
