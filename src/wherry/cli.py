@@ -13,6 +13,7 @@ import typer
 from typer.exceptions import TyperException
 
 from wherry import __version__
+from wherry.commands.bench import bench
 from wherry.commands.deliver import deliver
 from wherry.commands.doctor import doctor
 from wherry.commands.export import export_app
@@ -42,6 +43,7 @@ app.command("map")(map_log)
 app.command()(localize)
 app.command()(learn)
 app.command()(play)
+app.command()(bench)
 app.command()(doctor)
 app.command()(replay)
 app.command()(reproduce)

@@ -1,0 +1,241 @@
+"""How long things take, beside others: run in the same process one after the other where they are installed.
+
+Where others are not installed, figures that were published stand for them; these come from other machines.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from wherry.domains.delivery import DeliverySteps, boxes_left, delivery_grid
+from wherry.domains.taxi import taxi_grid
+from wherry.experiments.kidnapping import true_map
+from wherry.experiments.machine import load_in_words
+from wherry.experiments.slam_speed import measure
+from wherry.experiments.taxi import Settings, TaxiExperiment
+from wherry.floorplan import find_world
+from wherry.localization.amcl import Amcl
+from wherry.localization.parameters import AmclParameters
+from wherry.oomdp.outcomes import Grounded
+from wherry.planning.search import a_star
+from wherry.planning.state_space import StateSpace
+from wherry.planning.successors import Successors
+from wherry.planning.value_iteration import ValueIteration
+from wherry.robot import Odometry, Scan, Velocity
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import IDENTITY, Floats, Pose
+from wherry.space.raycast import cast_rays
+
+PARTICLES, BEAMS = 2_000, 60
+UPDATES = 60
+STEP = 0.05  # m, from one update to the next
+INTEL = Path("intel/intel_910_rawodom.clf.gz")
+MEASURED, ELSEWHERE = "here", "published, on another machine"
+
+
+@dataclass(frozen=True, slots=True)
+class Time:
+    """How long one thing takes.
+
+    Attributes:
+        task: What is done.
+        who: Who does it.
+        milliseconds: The median.
+        source: Whether it was measured here.
+    """
+
+    task: str
+    who: str
+    milliseconds: float
+    source: str = MEASURED
+
+    @property
+    def ours(self) -> bool:
+        """Whether it is wherry's."""
+        return self.who.startswith("wherry")
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """The times of one kind of work.
+
+    Attributes:
+        name: A key of `BENCHES`.
+        times: All of them, ours before others' in every task.
+        load: What the machine was busy with, in words.
+    """
+
+    name: str
+    times: tuple[Time, ...]
+    load: str
+
+    def ratio(self, other: Time) -> float | None:
+        """How many times longer others take than our first for the same task; None for ours."""
+        ours = next((row for row in self.times if row.ours and row.task == other.task), None)
+        return None if other.ours or ours is None else other.milliseconds / ours.milliseconds
+
+
+def learning(_data: Path, progress: Callable[[str], None]) -> list[Time]:
+    """A whole learning step: predict, learn, plan; the median of repetitions' averages."""
+    times = []
+    for size, published in (
+        (5, ((13.88, "Diuk et al. 2008"), (25.0, "efficient_rl"))),
+        (10, ((293.72, "Diuk et al. 2008"),)),
+    ):
+        task = f"a step of Taxi {size}×{size}"
+        for learner in ("doormax", "doormax-near-miss", "bayes"):
+            progress(f"{learner}, {task}")
+            experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=5))
+            list(experiment.repetitions())
+            times.append(Time(task, f"wherry, {learner}", experiment.result().ms_per_step))
+        times += [Time(task, f"DOORMAX, {who}", milliseconds, ELSEWHERE) for milliseconds, who in published]
+    return times
+
+
+def planning(_data: Path, progress: Callable[[str], None]) -> list[Time]:
+    """Optimal policies for all states of the large Taxi grid, and the plan of a whole delivery."""
+    progress("value iteration")
+    grid = taxi_grid(10)
+    marks = sorted(grid.plan.marks)
+    starts = [grid.state_of((0, 0), waits, wants) for waits in marks for wants in marks if waits != wants]
+    space = StateSpace()
+
+    def solve() -> None:
+        planner = ValueIteration(Grounded(grid.domain, grid), optimistic=False, space=space)
+        for start in starts:
+            planner.policy(start)
+
+    first = _milliseconds(solve, 1)
+    again = _milliseconds(solve, 3)
+    task = f"value iteration, {len(space.states):,} Taxi states"
+    progress("A*")
+    plan = find_world("rooms")
+    delivery = delivery_grid(plan, 4)
+    state, successors = delivery.start(np.random.default_rng(0)), Successors(Grounded(delivery.domain, delivery))
+    search = _milliseconds(lambda: a_star(successors, state, boxes_left, DeliverySteps()), 3)
+    return [
+        Time(task, "wherry, with the states known", again),
+        Time(task, "wherry, from the model alone", first),
+        Time(task, "simple_rl, 10,100 states", 38_000.0, ELSEWHERE),
+        Time(task, "BURLAP, 1,950 states", 37_000.0, ELSEWHERE),
+        Time("the plan of a delivery of 4 boxes, rooms", "wherry, A*", search),
+    ]
+
+
+def slam(data: Path, progress: Callable[[str], None]) -> list[Time]:
+    """A scan of the Intel log; beside yag_slam where that is installed."""
+    progress("mapping Intel")
+    return [Time("a scan of Intel", who, milliseconds) for who, milliseconds in measure(data / INTEL).items()]
+
+
+def localization(_data: Path, progress: Callable[[str], None]) -> list[Time]:
+    """One update: predict, weigh, resample; beside the amcl of the Python Package Index where that is installed."""
+    task = f"an update, {PARTICLES:,} particles, {BEAMS} beams"
+    progress(task)
+    grid = true_map(find_world("rooms"))
+    odometry, scans = _drive(grid)
+    times = [Time(task, "wherry", _wherry_amcl(grid, odometry, scans))]
+    if importlib.util.find_spec("amcl") is not None:
+        progress("PyPI amcl")
+        times.append(Time(task, "PyPI amcl", _pypi_amcl(grid, odometry, scans)))
+    return [*times, Time(task, "ROS 1 amcl", 9.0, ELSEWHERE)]
+
+
+BENCHES: Mapping[str, Callable[[Path, Callable[[str], None]], list[Time]]] = {
+    "learning": learning,
+    "slam": slam,
+    "localization": localization,
+    "planning": planning,
+}
+"""Each takes the folder of recorded logs and a function that is told what is being done."""
+
+
+def run(name: str, data: Path, progress: Callable[[str], None]) -> Bench:
+    """Measure.
+
+    Args:
+        name: A key of `BENCHES`.
+        data: The folder of recorded logs.
+        progress: Told what is being done.
+
+    Raises:
+        InputError: A log is missing.
+    """
+    times = BENCHES[name](data, progress)
+    return Bench(name, tuple(times), load_in_words())
+
+
+def _milliseconds(work: Callable[[], object], times: int) -> float:
+    """The median time of some work."""
+    taken = []
+    for _ in range(times):
+        began = time.perf_counter()
+        work()
+        taken.append(1e3 * (time.perf_counter() - began))
+    return float(np.median(taken))
+
+
+def _drive(grid: OccupancyGrid) -> tuple[list[Pose], list[Floats]]:
+    """Where a robot is that drives along the longest free row, and what its lidar measures there."""
+    rows = grid.free.sum(axis=1)
+    row = int(np.argmax(rows))
+    begin = int(np.flatnonzero(grid.free[row])[0])
+    poses = [
+        grid.origin @ Pose((begin + 10) * grid.resolution + STEP * at, (row + 0.5) * grid.resolution)
+        for at in range(UPDATES)
+    ]
+    table = np.array([(pose.x, pose.y, pose.theta) for pose in poses])
+    angles = -math.pi + 2 * math.pi / BEAMS * np.arange(BEAMS, dtype=np.float64)
+    return poses, list(cast_rays(grid.occupied, grid.resolution, grid.origin, table, angles, 12.0))
+
+
+def _wherry_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Floats]) -> float:
+    parameters = replace(
+        AmclParameters(), min_particles=PARTICLES, max_particles=PARTICLES, max_beams=BEAMS, update_min_d=0.0,
+        update_min_a=0.0, initial_pose=poses[0],
+    )  # fmt: skip
+    amcl = Amcl(grid, IDENTITY, parameters, np.random.default_rng(0))
+    taken = []
+    for at, (pose, ranges) in enumerate(zip(poses, scans, strict=True)):
+        scan = Scan(0.1 * at, ranges, -math.pi, 2 * math.pi / BEAMS, 0.05, 12.0)
+        began = time.perf_counter()
+        amcl.update(Odometry(0.1 * at, pose, Velocity()), scan)
+        taken.append(1e3 * (time.perf_counter() - began))
+    return float(np.median(taken[1:]))  # the first compiles
+
+
+def _pypi_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Floats]) -> float:
+    """The same drive, with the same numbers of particles and beams, and amcl's own defaults."""
+    import amcl  # noqa: PLC0415 - optional
+
+    motion = amcl.MotionParameters(alpha1=0.2, alpha2=0.2, alpha3=0.2, alpha4=0.2, alpha5=0.2)
+    laser = amcl.LaserParameters(
+        z_hit=0.5, z_short=0.05, z_max=0.05, z_rand=0.5, sigma_hit=0.2, lambda_short=0.1, chi_outlier=0.0,
+        max_beams=BEAMS,
+    )  # fmt: skip
+    other = amcl.AMCL(
+        min_particles=PARTICLES, max_particles=PARTICLES, alpha_slow=0.0, alpha_fast=0.0, motion_params=motion,
+        laser_params=laser, robot_model_type="differential",
+    )  # fmt: skip
+    cells = np.where(grid.occupied, 100, np.where(grid.free, 0, -1))
+    other.set_map(amcl.create_occupancy_grid_from_list(cells.tolist(), grid.resolution, grid.origin.x, grid.origin.y))
+    other.set_laser_pose(amcl.Vector3D(0.0, 0.0, 0.0))
+    other.set_initial_pose(
+        amcl.Vector3D(poses[0].x, poses[0].y, poses[0].theta), amcl.create_diagonal_covariance(0.1, 0.1, 0.05)
+    )
+    angles = -math.pi + 2 * math.pi / BEAMS * np.arange(BEAMS, dtype=np.float64)
+    taken = []
+    for pose, ranges in zip(poses, scans, strict=True):
+        readings = np.column_stack([np.minimum(ranges, 12.0), angles]).tolist()
+        scan, odometry = amcl.create_laser_scan_from_list(readings, 12.0), amcl.Vector3D(pose.x, pose.y, pose.theta)
+        began = time.perf_counter()
+        other.update(scan, odometry)
+        taken.append(1e3 * (time.perf_counter() - began))
+    return float(np.median(taken[1:]))
