@@ -64,7 +64,7 @@ class Repetition:
     Attributes:
         steps: Steps in the environment until all probes were solved, or until patience ended.
         converged: Whether all probes were solved.
-        seconds: Time that deciding and learning took.
+        seconds: Time that deciding and learning took on one core; what else the machine does does not count.
         curve: After every episode the steps so far, and how many of the probes were solved then.
         unknown_answers: DOORMAX's most "I don't know" for an action, attribute and type of effect; None for others.
     """
@@ -274,14 +274,14 @@ class _Stopwatch(PolicyAgent):
         self.unknown_answers = UnknownAnswers(agent.learner) if isinstance(agent.learner, Doormax) else None
 
     def decide(self, state: State) -> Decision:
-        began = time.perf_counter()
+        began = time.thread_time()
         decision = super().decide(state)
-        self.seconds += time.perf_counter() - began
+        self.seconds += time.thread_time() - began
         return decision
 
     def learn(self, transition: Transition) -> None:
         if self.unknown_answers is not None:
             self.unknown_answers.observe(transition)
-        began = time.perf_counter()
+        began = time.thread_time()
         super().learn(transition)
-        self.seconds += time.perf_counter() - began
+        self.seconds += time.thread_time() - began
