@@ -13,6 +13,7 @@ from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_
 from wherry.commands.recording import RecordOption, recorded_transport
 
 if TYPE_CHECKING:
+    from wherry.ros.names import Names
     from wherry.ros.transport import Transport
 
 NamesOption = Annotated[
@@ -71,7 +72,7 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
             return duration is not None and simulation.time >= duration
 
         with open_transport(generation, "wherry_simulator", namespace, interface) as transport:
-            _tell_master(transport, namespace)
+            _describe_robot(transport, called, namespace)
             console.print(f"{simulation.plan.name} at {rate:g} × real time; Ctrl-C ends it.", highlight=False)
             with contextlib.suppress(KeyboardInterrupt), recorded_transport(record, transport, called) as recorded:
                 ros_simulation.node_of(simulation, recorded, called, rate).run(is_over)
@@ -211,15 +212,19 @@ def _add_monitor(app: typer.Typer, generation: int) -> None:
         raise typer.Exit(0 if figures["scans"] else 1)
 
 
-def _tell_master(transport: Transport, namespace: str) -> None:
-    """In ROS 1 two things are parameters: that time is simulated, and what the robot looks like."""
+def _describe_robot(transport: Transport, names: Names, namespace: str) -> None:
+    """Say what the robot looks like: in ROS 1 as a parameter, beside the one that time is simulated."""
     from wherry.ros.description import robot_description
+    from wherry.ros.messages import String
     from wherry.ros.ros1 import Ros1
     from wherry.simulation.model import robot_urdf
 
+    description = robot_description(robot_urdf())
     if isinstance(transport, Ros1):
         transport.set_parameter("/use_sim_time", True)
-        transport.set_parameter(f"{namespace.rstrip('/')}/robot_description", robot_description(robot_urdf()))
+        transport.set_parameter(f"{namespace.rstrip('/')}/robot_description", description)
+    else:
+        transport.publish(names.topics.robot_description, String(description))
 
 
 def open_transport(generation: int, name: str, namespace: str, interface: str) -> Transport:

@@ -43,6 +43,7 @@ class Topics:
     joint_states: Topic[ros.JointState] = Topic("joint_states", ros.JointState)
     cmd_vel: Topic[ros.Twist] = Topic("cmd_vel", ros.Twist)
     cmd_vel_stamped: Topic[ros.TwistStamped] = Topic("cmd_vel", ros.TwistStamped)  # ROS 2; nav2 chooses one of the two
+    robot_description: Topic[ros.String] = Topic("robot_description", ros.String, Quality.LATCHED)  # ROS 2
     latch_command: Topic[ros.JointState] = Topic("latch/command", ros.JointState)
     latch_state: Topic[ros.JointState] = Topic("latch/state", ros.JointState)
     # An outside stack's, and the agent's own
