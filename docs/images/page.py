@@ -1,0 +1,48 @@
+"""Make docs/images/page.png: the page of a run, at a telling moment.
+
+    ./wherry deliver --seed 0
+    .venv/bin/python docs/images/page.py runs/rooms-seed0 docs/images/page.png --at 700
+
+Needs the packages of the extra "dev", and Debian's chromium.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+from wherry.views.recordings import find_trace, load_frames
+from wherry.views.web.page import player_page
+
+SIZE = {"width": 1280, "height": 800}
+SETTLING = 2_000  # ms, until what flashed has faded
+
+
+def main() -> None:
+    """Open the run's page, go to the moment, and take a picture."""
+    parser = argparse.ArgumentParser(description="A picture of a run's page.")
+    parser.add_argument("run", type=Path, help="the run's folder")
+    parser.add_argument("picture", type=Path, help="the PNG to write")
+    parser.add_argument("--at", type=float, default=700.0, help="s, on the robot's clock")
+    parser.add_argument("--theme", choices=("light", "dark"), default="light")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as tools:
+        page_file = Path(folder) / "page.html"
+        frames = load_frames(find_trace(arguments.run))
+        page_file.write_text(player_page("wherry", {"source": "file"}, frames), encoding="utf-8")
+        browser = tools.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+        page = browser.new_page(viewport=SIZE)
+        page.goto(f"{page_file.as_uri()}?theme={arguments.theme}")
+        while not page.evaluate("trace.over"):
+            page.wait_for_timeout(50)
+        page.evaluate("time => { player.playing = false; player.seek(time) }", arguments.at)
+        page.wait_for_timeout(SETTLING)
+        page.screenshot(path=arguments.picture)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
