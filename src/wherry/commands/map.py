@@ -88,9 +88,9 @@ def map_log(
         assert run.result is not None  # noqa: S101 - steps() ends by setting it
         figures = asdict(run.result)
         print_table(console, f"Map of {log.name}", {name: shown(value) for name, value in figures.items()})
-        if isinstance(run.slam, GraphSlam) and run.slam.closures:
-            refused = {name: str(number) for name, number in refusals(run.slam.closures).items()}
-            print_table(console, "Closures refused for", refused)
+        refused = refusals(run.slam.closures) if isinstance(run.slam, GraphSlam) else {}
+        if refused:
+            print_table(console, "Refused for", {gate: str(number) for gate, number in refused.items()})
         if out is not None:
             console.print(f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
     if as_json:

@@ -30,6 +30,7 @@ from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.trajectory import Trajectory, save_tum
 
 WARM_UP = 30  # scans
+MARGIN = 1.0  # s that a relation may lie outside a log
 NO_PARTICLES = np.empty((0, 3))
 TRAJECTORY_COLOUR = (31, 84, 196)
 ACCEPTED_COLOUR = (24, 140, 60)
@@ -77,7 +78,7 @@ class Result:
         rotational_error_deg: Mean absolute rotational error.
         rotational_sd_deg: Its standard deviation.
         relations: How many there were.
-        far_translational_error_m: The first one, over relations more than a minute apart.
+        far_translational_error_m: The first one, over relations more than a minute apart; None if there are none.
         ms_per_scan_median: Of the time that adding a scan took.
         ms_per_scan_p99: Likewise, the 99th percentile.
         seconds: From the first scan to the finished map, once everything is compiled.
@@ -113,8 +114,9 @@ def prepare(settings: Settings) -> MappingRun:
         InputError: A file, the backend, the resolution or the folder cannot be used, or the log begins nowhere on the
             map that is to be gone on with.
     """
-    if settings.localize and settings.graph is None:
-        raise InputError("--localize", "", "needs --continue GRAPH: the map to localize on")
+    for option, given in (("--localize", settings.localize), ("--start", settings.start is not None)):
+        if given and settings.graph is None:
+            raise InputError(option, "", "needs --continue GRAPH: the map that the log begins on")
     if settings.graph is not None and settings.backend != "graph":
         raise InputError("--backend", settings.backend, "cannot go on from a pose graph: graph can")
     if settings.backend not in BACKENDS:
@@ -123,7 +125,7 @@ def prepare(settings: Settings) -> MappingRun:
         raise InputError("--resolution", str(settings.resolution), "must lie between 0.005 and 1 m")
     read = read_bag if is_bag(settings.log) else read_log
     log = read(settings.log, lenient=settings.lenient)
-    relations = None if settings.relations is None else load_relations(settings.relations)
+    relations = None if settings.relations is None else _covered(settings.relations, log)
     odometry = log.odometry
     if settings.odometry is not None:
         odometry = merged_odometry(log.odometry, read_odometry(settings.odometry))
@@ -134,6 +136,16 @@ def prepare(settings: Settings) -> MappingRun:
         except OSError as error:
             raise InputError(settings.out, "", f"cannot be made: {error.strerror}") from error
     return MappingRun(settings, log, relations, odometry, slam, first)
+
+
+def _covered(path: Path, log: LidarLog) -> Relations:
+    """The relations between instants that the log covers; of others a trajectory says nothing."""
+    relations = load_relations(path)
+    first, last = log.scans[0].time - MARGIN, log.scans[-1].time + MARGIN
+    inside = ((relations.times >= first) & (relations.times <= last)).all(axis=1)
+    if not inside.any():
+        raise InputError(path, "", f"has no relation within the log's time, {first:.3f} to {last:.3f} s")
+    return Relations(relations.times[inside], relations.poses[inside])
 
 
 def _begun(settings: Settings, log: LidarLog) -> tuple[Slam, Pose | None]:
@@ -248,6 +260,7 @@ class MappingRun:
         errors: RelationErrors | None = None
         if self._relations is not None:
             errors = relation_errors(self.slam.trajectory, self._relations, self._interpolation)
+        far = errors.far_translational_error_m if errors and math.isfinite(errors.far_translational_error_m) else None
         closures = self.slam.closures if isinstance(self.slam, GraphSlam) else []
         accepted = sum(closure.accepted for closure in closures)
         return Result(
@@ -256,7 +269,7 @@ class MappingRun:
             rotational_error_deg=errors.rotational_error_deg if errors else None,
             rotational_sd_deg=errors.rotational_sd_deg if errors else None,
             relations=errors.relations if errors else 0,
-            far_translational_error_m=errors.far_translational_error_m if errors else None,
+            far_translational_error_m=far,
             ms_per_scan_median=float(np.median(milliseconds)),
             ms_per_scan_p99=float(np.percentile(milliseconds, 99)),
             seconds=seconds,
