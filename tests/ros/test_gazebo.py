@@ -306,6 +306,7 @@ def test_every_box_has_a_latch_that_the_world_opens_at_first(exported: tuple[dic
         box = world.find(f"model[@name='{latch.findtext('child_model')}']")
         assert box.find(f"link[@name='{latch.findtext('child_link')}']") is not None
         assert world.find(f"model[@name='wherry']/link[@name='{latch.findtext('parent_link')}']") is not None
+        assert latch.findtext("initial_attach") == "false"
     openers = [element for element in world.findall("plugin") if "triggered-publisher" in element.get("filename")]
     for opener in openers:
         assert opener.find("output").get("topic") == latches[0].findtext("detach_topic")

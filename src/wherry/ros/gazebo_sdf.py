@@ -390,6 +390,7 @@ def _add_sim_plugins(model: ET.Element, boxes: int, gazebo: Gazebo) -> None:
             detach_topic=OPEN_LATCH,
             attach_topic=close_latch_topic(box),
             output_topic=latch_state_topic(box),
+            initial_attach="false",  # which releases so far do not know yet: see `_open_latch_at_first`
         )
 
 
