@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from wherry.localization.motion import MOTION_MODELS, STANDING
@@ -24,6 +24,7 @@ def test_every_named_model_exists() -> None:
 
 
 @pytest.mark.parametrize("model", ROBOT_MODELS)
+@settings(deadline=None)  # the first call compiles
 @given(start=poses, motion=poses)
 def test_without_noise_it_is_the_odometry(model: str, start: Pose, motion: Pose) -> None:
     assume(math.hypot(motion.x, motion.y) > STANDING or motion.x == motion.y == 0.0)

@@ -1,0 +1,38 @@
+"""A robot that is carried off while it delivers stops, finds out where it is, and delivers everything all the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wherry.experiments.delivery import order_of
+from wherry.experiments.robot_delivery import deliver, delivery_learner
+from wherry.floorplan import find_world, place_boxes
+from wherry.realization.mission import Mission
+from wherry.simulation import build
+from wherry.simulation.faults import kidnap, random_pose
+from wherry.trace import Record, Said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loaded", [False, True], ids=["empty", "with a box in its fork"])
+def test_carried_off_in_mid_delivery(*, loaded: bool) -> None:
+    plan = place_boxes(find_world("small"), 2, np.random.default_rng(0))
+    simulation, records = build(plan, np.random.default_rng(1)), list[Record]()
+    mission = Mission(simulation.robot, order_of(plan), records.append, np.random.default_rng(2))
+    ready = mission.explore()
+    carried_off = False
+    for step in deliver(ready, delivery_learner("doormax"), records.append, np.random.default_rng(3)):
+        held = any(box.in_bot for box in step.transition.next_state.of_class("Box"))
+        if not carried_off and held == loaded:
+            true = simulation.referee.pose
+            elsewhere = random_pose(simulation, np.random.default_rng(4))
+            assert elsewhere.distance_to(true) > 1.0
+            kidnap(simulation, elsewhere)
+            carried_off = True
+    said = [record.text for record in records if isinstance(record, Said) and record.phase == "localize"]
+    assert carried_off
+    assert ready.environment.pilot.times_lost >= 1
+    assert "Now I know where I am." in said
+    assert simulation.referee.delivered == 2
+    assert ready.environment.remaining == 0

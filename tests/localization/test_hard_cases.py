@@ -1,0 +1,74 @@
+"""Worlds and wheels that are not as expected: slip, a map that ends too early, rooms that cannot be told apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from rooms import LIDAR, THICK, Building, drive, wheel_odometry
+
+from wherry.localization.localizer import Localization, Localizer
+from wherry.localization.parameters import PRECISE
+from wherry.robot import Odometry
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+
+CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])
+
+
+def follow(building: Building, localizer: Localizer, truth: list[Pose], odometry: list[Odometry]) -> list[Localization]:
+    rng = np.random.default_rng(0)
+    return [localizer.update(now, building.scan(now.time, at, rng)) for at, now in zip(truth, odometry, strict=True)]
+
+
+def test_a_slip_of_the_wheels_is_made_good() -> None:
+    truth = list(drive())[:150]
+    wheels = wheel_odometry(truth, np.random.default_rng(0))
+    before = wheels[60].pose
+    shifted = before @ Pose(0.12, 0.0, 0.15) @ before.inverse  # 12 cm and 9° that the wheels turned for nothing
+    wheels[60:] = [replace(now, pose=shifted @ now.pose) for now in wheels[60:]]
+    building = Building()
+    localizer = Localizer(building.grid(), LIDAR, PRECISE, np.random.default_rng(0))
+    localizer.initialize(truth[0], CLOSE)
+    found = follow(building, localizer, truth, wheels)
+    errors = [one.pose.distance_to(at) for one, at in zip(found, truth, strict=True)]
+    assert max(errors[:60]) < 0.05
+    assert max(errors) < 0.35
+    assert max(errors[90:]) < 0.05  # three seconds later
+
+
+def test_where_the_map_ends_the_robot_is_not_lost() -> None:
+    building = Building()
+    whole = building.grid()
+    probability = whole.probability.copy()
+    probability[:, 5 * probability.shape[1] // 8 :] = 0.5  # the east was never mapped
+    truth = list(drive())[:300]
+    assert max(at.x for at in truth) > 6.5
+    localizer = Localizer(replace(whole, probability=probability), LIDAR, PRECISE, np.random.default_rng(0))
+    localizer.initialize(truth[0], CLOSE)
+    found = follow(building, localizer, truth, wheel_odometry(truth, np.random.default_rng(0)))
+    assert all(np.isfinite(one.pose.as_array()).all() for one in found)
+    assert max(one.pose.distance_to(at) for one, at in zip(found, truth, strict=True)) < 0.5
+    assert max(one.lost_probability for one in found) < 0.5
+
+
+def two_rooms() -> tuple[Building, OccupancyGrid]:
+    """Two rooms that look the same from the inside."""
+    half = THICK / 2
+    walls = [(x - half, 0.0, x + half, 4.0) for x in (0.0, 4.0, 4.8, 8.8)]
+    walls += [(x, y - half, x + 4.0, y + half) for x in (0.0, 4.8) for y in (0.0, 4.0)]
+    walls += [(x, 1.0, x + 0.5, 1.3) for x in (0.6, 5.4)]
+    building = Building(rectangles=np.array(walls))
+    return building, building.grid()
+
+
+def test_rooms_that_look_the_same_leave_it_unsure() -> None:
+    building, grid = two_rooms()
+    truth = list(drive(((2.5, 2.5), (3.3, 2.5), (2.0, 3.2), (2.5, 2.5))))
+    localizer = Localizer(grid, LIDAR, PRECISE, np.random.default_rng(0))
+    localizer.initialize_globally()
+    found = follow(building, localizer, truth, wheel_odometry(truth, np.random.default_rng(0)))
+    assert len(found[0].hypotheses) >= 2
+    assert all(one.lost_probability > 0.2 for one in found)  # nobody could know which of the two it is
+    last, beside = found[-1].pose, Pose(truth[-1].x + 4.8, truth[-1].y)
+    assert min(last.distance_to(truth[-1]), last.distance_to(beside)) < 0.1
