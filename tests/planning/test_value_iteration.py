@@ -62,6 +62,15 @@ def test_learners_can_share_a_space() -> None:
     assert len(space.states) == len({*space.states})
 
 
+def test_conditions_are_worked_out_once_for_equal_states() -> None:
+    environment, space = taxi_grid(5), StateSpace()
+    learner = Doormax(environment.domain)
+    first, again = (environment.state_of(*PROBES[0]) for _ in range(2))
+    for state in (first, again):
+        space.number(state, learner)
+    assert environment.domain.conditions(again) is environment.domain.conditions(first)
+
+
 def test_all_states_of_the_large_taxi_at_once() -> None:
     """12,800 states: values as found one by one, tables that grow with the states and not with their square, speed.
 

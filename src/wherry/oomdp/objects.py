@@ -348,6 +348,10 @@ class State:
             kept = self._conditions[arguments] = work_out()
         return kept
 
+    def share_conditions(self, equal: State) -> None:
+        """Keep conditions together with an equal state, so that what was worked out for one serves both."""
+        object.__setattr__(self, "_conditions", equal._conditions)
+
     def to_json(self) -> dict[str, Any]:
         """The state as plain data, its scene included; `state_from_json` is the way back."""
         return {

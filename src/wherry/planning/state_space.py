@@ -55,6 +55,7 @@ class StateSpace:
         """The number of a state, which it gets now if it was not met before."""
         known = self._state_numbers.get(state)
         if known is not None:
+            state.share_conditions(self.states[known])
             return known
         number = self._state_numbers[state] = len(self.states)
         self.states.append(state)

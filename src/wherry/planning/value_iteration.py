@@ -128,12 +128,12 @@ class ValueIteration:
             self._reached, gaps = _reach(
                 starts, len(space.states), space.group, self._branches, self._asked, self._revisions, space.successor
             )
+            if not len(gaps):
+                break
             to_ask = gaps[:, 1] == NONE
             self._ask(np.unique(space.group[gaps[to_ask, 0]]))
             for state, branch in gaps[~to_ask]:
                 space.work_out(branch, state, self.model)
-            if not len(gaps):
-                break
 
     def _ask(self, groups: Integers) -> None:
         """Ask the model about some groups of states: about the actions that it has learnt about since the last time."""
