@@ -28,8 +28,8 @@ from wherry.space.wean_map import load_wean_map
 
 LOST = 0.5  # probability of being lost from which on a scan counts as lost
 GLOBAL_PARTICLES = 50_000  # at most, when the robot may be anywhere; KLD sampling soon needs fewer
-# Odometry is better than nav2 assumes: 4° and 0.15 m off per metre, 0.15 rad and 0.07 m per radian, as in mapping. Rooms
-# are not as they were when they were mapped: a scan of which little fits must not outweigh where odometry leads.
+# Odometry is better than nav2 assumes: 4° and 0.15 m off per metre, 0.15 rad and 0.07 m per radian, as in mapping.
+# Rooms are not as they were when they were mapped: a scan of which little fits must not outweigh where odometry leads.
 LOG_PARAMETERS = AmclParameters(
     alpha1=0.0225, alpha2=0.005, alpha3=0.0225, alpha4=0.0025, turn_slip=0.07, z_hit=0.1, z_rand=0.9
 )
