@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from wherry.mapping.cloud import SPACING, Cloud, merged
 from wherry.mapping.correlative import Window, correlate, response_at
 from wherry.mapping.motion_prior import ODOMETRY
-from wherry.mapping.refinement import refine
-from wherry.mapping.scan_matching import find_scan, track_scan
+from wherry.mapping.refinement import Refinement, refine
+from wherry.mapping.scan_matching import _held, find_scan, track_scan
 from wherry.mapping.submap import FULL, LEVELS, Submap
 from wherry.mapping.submap import RESOLUTION as CELL
 from wherry.robot import Scan
@@ -189,3 +189,13 @@ def test_what_fits_nowhere_is_not_placed() -> None:
     tracked = track_scan(submap, cloud_at(HERE @ Pose(0.02)), Pose(0.03), Pose(0.03), ODOMETRY)
     assert tracked is not None
     assert tracked.pose.x == pytest.approx(0.02, abs=0.005)
+
+
+def test_where_surfaces_led_astray_odometry_holds_what_points_do_not() -> None:
+    across = Refinement(Pose(0.3, 0.0, 0.1), np.diag([0.0, 1e6, 1e6]), matched=0.5, residual=0.02)
+    held = _held(Pose(0.3, 0.02, 0.01), across, Pose(), ODOMETRY.information(Pose(1.0)))
+    assert held.pose.x == pytest.approx(0.0, abs=0.01), "nothing holds it along the corridor"
+    assert held.pose.y == pytest.approx(0.02, abs=0.005)
+    assert held.pose.theta == pytest.approx(0.01, abs=0.002)
+    assert held.information[0, 0] < 2.0
+    assert held.information[1, 1] > 300.0
