@@ -99,6 +99,26 @@ def test_it_stays_on_loopback_unless_asked() -> None:
     assert "127.0.0.1" not in configuration("eth0")
 
 
+def test_nothing_comes_in_from_a_network_unless_asked() -> None:
+    """In a process of its own: what the system says of its sockets while it hears and speaks."""
+    program = (
+        "import socket\n"
+        "from wherry.ros import ros2; from wherry.ros.names import load_names\n"
+        "with ros2.DdsTransport() as one:\n"
+        "    topic = load_names().topics.scan\n"
+        "    one.subscribe(topic, print); one.advertise(topic)\n"
+        "    for s in ros2._own_sockets():\n"
+        "        device = s.getsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, 16).rstrip(bytes(1)).decode()\n"
+        "        print(s.getsockname()[0], device)"
+    )
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(NOWHERE)}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    sockets = [line.split(" ") for line in done.stdout.splitlines()]
+    assert len(sockets) >= 3
+    for address, device in sockets:
+        assert address == "127.0.0.1" or device == "lo"
+
+
 @pytest.mark.parametrize("text", ["-1", "233", "one", "1.0", "١"])
 def test_a_wrong_domain_is_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", text)

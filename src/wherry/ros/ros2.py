@@ -8,8 +8,9 @@ in `wherry.ros.messages`.
 from __future__ import annotations
 
 import os
+import socket
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType, TracebackType, new_class
@@ -45,6 +46,7 @@ except ImportError as error:
 
 LOOPBACK = "lo"
 HIGHEST_DOMAIN = 232  # above it, DDS runs out of ports
+FIRST_PORT, PORTS = 7400, 250  # UDP, of domain 0, and how many each domain has (the DDS wire protocol, 9.6.1)
 MOST_PARTICIPANTS = 60  # on one machine, that are looked for without multicast
 LARGEST_TAKE = 100  # messages at a time
 MOST_ENDPOINTS = 10_000
@@ -141,7 +143,36 @@ def configuration(interface: str) -> str:
 @cache
 def _domain(number: int, interface: str) -> Domain:
     """A process has one of each number, for as long as it runs."""
-    return Domain(number, configuration(interface))
+    domain = Domain(number, configuration(interface))
+    if interface == LOOPBACK:
+        _close_to_outside(number)
+    return domain
+
+
+def _close_to_outside(number: int) -> None:
+    """Let nothing in from a network: Cyclone DDS sends by its interface alone, but listens on all of them.
+
+    Raises:
+        OSError: The system does not allow it (Linux before 5.7, without CAP_NET_RAW).
+    """
+    ports = range(FIRST_PORT + PORTS * number, FIRST_PORT + PORTS * (number + 1))
+    for listener in _own_sockets():
+        with listener:
+            if listener.type == socket.SOCK_DGRAM and listener.getsockname()[1] in ports:
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, LOOPBACK.encode())
+
+
+def _own_sockets() -> Iterator[socket.socket]:
+    """Copies of all of this process's internet sockets."""
+    for name in os.listdir("/proc/self/fd"):  # noqa: PTH208 - the names are numbers
+        try:
+            copy = socket.socket(fileno=os.dup(int(name)))
+        except OSError:
+            continue  # no socket, or closed since it was listed
+        if copy.family in (socket.AF_INET, socket.AF_INET6):
+            yield copy
+        else:
+            copy.close()
 
 
 def _writer_qos(quality: Quality) -> Qos:
