@@ -17,7 +17,7 @@ from wherry.floorplan import find_world, format_world
 
 COMMAND = [sys.executable, "-m", "wherry"]
 SMALL = format_world(find_world("small"))
-HEAVY = ("numba", "mujoco", "gymnasium", "pydantic", "scipy", "numpy")
+HEAVY = ("matplotlib", "numba", "mujoco", "gymnasium", "pydantic", "scipy", "numpy")
 
 
 def call(
