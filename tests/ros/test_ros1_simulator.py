@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 from xml.etree import ElementTree
 
@@ -13,6 +15,7 @@ import pytest
 from ros1_system import Peer, Program, Roscore, heading, require, stamp, values_of, wait_until
 from wherry.experiments.ros_simulation import Settings, prepare
 from wherry.robot import Scan
+from wherry.ros.ros1_master import Master
 from wherry.simulation.drive import WHEEL_RADIUS
 
 SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--seed", "5")
@@ -161,7 +164,7 @@ def test_it_drives_on_without_a_master_and_is_there_for_the_next(
 
 
 def test_a_robot_in_a_namespace(roscore: Roscore) -> None:
-    options = ("--namespace", "robot2", "--frame-prefix", "robot2/", "--remap", "odom:=wheels")
+    options = ("--frame-prefix", "robot2/", "--remap", "odom:=wheels", "--namespace", "robot2")
     with roscore.wherry(*SIMULATE, *options) as simulator, roscore.peer("other") as peer:
         peer.listen("/robot2/scan", LISTENED["/scan"])
         peer.listen("/robot2/wheels", LISTENED["/odom"])
@@ -169,6 +172,19 @@ def test_a_robot_in_a_namespace(roscore: Roscore) -> None:
         assert peer.last("/robot2/scan")["header"]["frame_id"] == "robot2/laser"
         peer.wait_for("/robot2/wheels", 1, 5.0)
         assert peer.transform("robot2/odom", "robot2/laser")[2] == pytest.approx(0.15)
+        assert "wherry" in peer.parameter("/robot2/robot_description")
+
+
+def test_a_node_of_a_launch_file(roscore: Roscore) -> None:
+    """roslaunch sets ROS_NAMESPACE, and appends the node's name, its log file and the remappings."""
+    appended = ("scan:=front/scan", "__name:=lidar_robot", "__log:=/dev/null")
+    environment = {**roscore.environment, "ROS_NAMESPACE": "/robot3"}
+    command = [sys.executable, "-m", "wherry", *SIMULATE, *appended]
+    with Program(command, environment) as simulator, roscore.peer("launched") as peer:
+        peer.listen("/robot3/front/scan", LISTENED["/scan"])
+        wait_until(lambda: peer.heard["/robot3/front/scan"], 60.0, f"a scan\n{simulator.output}")
+        with closing(Master("/test", roscore.environment["ROS_MASTER_URI"])) as master:
+            assert master.is_alive("/robot3/lidar_robot")
 
 
 def _description(peer: Peer) -> ElementTree.Element:

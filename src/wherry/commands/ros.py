@@ -19,9 +19,12 @@ if TYPE_CHECKING:
 NamesOption = Annotated[
     Path | None, typer.Option("--names", help="A YAML file with namespace, frame_prefix, topics, frames and rates.")
 ]
-NamespaceOption = Annotated[str, typer.Option(help="Before every relative topic name.")]
+NamespaceOption = Annotated[str, typer.Option(envvar="ROS_NAMESPACE", help="Before every relative topic name.")]
 PrefixOption = Annotated[str, typer.Option(help="Before every frame but the map's.")]
 RemapOption = Annotated[list[str] | None, typer.Option("--remap", help="NAME:=NEW for a topic; may be repeated.")]
+LaunchArguments = Annotated[
+    list[str] | None, typer.Argument(metavar="[NAME:=NEW]...", help="Remappings, and what else roslaunch appends.")
+]
 InterfaceOption = Annotated[
     str, typer.Option(help="ROS 2: a network interface, such as eth0. ROS 1: an address, as ROS_IP. Else loopback.")
 ]
@@ -46,6 +49,7 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
     @app.command()
     def simulate(
         world: Annotated[str, typer.Argument(help="A built-in world's name, or a world file.")],
+        arguments: LaunchArguments = None,
         boxes: Annotated[int | None, typer.Option(help="How many boxes; without it, what the world says.")] = None,
         rate: Annotated[float, typer.Option(help="Simulated seconds a second.")] = 1.0,
         duration: Annotated[float | None, typer.Option(min=0, help="Simulated seconds after which to end.")] = None,
@@ -63,16 +67,17 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
         from wherry.experiments import ros_simulation
         from wherry.ros.names import load_names
 
+        name, remappings = from_launch(arguments, "wherry_simulator", remap)
         settings = ros_simulation.Settings(world=world, boxes=boxes, seed=seed, rate=rate)
-        called = load_names(names, namespace=namespace, frame_prefix=frame_prefix, remappings=remap or ())
+        called = load_names(names, namespace=namespace, frame_prefix=frame_prefix, remappings=remappings)
         simulation = ros_simulation.prepare(settings)
         console = console_for(as_json=as_json, quiet=quiet)
 
         def is_over() -> bool:
             return duration is not None and simulation.time >= duration
 
-        with open_transport(generation, "wherry_simulator", namespace, interface) as transport:
-            _describe_robot(transport, called, namespace)
+        with open_transport(generation, name, namespace, interface) as transport:
+            _describe_robot(transport, called)
             console.print(f"{simulation.plan.name} at {rate:g} × real time; Ctrl-C ends it.", highlight=False)
             with contextlib.suppress(KeyboardInterrupt), recorded_transport(record, transport, called) as recorded:
                 ros_simulation.node_of(simulation, recorded, called, rate).run(is_over)
@@ -89,6 +94,7 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
 def _add_deliver(app: typer.Typer, generation: int) -> None:
     @app.command()
     def deliver(
+        arguments: LaunchArguments = None,
         warehouse: Annotated[
             list[str] | None,
             typer.Option(help="X,Y of a cell of the warehouse, m, as seen from the start, x ahead; may be repeated."),
@@ -137,7 +143,8 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         from wherry.trace import both
         from wherry.views.terminal import DeliveryProgress, print_rules
 
-        called = load_names(names, namespace=namespace, frame_prefix=frame_prefix, remappings=remap or ())
+        name, remappings = from_launch(arguments, "wherry_agent", remap)
+        called = load_names(names, namespace=namespace, frame_prefix=frame_prefix, remappings=remappings)
         order = ros_delivery.order_from(warehouse or (), cell_size)
         knowledge = delivery_learner(learner, rules)
         grid = None if map_file is None else load_map(map_file)
@@ -149,7 +156,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
             console.print("Compiling the inner loops; that takes half a minute, and is done once.")
             delivery.warm_up()
         with (
-            open_transport(generation, "wherry_agent", namespace, interface) as connection,
+            open_transport(generation, name, namespace, interface) as connection,
             recorded_transport(record, connection, called) as transport,
             RosRobot(transport, called, shape, stamped=stamped) as robot,
         ):
@@ -212,7 +219,23 @@ def _add_monitor(app: typer.Typer, generation: int) -> None:
         raise typer.Exit(0 if figures["scans"] else 1)
 
 
-def _describe_robot(transport: Transport, names: Names, namespace: str) -> None:
+def from_launch(arguments: list[str] | None, name: str, remap: list[str] | None) -> tuple[str, list[str]]:
+    """What roslaunch appends to a node's command line: ``__name:=``, which names the node, ``__log:=``, remappings.
+
+    Returns:
+        The node's name, and all remappings.
+    """
+    remappings = list(remap or ())
+    for argument in arguments or ():
+        key, _, value = argument.partition(":=")
+        if key == "__name" and value:
+            name = value
+        elif not key.startswith("__"):
+            remappings.append(argument)
+    return name, remappings
+
+
+def _describe_robot(transport: Transport, names: Names) -> None:
     """Say what the robot looks like: in ROS 1 as a parameter, beside the one that time is simulated."""
     from wherry.ros.description import robot_description
     from wherry.ros.messages import String
@@ -222,7 +245,7 @@ def _describe_robot(transport: Transport, names: Names, namespace: str) -> None:
     description = robot_description(robot_urdf())
     if isinstance(transport, Ros1):
         transport.set_parameter("/use_sim_time", True)
-        transport.set_parameter(f"{namespace.rstrip('/')}/robot_description", description)
+        transport.set_parameter(names.topics.robot_description.name, description)
     else:
         transport.publish(names.topics.robot_description, String(description))
 
