@@ -24,8 +24,12 @@ def kernel(function: Kernel) -> Kernel:
 
 
 def reordering_kernel(function: Kernel) -> Kernel:
-    """As `kernel`, and sums may be added up in any order: on vector units, but always in the same one on a machine."""
-    return cast("Kernel", numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})(function))
+    """As `kernel`, and sums may be added up in any order: on vector units, but always in the same one on a machine.
+
+    NaN and infinities keep their meaning.
+    """
+    fast = {"reassoc", "nsz", "contract"}
+    return cast("Kernel", numba.njit(cache=True, error_model="numpy", fastmath=fast)(function))
 
 
 def stepper(function: Kernel) -> Kernel:

@@ -192,7 +192,7 @@ def _bordered(table: NDArray[np.float32], outside: float) -> NDArray[np.float32]
     return np.pad(table, 1, constant_values=np.float32(outside))
 
 
-@kernel
+@reordering_kernel
 def _add_from_table(
     table: NDArray[np.float32], place: Floats, particles: Floats, ends: NDArray[np.float32], log_weights: Floats
 ) -> None:
@@ -217,7 +217,7 @@ def _sum_of(flat: NDArray[np.float32], cells: NDArray[np.int32]) -> float:
     """The sum of the table's values, in whatever order is fastest."""
     total = np.float32(0.0)
     for b in range(len(cells)):
-        total += flat[cells[b]]
+        total += flat[np.uint64(cells[b])]  # unsigned: numba need not look for negative indices
     return float(total)
 
 
@@ -236,7 +236,7 @@ def _count_agreeing(
     return agreeing
 
 
-@kernel
+@reordering_kernel
 def _find_cells(
     shape: tuple[int, int], place: Floats, pose: Floats, ends: NDArray[np.float32], cells: NDArray[np.int32]
 ) -> None:
