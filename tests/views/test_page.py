@@ -9,15 +9,19 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from browsing import DESK, PHONE, SCREENSHOTS, until
 from playwright import sync_api as playwright
-from runs import BOX, LASER, TERMS, short_run
+from runs import BOX, LASER, TERMS, seen, short_run
 
-from wherry.trace import Said, Seen
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+from wherry.trace import Began, Explored, Said, Seen
 from wherry.views.frames import Encoder
 from wherry.views.recordings import FILE_NAME, Recorder
 from wherry.views.web.broadcast import Broadcast
@@ -231,6 +235,12 @@ def test_a_click_on_a_thing_tells_its_attributes(page: playwright.Page, carried:
     page.keyboard.press("Escape")
     settle(page)
     assert page.locator("#inspector").is_hidden()
+    titles = []
+    for _ in range(4):
+        page.keyboard.press("o")
+        settle(page)
+        titles.append(page.inner_text("#inspector header span"))
+    assert titles == ["Robot", "Box box1", "Warehouse", "Robot"]
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
@@ -337,6 +347,37 @@ def test_a_page_from_elsewhere_cannot_watch(browser: playwright.Browser) -> None
     assert outcome == "refused"
 
 
+def test_a_hundred_metres_and_two_thousand_particles_are_smooth(page: playwright.Page, tmp_path: Path) -> None:
+    probability = np.full((2000, 2000), 0.02, np.float32)
+    probability[::60], probability[:, ::80] = 0.95, 0.95
+    encoder, rng = Encoder(), np.random.default_rng(0)
+    frames = [
+        encoder.encode(Began("deliver", "big", terms=TERMS)),
+        encoder.encode(Explored(0.0, OccupancyGrid(probability, 0.05, Pose(-50.0, -50.0)), 1.0, 0.0)),
+    ]
+    ring = np.linspace(0.0, 2 * np.pi, 360)
+    for step in range(50):
+        moment = replace(
+            seen(0.2 * step, 0.05 * step),
+            particles=rng.normal(0.0, 10.0, (2000, 3)).astype(np.float32),
+            points=8.0 * np.column_stack([np.cos(ring), np.sin(ring)]).astype(np.float32),
+        )
+        frames.append(encoder.encode(moment))
+    path = tmp_path / "page.html"
+    path.write_text(player_page("big", {"source": "file"}, b"".join(frames)), encoding="utf-8")
+    opened(page, path.as_uri(), at=0.0)
+    milliseconds = page.evaluate(
+        """() => Array.from({ length: 30 }, (_, at) => {
+            const before = performance.now();
+            scene.look(at / 4);
+            scene.draw();
+            scene.context.getImageData(0, 0, 1, 1); // so that drawing has really happened
+            return performance.now() - before;
+        })"""
+    )
+    assert sorted(milliseconds)[15] < 1000 / 30
+
+
 def test_a_recording_becomes_one_file_that_needs_nothing(page: playwright.Page, tmp_path: Path) -> None:
     with Recorder(tmp_path / FILE_NAME) as recorder:
         for record in short_run():
@@ -350,3 +391,21 @@ def test_a_recording_becomes_one_file_that_needs_nothing(page: playwright.Page, 
     opened(page, out.as_uri(), at=4.2)
     assert set(requests) <= {"file", "data"}
     assert is_near(colour_at(page, *LASER[0]), BLUE)
+
+
+@pytest.mark.slow
+def test_a_command_with_view_ends_when_its_page_is_closed(page: playwright.Page) -> None:
+    command = [sys.executable, "-m", "wherry", "learn", "taxi", "--repetitions", "1", "--view", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        address = next(found for line in process.stdout if (found := re.search(r"http://\S+", line)))
+        page.goto(address.group())
+        page.wait_for_timeout(100)
+        deadline = time.monotonic() + 60.0
+        while not page.evaluate("trace.over"):
+            assert time.monotonic() < deadline
+            page.wait_for_timeout(100)
+        assert page.evaluate("trace.records.Began[0].subject") == "Taxi 5×5"
+        assert page.evaluate("trace.records.Learnt.at(-1).rules.length") >= 6
+        page.goto("about:blank")
+        assert process.wait(timeout=20) == 0

@@ -161,6 +161,7 @@ const KEYS = {
   f: follow,
   l: () => player.goLive(),
   t: switchTheme,
+  o: () => scene.pickNext(),
   Escape: () => (scene.selected = null),
 };
 const PANS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };

@@ -12,6 +12,7 @@ const LAYERS = {
 };
 const TRAIL = 90; // s
 const MARGIN = 0.6; // m around the map
+const COVERED = [136, 56]; // px on the left and on the right that legend and tools take, where there is room for all
 const CLOSEST = 2000; // px a metre
 const FARTHEST = 1; // px a metre
 
@@ -76,9 +77,10 @@ class Scene {
     const box = this.map.extent() ?? this.cellsExtent();
     if (!box || !this.width) return;
     const [west, south, east, north] = box;
-    this.centre = [(west + east) / 2, (south + north) / 2];
-    const across = Math.min(this.width / (east - west + 2 * MARGIN), this.height / (north - south + 2 * MARGIN));
+    const [left, right] = this.width > 640 ? COVERED : [0, 0];
+    const across = Math.min((this.width - left - right) / (east - west + 2 * MARGIN), this.height / (north - south + 2 * MARGIN));
     this.scale = Math.min(Math.max(across, FARTHEST), CLOSEST);
+    this.centre = [(west + east) / 2 + (right - left) / 2 / this.scale, (south + north) / 2];
   }
 
   cellsExtent() {
@@ -427,6 +429,23 @@ class Scene {
         if (warehouse[n] === cx && warehouse[n + 1] === cy) return { kind: "warehouse", cell: [cx, cy] };
     }
     return this.map.percentAt(x, y) === null ? null : { kind: "place", x, y };
+  }
+
+  // Everything that can be picked, one after the other, for those who use keys.
+  pickable() {
+    const { instant } = this;
+    const things = instant?.pose ? [{ kind: "robot" }] : (instant?.perceived?.things ?? []).map(({ name }) => ({ kind: "thing", name }));
+    for (const box of this.boxes()) things.push({ kind: "box", name: this.nameOfBox(box), x: box[0], y: box[1] });
+    const warehouse = instant?.cells?.warehouse ?? [];
+    for (let n = 0; n < warehouse.length; n += 2) things.push({ kind: "warehouse", cell: [warehouse[n], warehouse[n + 1]] });
+    return things;
+  }
+
+  pickNext() {
+    const things = this.pickable();
+    const key = (thing) => JSON.stringify([thing.kind, thing.name, thing.cell]);
+    const here = this.selected ? things.findIndex((thing) => key(thing) === key(this.selected)) : -1;
+    this.selected = things[(here + 1) % things.length] ?? null;
   }
 
   cellAt(cells, x, y) {
