@@ -108,7 +108,7 @@ class Panels {
 
   updateBits(began, condition) {
     element("symbols").hidden = !began.terms.length;
-    if (!began.terms.length || !this.changed("bits", condition)) return;
+    if (!began.terms.length || !this.changed("bits", condition ?? null)) return;
     const list = element("bits");
     if (!list.children.length)
       for (const term of began.terms) {
