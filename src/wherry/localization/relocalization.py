@@ -45,8 +45,9 @@ APART_HEADING = math.radians(20.0)
 SEARCH_COVARIANCE = np.diag([0.15**2, 0.15**2, math.radians(3.0) ** 2])  # m, m, rad, of a pose on the search grid
 MATCH_SIGMA = 0.05  # m
 DRIFT = np.diag([0.05**2, 0.05**2, math.radians(2.0) ** 2])  # m, m, rad, of the odometry from one scan to another
-SHARPNESS = 20.0  # how many independent readings a scan is worth; between the best values for two real buildings
+SHARPNESS = 25.0  # how many independent readings a scan is worth; between the best values for two real buildings
 AMBIGUOUS_BELOW = 0.9  # probability of the best hypothesis
+POOR = -1.0  # mean log likelihood of a beam below which a place explains the scan poorly
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +86,14 @@ class Relocalization:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether the best hypothesis should not be relied upon."""
-        return self.ambiguity > 1.0 - AMBIGUOUS_BELOW or not self.complete
+        """Whether the best hypothesis should not be relied upon.
+
+        The search keeps the best places it finds. Where there are too many for it, another one may be right only if
+        the best one explains the scan poorly.
+        """
+        if not self.hypotheses or self.ambiguity > 1.0 - AMBIGUOUS_BELOW:
+            return True
+        return not self.complete and self.hypotheses[0].agreement.log_likelihood < POOR
 
 
 class Relocalizer:
