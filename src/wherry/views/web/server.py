@@ -27,6 +27,7 @@ from wherry.views.web.page import player_page
 
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8642
+ANY_ADDRESS = {"0.0.0.0", "::"}  # noqa: S104 - to say how such a server is reached
 LARGEST_REQUEST = 4_096  # bytes, of a message that a page may send
 SENT_EVERY = 0.03  # s between two messages to a page
 START_DEADLINE = 10.0  # s
@@ -140,7 +141,8 @@ def running(routes: Sequence[BaseRoute], *, host: str = DEFAULT_HOST, port: int 
     port = listener.getsockname()[1]
     loopback = host in {"127.0.0.1", "localhost", "::1"}
     token = None if loopback else secrets.token_urlsafe(16)
-    shown_host = f"[{host}]" if ":" in host else host
+    named = socket.gethostname() if host in ANY_ADDRESS else host
+    shown_host = f"[{named}]" if ":" in named else named
     server = Server(f"http://{shown_host}:{port}/" + (f"?token={token}" if token else ""))
     config = uvicorn.Config(
         Guard(Starlette(routes=routes), Door(port, token)),

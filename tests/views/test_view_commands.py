@@ -1,0 +1,54 @@
+"""wherry view and wherry worlds from the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from runs import short_run
+from typer.testing import CliRunner
+
+from wherry.cli import app
+from wherry.errors import InputError
+from wherry.floorplan import built_in_worlds, find_world, parse_world
+from wherry.views.recordings import FILE_NAME, Recorder
+
+
+def test_worlds_are_listed_with_their_sizes() -> None:
+    result = CliRunner().invoke(app, ["worlds", "list"])
+    assert result.exit_code == 0
+    assert [line.split()[0] for line in result.output.splitlines()] == list(built_in_worlds())
+    assert "17 × 17  cells   10.2 × 10.2 m  4 boxes" in result.output
+
+
+@pytest.mark.parametrize("name", built_in_worlds())
+def test_a_world_is_shown_as_it_can_be_saved(name: str) -> None:
+    result = CliRunner().invoke(app, ["worlds", "show", name])
+    assert parse_world(result.output, name) == find_world(name)
+
+
+def test_a_recording_becomes_a_page(tmp_path: Path) -> None:
+    with Recorder(tmp_path / FILE_NAME) as recorder:
+        for record in short_run():
+            recorder(record)
+    out = tmp_path / "page.html"
+    result = CliRunner().invoke(app, ["view", str(tmp_path), "--out", str(out)])
+    assert result.exit_code == 0
+    assert out.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["view", "nowhere"], "No such file"),
+        (["view", "{folder}"], "No such file"),
+        (["view", "{folder}/text"], "no trace"),
+        (["worlds", "show", "atlantis"], "neither a file nor one of the worlds"),
+        (["worlds", "edit", "{folder}/text"], "is none of the fields"),
+    ],
+)
+def test_what_cannot_be_shown_is_said(tmp_path: Path, arguments: list[str], words: str) -> None:
+    (tmp_path / "text").write_text("hello: 1\n")
+    result = CliRunner().invoke(app, [argument.format(folder=tmp_path) for argument in arguments])
+    assert isinstance(result.exception, InputError)
+    assert words in str(result.exception)
