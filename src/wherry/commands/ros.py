@@ -11,6 +11,7 @@ import typer
 
 from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, one_of, print_json
 from wherry.commands.recording import RecordOption, recorded_transport
+from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 
 if TYPE_CHECKING:
     from wherry.ros.names import Names
@@ -128,6 +129,9 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         interface: InterfaceOption = "",
         out: Annotated[Path | None, typer.Option(help="Where to write map and rules.")] = None,
         record: RecordOption = None,
+        view: ViewOption = False,
+        host: HostOption = LOOPBACK,
+        port: PortOption = PORT,
         as_json: JsonOption = False,
         quiet: QuietOption = False,
     ) -> None:
@@ -170,11 +174,16 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
                 owns_map=mapping == ros_delivery.OWN,
                 owns_pose=localization == ros_delivery.OWN,
             )
-            with teller as node, DeliveryProgress(console, 0) as progress:
+            with (
+                teller as node,
+                watched("wherry: ROS", out, console, view=view, host=host, port=port) as sink,
+                DeliveryProgress(console, 0) as progress,
+            ):
                 if grid is not None:
                     node.tell_map(grid)
+                told = both(node, progress, sink)
                 try:
-                    figures, ready = ros_delivery.run(robot, stack, order, knowledge, grid, both(node, progress), seed)
+                    figures, ready = ros_delivery.run(robot, stack, order, knowledge, grid, told, seed)
                 except RobotLostError as error:
                     typer.echo(f"wherry: {error}", err=True)
                     raise typer.Exit(1) from error

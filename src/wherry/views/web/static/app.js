@@ -185,13 +185,14 @@ function updateControls() {
   element("follow").setAttribute("aria-pressed", scene.mode === "follow");
   element("live").setAttribute("aria-pressed", player.following || (player.atEnd && player.playing && !trace.over));
   element("waiting").hidden = trace.begin !== null;
-  const text = `${clockText(player.time)} / ${clockText(trace.end)}`;
-  if (element("clock").textContent !== text) element("clock").replaceChildren(clockText(player.time), make("small", "", ` / ${clockText(trace.end)}`));
+  const begin = trace.begin ?? 0; // a real robot's clock does not begin at 0
+  const [now, all] = [clockText(Math.max(player.time - begin, 0)), clockText(trace.end - begin)];
+  if (element("clock").textContent !== `${now} / ${all}`) element("clock").replaceChildren(now, make("small", "", ` / ${all}`));
   const seek = element("seek");
   if (Number(seek.max) !== trace.end) seek.max = trace.end;
-  seek.min = trace.begin ?? 0;
+  seek.min = begin;
   if (document.activeElement !== seek || player.playing) seek.value = player.time;
-  seek.setAttribute("aria-valuetext", clockText(player.time));
+  seek.setAttribute("aria-valuetext", now);
 }
 
 // The timeline's bands of phases, and a notch for every box that was delivered.

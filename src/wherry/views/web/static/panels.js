@@ -271,7 +271,7 @@ class Panels {
     lines.sort((a, b) => a[0] - b[0] || a[1] - b[1]);
     const made = document.createDocumentFragment();
     for (const [time, , style, text] of lines) {
-      const node = make("li", `${style} later`, make("time", "", clockText(time)), make("span", "", text));
+      const node = make("li", `${style} later`, make("time", "", clockText(time - this.trace.begin)), make("span", "", text));
       node.addEventListener("click", () => this.seek(time));
       this.entries.push({ time, node });
       made.append(node);
