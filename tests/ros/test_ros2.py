@@ -92,6 +92,14 @@ def test_idl_types_have_ros_names() -> None:
     assert idl_class(ros.LaserScan).__idl_typename__.replace(".", "::") == "sensor_msgs::msg::dds_::LaserScan_"
 
 
+def test_without_cyclonedds_the_error_says_what_to_install() -> None:
+    program = "import sys; sys.modules['cyclonedds'] = None; from wherry.cli import main; main()"
+    command = [sys.executable, "-c", program, "ros2", "monitor", "--duration", "0"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "wherry: ROS 2: cyclonedds: is not installed: pip install 'wherry[ros2]'\n"
+
+
 def test_it_stays_on_loopback_unless_asked() -> None:
     assert 'name="lo"' in configuration("lo")
     assert "<AllowMulticast>false" in configuration("lo")

@@ -24,7 +24,19 @@ pytestmark = pytest.mark.slow
 
 TOPICS = load_names().topics
 DOMAIN = free_domain()
-RATE = 4.0  # × real time
+RATE = 1.0  # × real time; the faster, the more a loaded machine's pauses hurt
+WORLD = """\
+wherry-world: 1
+name: tiny
+
++---+---+---+---+---+---+
+| >             |       |
++   +   +   +   +   +   +
+|         o           w |
++   +   +   +   +   +   +
+|     o                 |
++---+---+---+---+---+---+
+"""
 
 
 class Audience:
@@ -55,9 +67,11 @@ def audience(monkeypatch: pytest.MonkeyPatch) -> Iterator[Audience]:
 
 
 def test_two_boxes_are_delivered_over_dds_alone(audience: Audience, tmp_path: Path) -> None:
-    plan = prepare(Settings("small", boxes=2)).plan
+    world = tmp_path / "world.txt"
+    world.write_text(WORLD)
+    plan = prepare(Settings(str(world))).plan
     places = [option for x, y in order_of(plan).warehouse for option in ("--warehouse", f"{x:.3f},{y:.3f}")]
-    with simulator("small", DOMAIN, "--boxes", "2", "--rate", str(RATE), "--duration", "900") as robot:
+    with simulator(world, DOMAIN, "--rate", str(RATE), "--duration", "900") as robot:
         agent = wherry("ros2", "deliver", *places, "--json", "--out", str(tmp_path), domain=DOMAIN)
         try:
             figures = ended(agent, timeout=280.0)
@@ -82,7 +96,7 @@ def _check_what_was_said(audience: Audience, shape: tuple[int, int]) -> None:
     shown = {marker.id for marker in audience.markers("boxes") if marker.action == ros.Marker.ADD}
     assert {0, 1} <= shown  # and what looked like a box for a while
     assert audience.markers("boxes")[-1].action == ros.Marker.DELETE
-    assert len({marker.id for marker in audience.markers("warehouse")}) == 2
+    assert len({marker.id for marker in audience.markers("warehouse")}) == 1
     assert any("0000011" in marker.text for marker in audience.markers("condition"))
     links = [link for message in audience.heard["/tf"] for link in links_between(message, "map", "odom")]
     stamps = np.array([link.time for link in links])

@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bus import Bus
+
+from wherry.robot import Odometry, Scan, Velocity
+from wherry.ros import messages as ros
+from wherry.ros import monitor as monitoring
+from wherry.ros.conversion import to_laser_scan, to_odometry
+from wherry.ros.monitor import Monitor
+from wherry.ros.names import load_names
+from wherry.space.pose import Pose
+
+TOPICS = load_names().topics
+
+
+class Wall:
+    """A clock on the wall that a test moves on."""
+
+    def __init__(self) -> None:
+        self.now = 50.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
+    wall = Wall()
+    monkeypatch.setattr(monitoring, "time", wall)
+    return wall
+
+
+def scan(time: float) -> ros.LaserScan:
+    return to_laser_scan(Scan(time, np.ones(4), 0.0, 1.0, 0.0, 9.0), "laser")
+
+
+def test_what_is_missing_shows_in_the_stamps(wall: Wall) -> None:
+    bus = Bus()
+    monitor = Monitor(bus.node(), load_names())
+    for tick in range(40):
+        if tick not in (7, 20, 21):
+            bus.say(TOPICS.scan, scan(tick / 10))
+    for tick in range(100):
+        odometry = Odometry(tick / 20, Pose(), Velocity())
+        bus.say(TOPICS.odom, to_odometry(odometry, "odom", "base_link", np.zeros(36)))
+    figures = monitor.figures()
+    assert (figures["scans"], figures["scans missing"]) == (37, 3)
+    assert (figures["odometry"], figures["odometry missing"]) == (100, 0)
+    assert figures["scan to velocity, median, ms"] is None
+
+
+def test_a_scan_is_answered_by_the_next_velocity(wall: Wall) -> None:
+    bus = Bus()
+    monitor = Monitor(bus.node(), load_names())
+    for tick in range(100):
+        wall.now = 50.0 + tick / 10
+        bus.say(TOPICS.scan, scan(tick / 10))
+        if tick % 10 == 9:
+            continue  # not answered: the robot thinks
+        wall.now += 0.002 if tick else 0.040
+        bus.say(TOPICS.cmd_vel, ros.Twist())
+        wall.now += 0.001
+        bus.say(TOPICS.cmd_vel_stamped, ros.TwistStamped())
+    figures = monitor.figures()
+    assert (figures["scans"], figures["scans answered"], figures["velocities"]) == (100, 90, 180)
+    assert figures["scan to velocity, median, ms"] == pytest.approx(2.0)
+    worst = figures["scan to velocity, 99 %, ms"]
+    assert worst is not None
+    assert 2.0 < worst < 40.0
+
+
+def test_nothing_heard_is_no_figure(wall: Wall) -> None:
+    figures = Monitor(Bus().node(1), load_names()).figures()
+    assert figures["scans"] == 0
+    assert figures["scan to velocity, 99 %, ms"] is None
