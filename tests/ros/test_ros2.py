@@ -203,6 +203,28 @@ def test_who_comes_late_gets_the_last_latched_message(pair: tuple[DdsTransport, 
     assert len(heard.messages) == 1
 
 
+def test_a_text_that_is_none_does_not_end_listening(
+    pair: tuple[DdsTransport, DdsTransport], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one, other = pair
+    heard, broken = Heard(), []
+    text_class = idl_class(ros.String)
+    deserialize = text_class.deserialize
+
+    def fail_once(data: bytes, **options: Any) -> Any:
+        if not broken:
+            broken.append(data)
+            raise UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
+        return deserialize(data, **options)
+
+    monkeypatch.setattr(text_class, "deserialize", fail_once)
+    other.subscribe(TOPICS.robot_description, heard)
+    one.publish(TOPICS.robot_description, ros.String("one"))
+    wait_until(lambda: bool(broken))
+    one.publish(TOPICS.robot_description, ros.String("two"))
+    assert heard.wait_for(1)[0].data == "two"
+
+
 def test_both_kinds_of_velocity_share_a_topic(pair: tuple[DdsTransport, DdsTransport]) -> None:
     one, other = pair
     plain, stamped = Heard(), Heard()

@@ -250,7 +250,10 @@ class DdsTransport:
         unread = ReadCondition(reader, SampleState.NotRead | ViewState.Any | InstanceState.Any)
 
         def take() -> list[M]:
-            samples = reader.take(LARGEST_TAKE)
+            try:
+                samples = reader.take(LARGEST_TAKE)
+            except UnicodeDecodeError:
+                return []  # a text of no ROS node; all else that is malformed, DDS has thrown away already
             return [from_idl(topic.message_type, sample) for sample in samples if sample.sample_info.valid_data]
 
         with self._lock:
