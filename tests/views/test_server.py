@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import socket
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -67,12 +68,12 @@ def open_socket(
     return connect(f"ws://127.0.0.1:{port}/socket{query}", origin=own, additional_headers=headers, open_timeout=5)  # type: ignore[arg-type]
 
 
-def received(socket: ClientConnection) -> tuple[dict[str, object], bytes]:
+def received(page: ClientConnection) -> tuple[dict[str, object], bytes]:
     """What a page gets until the run is over: the greeting, and all frames."""
-    hello = json.loads(socket.recv(timeout=5))
+    hello = json.loads(page.recv(timeout=5))
     frames = b""
     while True:
-        message = socket.recv(timeout=5)
+        message = page.recv(timeout=5)
         assert isinstance(message, bytes)
         frames += message[8:]
         if struct.unpack_from("<II", message)[1]:
@@ -90,8 +91,8 @@ def test_the_page_comes_with_everything_and_a_policy(server: Server) -> None:
 
 def test_a_page_gets_every_record_in_order(server: Server, broadcast: Broadcast) -> None:
     broadcast.end()
-    with open_socket(server) as socket:
-        _, frames = received(socket)
+    with open_socket(server) as page:
+        _, frames = received(page)
     decoder = Decoder("socket")
     records = [decoder.decode(frame, "a frame") for frame in split(frames)]
     assert [type(record) for record in records] == [type(record) for record in short_run()]
@@ -99,29 +100,29 @@ def test_a_page_gets_every_record_in_order(server: Server, broadcast: Broadcast)
 
 def test_a_page_that_comes_back_gets_only_the_rest(server: Server, broadcast: Broadcast) -> None:
     broadcast.end()
-    with open_socket(server, f"?run={broadcast.name}&from={len(broadcast) - 2}") as socket:
-        hello, frames = received(socket)
+    with open_socket(server, f"?run={broadcast.name}&from={len(broadcast) - 2}") as page:
+        hello, frames = received(page)
     assert hello == {"run": broadcast.name, "from": len(broadcast) - 2}
     assert len(list(split(frames))) == 2
     for query in ("?run=another&from=3", f"?run={broadcast.name}&from=-1", f"?run={broadcast.name}&from=x"):
-        with open_socket(server, query) as socket:
-            assert json.loads(socket.recv(timeout=5))["from"] == 0
+        with open_socket(server, query) as page:
+            assert json.loads(page.recv(timeout=5))["from"] == 0
 
 
 def test_what_is_told_later_arrives(server: Server, broadcast: Broadcast) -> None:
-    with open_socket(server) as socket:
-        socket.recv(timeout=5)
-        socket.recv(timeout=5)
+    with open_socket(server) as page:
+        page.recv(timeout=5)
+        page.recv(timeout=5)
         broadcast(Said(11.0, "done", "Later"))
-        message = socket.recv(timeout=5)
+        message = page.recv(timeout=5)
         assert isinstance(message, bytes)
         assert b"Later" in message
 
 
 @pytest.mark.parametrize("origin", ["https://evil.example", "http://127.0.0.1:1", "null", None])
 def test_a_foreign_page_cannot_connect(server: Server, origin: str | None) -> None:
-    with pytest.raises((InvalidHandshake, ConnectionClosed)), open_socket(server, origin=origin) as socket:
-        socket.recv(timeout=5)
+    with pytest.raises((InvalidHandshake, ConnectionClosed)), open_socket(server, origin=origin) as page:
+        page.recv(timeout=5)
 
 
 @pytest.mark.parametrize(
@@ -145,10 +146,10 @@ def test_elsewhere_only_those_come_in_who_know_the_token(broadcast: Broadcast) -
         assert get(server)[0] == 403
         assert get(server, "/?token=")[0] == 403
         assert get(server, f"/?token={token[:-1]}")[0] == 403
-        with pytest.raises((InvalidHandshake, ConnectionClosed)), open_socket(server) as socket:
-            socket.recv(timeout=5)
-        with open_socket(server, f"?token={token}") as socket:
-            assert json.loads(socket.recv(timeout=5))["run"] == broadcast.name
+        with pytest.raises((InvalidHandshake, ConnectionClosed)), open_socket(server) as page:
+            page.recv(timeout=5)
+        with open_socket(server, f"?token={token}") as page:
+            assert json.loads(page.recv(timeout=5))["run"] == broadcast.name
 
 
 @pytest.mark.parametrize(
@@ -174,10 +175,10 @@ def test_the_report_can_be_read(server: Server) -> None:
 
 
 def test_a_page_that_talks_too_much_is_cut_off(server: Server) -> None:
-    with open_socket(server) as socket:
-        socket.send("x" * (LARGEST_REQUEST + 1))
+    with open_socket(server) as page:
+        page.send("x" * (LARGEST_REQUEST + 1))
         with pytest.raises(ConnectionClosed, match="1009"):
-            list(iter(lambda: socket.recv(timeout=5), None))
+            list(iter(lambda: page.recv(timeout=5), None))
 
 
 def test_an_address_of_another_machine_cannot_be_listened_on(broadcast: Broadcast) -> None:
@@ -241,3 +242,24 @@ def test_a_long_run_keeps_fewer_moments_in_memory(monkeypatch: pytest.MonkeyPatc
     said, shown = counted(broadcast)
     assert said == 500
     assert shown > 10
+
+
+def test_a_page_that_reads_nothing_holds_nobody_up(server: Server, broadcast: Broadcast) -> None:
+    with socket.create_connection(("127.0.0.1", port_of(server))) as asleep:
+        lines = (
+            "GET /socket HTTP/1.1",
+            f"Host: 127.0.0.1:{port_of(server)}",
+            f"Origin: http://127.0.0.1:{port_of(server)}",
+            "Upgrade: websocket",
+            "Connection: Upgrade",
+            "Sec-WebSocket-Version: 13",
+            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+        )
+        asleep.sendall("\r\n".join((*lines, "", "")).encode())
+        assert asleep.recv(12) == b"HTTP/1.1 101"
+        record = seen(0.0, 0.0, particles=2000)
+        for _ in range(2000):  # 24 MB, more than any buffer on the way takes
+            broadcast(record)
+        broadcast.end()
+        with open_socket(server) as awake:
+            assert len(list(split(received(awake)[1]))) > 1000
