@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -110,6 +111,18 @@ def test_the_robot_stands_half_a_second_after_its_driver_is_killed(world: Path, 
         assert watcher.travelled_since(killed + 0.5) < 0.005
         assert abs(watcher.speed) < 0.01
         assert watcher.travelled_since(killed) > 0.03  # it was driving
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_simulation_that_is_asked_to_end_still_says_what_its_referee_saw(
+    how: signal.Signals, world: Path, transport: DdsTransport
+) -> None:
+    watcher = Watcher(transport)
+    with simulator(world, DEATHS, "--rate", "5") as process:
+        wait_until(lambda: bool(watcher.odometry), 60.0)
+        result = ended(process, how)
+    assert process.returncode == 0
+    assert result["sim_seconds"] > 0.0
 
 
 def test_a_simulation_ends_when_it_is_told_to_and_says_what_its_referee_saw(

@@ -14,6 +14,9 @@ from wherry.commands.recording import RecordOption, recorded_transport
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 
 if TYPE_CHECKING:
+    import threading
+    from collections.abc import Iterator
+
     from wherry.ros.names import Names
     from wherry.ros.transport import Transport
 
@@ -74,13 +77,14 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
         simulation = ros_simulation.prepare(settings)
         console = console_for(as_json=as_json, quiet=quiet)
 
-        def is_over() -> bool:
-            return duration is not None and simulation.time >= duration
+        with open_transport(generation, name, namespace, interface) as transport, _asked_to_end() as asked:
 
-        with open_transport(generation, name, namespace, interface) as transport:
+            def is_over() -> bool:
+                return asked.is_set() or (duration is not None and simulation.time >= duration)
+
             _describe_robot(transport, called)
             console.print(f"{simulation.plan.name} at {rate:g} × real time; Ctrl-C ends it.", highlight=False)
-            with contextlib.suppress(KeyboardInterrupt), recorded_transport(record, transport, called) as recorded:
+            with recorded_transport(record, transport, called) as recorded:
                 ros_simulation.node_of(simulation, recorded, called, rate).run(is_over)
         result = ros_simulation.verdict(simulation)
         console.print(
@@ -257,6 +261,22 @@ def _describe_robot(transport: Transport, names: Names) -> None:
         transport.set_parameter(names.topics.robot_description.name, description)
     else:
         transport.publish(names.topics.robot_description, String(description))
+
+
+@contextlib.contextmanager
+def _asked_to_end() -> Iterator[threading.Event]:
+    """Set once somebody presses Ctrl-C, or a launch file ends the node."""
+    import signal
+    import threading
+
+    asked = threading.Event()
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda *_: asked.set()) for number in numbers]
+    try:
+        yield asked
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
 
 
 def open_transport(generation: int, name: str, namespace: str, interface: str) -> Transport:
