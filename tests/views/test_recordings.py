@@ -108,3 +108,9 @@ def test_a_missing_file_and_a_folder_that_cannot_be_written(tmp_path: Path) -> N
         load_trace(tmp_path)
     with pytest.raises(InputError, match="cannot be written"):
         Recorder(tmp_path / "nowhere" / FILE_NAME)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_full_disk_is_said_in_one_line() -> None:
+    with pytest.raises(InputError, match="/dev/full: cannot be written: No space left on device"):
+        Recorder(Path("/dev/full"))

@@ -43,13 +43,14 @@ from wherry.trace import (
     Thing,
 )
 
-LARGEST_FRAME = 64_000_000  # bytes; a first map of 4 × 4 km would fit
+LARGEST_MAP = 64_000_000  # grid cells: 400 × 400 m at 5 cm
 MOST_PARTICLES = 2_000  # in a frame; more cannot be told apart on a screen
 POSITION_STEP = 0.005  # m
 ANGLE_STEP = 1e-4  # rad
 TILE = 64  # grid cells, a tile's side
 UNKNOWN_PERCENT = 255  # ROS's -1 as an unsigned byte
 PERCENT_STEP = 5
+STEP_FIELDS = ("time", "condition", "action", "learning", "moved", "unknown", "delivered", "remaining")
 
 Array = NDArray[Any]
 Header = dict[str, Any]
@@ -98,9 +99,6 @@ class Encoder:
             case Learnt():
                 rules = [[rule.action, rule.condition, rule.effect] for rule in record.rules]
                 return {"time": record.time, "rules": rules, "failures": dict(record.failures)}, {}
-
-
-STEP_FIELDS = ("time", "condition", "action", "learning", "moved", "unknown", "delivered", "remaining")
 
 
 def frame(header: Header, arrays: Arrays) -> bytes:
@@ -278,7 +276,7 @@ def _joined(tiles: Mapping[tuple[int, int], NDArray[np.uint8]], resolution: floa
         return OccupancyGrid(np.full((1, 1), 0.5, np.float32), resolution, anchor)
     keys = np.array(sorted(tiles))
     low, high = keys.min(axis=0), keys.max(axis=0) + 1
-    if int(np.prod(high - low)) * TILE**2 > LARGEST_FRAME:
+    if int(np.prod(high - low)) * TILE**2 > LARGEST_MAP:
         raise ValueError("the map is too large")
     percent = np.full(tuple((high - low)[::-1] * TILE), UNKNOWN_PERCENT, np.uint8)
     for (x, y), tile in tiles.items():

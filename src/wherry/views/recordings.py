@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
+from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self
+from typing import Self
 
 from wherry.errors import InputError
 from wherry.files import read_bytes
@@ -37,22 +38,32 @@ class Recorder:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            self._file: BinaryIO = path.open("wb")
+            self._file: FileIO = path.open("wb", buffering=0)  # what is written is out of this process's hands
         except OSError as error:
             raise InputError(path, "", f"cannot be written: {error.strerror}") from error
         self._encoder = Encoder()
         self._compressor = zlib.compressobj(COMPRESSION)
-        self._file.write(MAGIC)
+        self._put(MAGIC)
         self._record = thinned(self._write, RECORDED_EVERY)
 
     def __call__(self, record: Record) -> None:
-        """Write a record, and see to it that it survives a crash of this process."""
+        """Write a record, and see to it that it survives a crash of this process.
+
+        Raises:
+            InputError: The file cannot be written any more.
+        """
         self._record(record)
 
     def _write(self, record: Record) -> None:
         data = self._compressor.compress(self._encoder.encode(record))
-        self._file.write(data + self._compressor.flush(zlib.Z_SYNC_FLUSH))
-        self._file.flush()
+        self._put(data + self._compressor.flush(zlib.Z_SYNC_FLUSH))
+
+    def _put(self, data: bytes) -> None:
+        try:
+            self._file.write(data)
+        except OSError as error:
+            self._file.close()
+            raise InputError(self.path, "", f"cannot be written: {error.strerror}") from error
 
     def __enter__(self) -> Self:
         return self
@@ -65,7 +76,7 @@ class Recorder:
     def close(self) -> None:
         """End the file."""
         if not self._file.closed:
-            self._file.write(self._compressor.flush(zlib.Z_FINISH))
+            self._put(self._compressor.flush(zlib.Z_FINISH))
             self._file.close()
 
 
