@@ -282,10 +282,10 @@ def test_text_in_a_trace_is_never_markup(page: playwright.Page, tmp_path: Path) 
     assert page.locator("img").count() == 0
 
 
-def test_a_live_run_is_followed_and_its_end_is_told(page: playwright.Page) -> None:
+def test_a_live_run_is_followed_and_its_end_is_told(page: playwright.Page, tmp_path: Path) -> None:
     broadcast = Broadcast()
     records = short_run()
-    with serve(broadcast, "A run", port=0) as server:
+    with serve(broadcast, "A run", port=0, folder=tmp_path) as server:
         page.goto(server.url)
         assert page.locator("#waiting").is_visible()
         for record in records[:10]:
@@ -296,8 +296,14 @@ def test_a_live_run_is_followed_and_its_end_is_told(page: playwright.Page) -> No
             broadcast(record)
         until(page, "player.time === 10")
         assert page.inner_text("#link") == "live"
+        assert page.locator("#report").is_hidden()
+        (tmp_path / "report.html").write_text("<title>The report</title>")
         broadcast.end()
         until(page, "document.getElementById('link').textContent === 'run over'")
+        with page.expect_popup() as report:
+            page.get_by_role("link", name="Report").click()
+        until(report.value, "document.title === 'The report'")
+        report.value.close()
         assert page.evaluate("trace.records.Seen.length") == sum(isinstance(record, Seen) for record in records)
         assert page.locator("#notice").is_hidden()
 

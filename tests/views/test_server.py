@@ -19,7 +19,7 @@ from wherry.trace import Record, Said
 from wherry.views.frames import Decoder, split
 from wherry.views.web import broadcast as broadcasting
 from wherry.views.web.broadcast import Broadcast
-from wherry.views.web.server import LARGEST_REQUEST, Server, serve
+from wherry.views.web.server import LARGEST_REQUEST, OVER, Server, serve
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def received(page: ClientConnection) -> tuple[dict[str, object], bytes]:
         message = page.recv(timeout=5)
         assert isinstance(message, bytes)
         frames += message[8:]
-        if struct.unpack_from("<II", message)[1]:
+        if struct.unpack_from("<II", message)[1] & OVER:
             return hello, frames
 
 

@@ -29,6 +29,8 @@ DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8642
 ANY_ADDRESS = {"0.0.0.0", "::"}  # noqa: S104 - to say how such a server is reached
 LARGEST_REQUEST = 4_096  # bytes, of a message that a page may send
+OVER, HAS_REPORT = 1, 2  # bits of a message
+REPORT = "report.html"
 SENT_EVERY = 0.03  # s between two messages to a page
 START_DEADLINE = 10.0  # s
 LEAVING = 2.0  # s without a page after which everybody has gone
@@ -88,14 +90,13 @@ def serve(
     """
 
     async def page(request: Request) -> Response:
-        report = folder is not None and (folder / "report.html").is_file()
-        return HTMLResponse(player_page(title, {"source": "socket", "files": report}))
+        return HTMLResponse(player_page(title, {"source": "socket"}))
 
     async def frames(page: WebSocket) -> None:
         await page.accept()
         server.page_came()
         try:
-            await _send_frames(page, broadcast)
+            await _send_frames(page, broadcast, None if folder is None else folder / REPORT)
         finally:
             server.page_left()
 
@@ -183,10 +184,15 @@ def _listen(host: str, port: int) -> socket.socket:
     raise InputError("--host", host, f"cannot be listened on: {error.strerror if error else ''}") from error
 
 
-async def _send_frames(page: WebSocket, broadcast: Broadcast) -> None:
-    """Send what there is and what comes, until the page goes or the run ends and the page has everything.
+async def _send_frames(page: WebSocket, broadcast: Broadcast, report: Path | None) -> None:
+    """Send what there is and what comes, until the page goes.
 
-    A message is the number of the first frame that is not in it, 1 if the run is over, and frames.
+    A message is the number of the first frame that is not in it, `OVER` and `HAS_REPORT` as bits, and frames.
+
+    Args:
+        page: Where to.
+        broadcast: Whose frames.
+        report: Where the run leaves its report, if it does.
     """
     query = page.query_params
     known = query.get("run") == broadcast.name and query.get("from", "").isdecimal()
@@ -203,7 +209,8 @@ async def _send_frames(page: WebSocket, broadcast: Broadcast) -> None:
             over = ended and at == len(broadcast)
             if batch is not None or over != told_end:
                 told_end = over
-                await page.send_bytes(struct.pack("<II", at, over) + (batch.frames if batch else b""))
+                bits = OVER * over | HAS_REPORT * (over and report is not None and report.is_file())
+                await page.send_bytes(struct.pack("<II", at, bits) + (batch.frames if batch else b""))
             await asyncio.sleep(SENT_EVERY)
 
 

@@ -55,7 +55,7 @@ function updateLayers() {
 if (matchMedia("(max-width: 720px)").matches) element("legend").open = false;
 
 // Connection.
-function say(state) {
+function say(state, hasReport = false) {
   const link = element("link");
   const words = { live: "live", over: "run over", lost: "no server", file: "recording" };
   link.textContent = words[state];
@@ -65,6 +65,8 @@ function say(state) {
   notice.textContent = trace.over
     ? "The run is over and its server has stopped. This page keeps all of it until you close it."
     : "The server does not answer: the run was stopped, or is gone. What came until now can still be played.";
+  element("report").hidden = !hasReport;
+  element("report").search = location.search;
   element("live").hidden = state === "file" || (state === "over" && !player.following);
 }
 function beginAnew() {
@@ -82,16 +84,6 @@ else
     element("trace").remove();
     say("file");
   });
-if (settings.files) {
-  const report = element("report");
-  report.hidden = false;
-  report.search = location.search;
-}
-if (settings.speed !== undefined) {
-  element("speed").value = settings.speed;
-  player.setSpeed(settings.speed);
-}
-
 // Transport.
 const press = (name, action) => element(name).addEventListener("click", action);
 press("play", () => player.toggle());

@@ -77,7 +77,8 @@ async function readCarriedTrace(text, trace) {
   trace.over = true;
 }
 
-// Take a run's frames from the server; tell `say` how the connection is: "live", "over" or "lost".
+// Take a run's frames from the server; tell `say` how the connection is, "live", "over" or
+// "lost", and whether there is a report.
 function readSocket(trace, reset, say) {
   let run = null;
   let next = 0;
@@ -100,9 +101,10 @@ function readSocket(trace, reset, say) {
       }
       const view = new DataView(data);
       next = view.getUint32(0, true);
-      trace.over = view.getUint32(4, true) === 1;
+      const bits = view.getUint32(4, true);
+      trace.over = Boolean(bits & 1);
       trace.add(data, 8);
-      say(trace.over ? "over" : "live");
+      say(trace.over ? "over" : "live", Boolean(bits & 2));
     };
     socket.onclose = () => {
       say("lost");
