@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rooms import LIDAR, THICK, Building, drive
 
-from wherry.localization.relocalization import Relocalizer, _score, _window_maxima
+from wherry.localization.relocalization import Relocalizer, _bordered, _branch_and_bound, _score, _window_maxima
 from wherry.robot import Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose, wrap
@@ -30,13 +30,53 @@ def test_window_maxima_are_maxima_of_windows() -> None:
 
 def test_a_window_bounds_all_that_it_holds() -> None:
     rng = np.random.default_rng(1)
-    levels = _window_maxima(rng.integers(0, 255, (40, 40)).astype(np.uint8), 4)
-    offsets = rng.integers(-20, 20, (30, 2)).astype(np.int32)
-    for row in range(8, 40, 8):
-        for column in range(8, 40, 8):
-            bound = _score(levels[3], offsets, row, column)
-            inside = [_score(levels[0], offsets, row + y, column + x) for y in range(8) for x in range(8)]
+    offsets = rng.integers(-20, 20, (1, 30, 2)).astype(np.int32)
+    levels, flat = _bordered(_window_maxima(rng.integers(0, 255, (40, 40)).astype(np.uint8), 4), offsets)
+    border, width = (levels.shape[1] - 40) // 2, levels.shape[2]
+    for row in range(0, 40, 8):
+        for column in range(0, 40, 8):
+            place = (border + row) * width + border + column
+            bound = _score(levels[3].ravel(), flat[0], place)
+            inside = [_score(levels[0].ravel(), flat[0], place + y * width + x) for y in range(8) for x in range(8)]
             assert bound >= max(inside)
+
+
+@pytest.mark.parametrize("farthest", [5, 20, 100])
+def test_beams_that_leave_the_map_score_nothing(farthest: int) -> None:
+    rng = np.random.default_rng(2)
+    values = rng.integers(1, 255, (30, 17)).astype(np.uint8)
+    offsets = rng.integers(-farthest, farthest + 1, (4, 25, 2)).astype(np.int32)
+    levels, flat = _bordered(_window_maxima(values, 3), offsets)
+    border, width = (levels.shape[1] - 30) // 2, levels.shape[2]
+    for row, column in ((0, 0), (29, 16), (0, 16), (29, 0), (14, 8)):
+        for heading in range(4):
+            ends = offsets[heading] + (row, column)
+            on_map = ends[((ends >= 0) & (ends < values.shape)).all(axis=1)]
+            expected = values[on_map[:, 0], on_map[:, 1]].sum(dtype=np.int64)
+            assert _score(levels[0].ravel(), flat[heading], (border + row) * width + border + column) == expected
+
+
+def test_the_search_finds_the_best_pose_that_there_is() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        values = (rng.random((40, 50)) < 0.05).astype(np.uint8) * 255
+        free = rng.random((40, 50)) < 0.7
+        offsets = rng.integers(-15, 16, (6, 20, 2)).astype(np.int32)
+        levels, flat = _bordered(_window_maxima(values, 4), offsets)
+        border, width = (levels.shape[1] - 40) // 2, levels.shape[2]
+        every = {
+            (heading, row, column): _score(levels[0].ravel(), flat[heading], (border + row) * width + border + column)
+            for heading in range(6)
+            for row, column in np.argwhere(free).tolist()
+        }
+        open_windows = np.ascontiguousarray(_window_maxima(free.astype(np.uint8), 4)[:, 8:, 8:])
+        found, complete = _branch_and_bound(levels, open_windows, flat, np.array([0.8, 3.0, 0.0]))
+        best = max(every.values())
+        assert complete
+        assert every[tuple(found[0].tolist())] == best
+        for (heading, row, column), score in every.items():
+            near = [h == heading and math.hypot(r - row, c - column) <= 3.0 for h, r, c in found.tolist()]
+            assert score < 0.8 * best or any(near)
 
 
 def test_finds_the_robot_wherever_it_stands() -> None:

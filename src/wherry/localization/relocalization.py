@@ -8,7 +8,6 @@ about as well: in a building with two equal rooms a single answer would be a gue
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -33,13 +32,14 @@ Integers = NDArray[np.int32]
 
 SEARCH_CELL = 0.1  # m, the search's grid; refinement does the rest
 SEARCH_SIGMA = 0.15  # m, how far a beam may end from an obstacle and still count for the search
+FULL = 255  # score of a beam that ends on an obstacle
 LEVELS = 5  # windows of 1, 2, 4, 8 and 16 search cells
 FEWEST_HEADINGS, MOST_HEADINGS = 120, 480
 MOST_BEAMS = 360  # are compared with the map; of these
 SEARCH_BEAMS = 100  # are searched with
 CONSIDERED = 0.8  # poses with a smaller share of the best score are no hypotheses
 MOST_HYPOTHESES = 64
-MOST_EXPANSIONS = 400_000
+MOST_EXPANSIONS = 250_000
 APART = 0.5  # m: nearer than this two poses are one hypothesis
 APART_HEADING = math.radians(20.0)
 SEARCH_COVARIANCE = np.diag([0.15**2, 0.15**2, math.radians(3.0) ** 2])  # m, m, rad, of a pose on the search grid
@@ -113,8 +113,9 @@ class Relocalizer:
         factor = max(1, round(SEARCH_CELL / grid.resolution))
         self._cell = grid.resolution * factor
         nearness = np.exp(-0.5 * np.square(_pool(self._field.distance, factor, np.min) / SEARCH_SIGMA))
-        self._levels = _window_maxima(np.rint(nearness * 255.0).astype(np.uint8), LEVELS)
-        self._free = _window_maxima(_pool(grid.free, factor, np.max).astype(np.uint8), LEVELS)
+        self._levels = _window_maxima(np.rint(nearness * FULL).astype(np.uint8), LEVELS)
+        pad = 1 << (LEVELS - 1)
+        self._free = _window_maxima(_pool(grid.free, factor, np.max).astype(np.uint8), LEVELS)[:, pad:, pad:]
 
     def search(self, scan: Scan) -> Relocalization:
         """Find every place on the map where the scan can have been taken.
@@ -156,10 +157,11 @@ class Relocalizer:
         headings = _headings(ends, self._cell)
         cos, sin = np.cos(headings)[:, None], np.sin(headings)[:, None]
         offsets = np.stack([sin * ends[:, 0] + cos * ends[:, 1], cos * ends[:, 0] - sin * ends[:, 1]], axis=2)
+        levels, flat_offsets = _bordered(self._levels, np.floor(offsets / self._cell + 0.5).astype(np.int32))
         found, complete = _branch_and_bound(
-            self._levels,
-            self._free,
-            np.floor(offsets / self._cell + 0.5).astype(np.int32),
+            levels,
+            np.ascontiguousarray(self._free),
+            flat_offsets,
             np.array([CONSIDERED, APART / self._cell, APART_HEADING / math.tau * len(headings)]),
         )
         poses = [
@@ -234,106 +236,157 @@ def _window_maxima(values: Bytes, levels: int) -> Bytes:
     return np.stack(maxima)
 
 
+def _bordered(levels: Bytes, offsets: Integers) -> tuple[Bytes, Integers]:
+    """Surround the levels by so much nothing that no beam from a cell of the map leaves them: no look-up need ask.
+
+    Args:
+        levels: [L, H + P, W + P] from `_window_maxima`.
+        offsets: [A, B, 2] rows and columns from the robot to the beams' ends, for every heading.
+
+    Returns:
+        [L, H + 2R, W + 2R] the levels, with the map's first cell at [R, R]; and [A, B] the offsets in a flattened one.
+    """
+    pad = 1 << (len(levels) - 1)
+    beyond = max(levels.shape[1:])  # whatever is farther than this off is off the map from everywhere
+    offsets = offsets.clip(-beyond, beyond)
+    reach = max(int(np.abs(offsets).max()) + pad, 2 * pad)
+    before, after = reach - pad, reach
+    surrounded = np.pad(levels, ((0, 0), (before, after), (before, after)))
+    flat: Integers = offsets[:, :, 0] * np.int32(surrounded.shape[2]) + offsets[:, :, 1]
+    return surrounded, flat
+
+
 @kernel
 def _branch_and_bound(levels: Bytes, free: Bytes, offsets: Integers, limits: Floats) -> tuple[Integers, bool]:
     """Best-first search for all distinct poses whose score is near the best one's.
 
     Args:
-        levels: [L, H + P, W + P] windowed maxima of the nearness to obstacles.
-        free: [L, H + P, W + P] whether a window has a free cell.
-        offsets: [A, B, 2] rows and columns from the robot to the beams' ends, for every heading.
+        levels: [L, H + 2R, W + 2R] windowed maxima of the nearness to obstacles; R are the rows and columns that the
+            farthest beam needs.
+        free: [L, H, W] whether a window has a free cell.
+        offsets: [A, B] for every heading, how far the beams' ends are from the robot in a flattened level.
         limits: [3] the share of the best score that counts, and how far apart in cells and in headings poses must be.
 
     Returns:
         [K, 3] heading, row, column of each, best first; and whether these are all that there are.
     """
     top = len(levels) - 1
-    step = 1 << top
+    border, width = (levels.shape[1] - free.shape[1]) // 2, levels.shape[2]
     found = np.empty((MOST_HYPOTHESES, 3), np.int32)
     count = 0
-    bounds = _window_scores(levels[top], free[top], offsets, step)
+    bounds = _window_scores(levels[top], free[top], offsets, 1 << top)
     best = _descend(levels, free, offsets, bounds)
-    queue = _worth_searching(bounds, limits[0] * best, top)
-    heapq.heapify(queue)
+    heads, windows, used = _queue_of(bounds, math.ceil(limits[0] * best), top, FULL * offsets.shape[1])
     expansions = 0
-    while len(queue) > 0 and count < MOST_HYPOTHESES and expansions < MOST_EXPANSIONS:
-        bound, level, heading, row, column = heapq.heappop(queue)
-        if -bound < limits[0] * best:
-            return found[:count], True
-        if _covered(found[:count], limits, len(offsets), heading, row, column, 1 << level):
-            continue
-        if level == 0:
-            found[count, 0], found[count, 1], found[count, 2] = heading, row, column
-            count += 1
-            best = max(best, -bound)
-            continue
-        expansions += 1
-        half = 1 << (level - 1)
-        for quarter in range(4):
-            y, x = row + half * (quarter // 2), column + half * (quarter % 2)
-            if y + step < levels.shape[1] and x + step < levels.shape[2] and free[level - 1, y + step, x + step]:
-                score = _score(levels[level - 1], offsets[heading], y + step, x + step)
-                if score >= limits[0] * best:
-                    heapq.heappush(queue, (-score, level - 1, heading, y, x))
-    return found[:count], len(queue) == 0
+    for score in range(len(heads) - 1, -1, -1):  # no window has a higher score than the one that it is a part of
+        while heads[score] >= 0 and score >= limits[0] * best:
+            if count == MOST_HYPOTHESES or expansions == MOST_EXPANSIONS:
+                return found[:count], False
+            heads[score], level, heading, row, column = windows[heads[score]]
+            if _covered(found[:count], limits, len(offsets), heading, row, column, 1 << level):
+                continue
+            if level == 0:
+                found[count, 0], found[count, 1], found[count, 2] = heading, row, column
+                count += 1
+                best = max(best, score)
+                continue
+            expansions += 1
+            half = 1 << (level - 1)
+            place = (border + row) * width + border + column
+            scores = _quarter_scores(levels[level - 1].ravel(), offsets[heading], place, half, half * width)
+            for quarter in range(4):
+                y, x = row + half * (quarter // 2), column + half * (quarter % 2)
+                enough = scores[quarter] >= limits[0] * best
+                if enough and y < free.shape[1] and x < free.shape[2] and free[level - 1, y, x]:
+                    _put(heads, windows, used, scores[quarter], (level - 1, heading, y, x))
+                    used += 1
+    return found[:count], True
 
 
 @kernel
-def _worth_searching(bounds: Integers, least: float, top: int) -> list[tuple[int, int, int, int, int]]:
-    """The windows of the top level that may hold a pose with at least this score."""
-    queue = [(0, 0, 0, 0, 0) for _ in range(0)]
-    for heading in range(bounds.shape[0]):
-        for y in range(bounds.shape[1]):
-            for x in range(bounds.shape[2]):
-                if bounds[heading, y, x] >= least:
-                    queue.append((-bounds[heading, y, x], top, heading, y << top, x << top))
-    return queue
+def _queue_of(bounds: Integers, least: int, top: int, most: int) -> tuple[Integers, Integers, int]:
+    """A queue with the windows of the top level that may hold a pose with at least this score.
+
+    Scores are whole numbers, so that the queue is a pile of windows for every score.
+
+    Returns:
+        [most + 1] the uppermost window of each pile, −1 where there is none; [M, 5] of every window the one below it,
+        level, heading, row and column; and how many of the M are used.
+    """
+    heads = np.full(most + 1, -1, np.int32)
+    waiting = np.argwhere(bounds >= least)
+    windows = np.empty((len(waiting) + 4 * MOST_EXPANSIONS, 5), np.int32)
+    for used in range(len(waiting)):
+        heading, y, x = waiting[used]
+        _put(heads, windows, used, bounds[heading, y, x], (top, heading, y << top, x << top))
+    return heads, windows, len(waiting)
+
+
+@kernel
+def _put(heads: Integers, windows: Integers, used: int, score: int, window: tuple[int, int, int, int]) -> None:
+    """Lay a window on its score's pile."""
+    windows[used, 0] = heads[score]
+    windows[used, 1], windows[used, 2], windows[used, 3], windows[used, 4] = window
+    heads[score] = used
 
 
 @kernel
 def _window_scores(level: Bytes, free: Bytes, offsets: Integers, step: int) -> Integers:
     """[A, Y, X] upper bounds of the score within every window of step × step cells; −1 where nothing is free."""
-    rows, columns = (level.shape[0] - 1) // step, (level.shape[1] - 1) // step
+    rows, columns = (free.shape[0] - 1) // step + 1, (free.shape[1] - 1) // step + 1
+    border, width = (level.shape[0] - free.shape[0]) // 2, level.shape[1]
     bounds = np.full((len(offsets), rows, columns), -1, np.int32)
-    for y in range(rows):
-        for x in range(columns):
-            if free[(y + 1) * step, (x + 1) * step]:
-                for heading in range(len(offsets)):
-                    bounds[heading, y, x] = _score(level, offsets[heading], (y + 1) * step, (x + 1) * step)
+    for heading in range(len(offsets)):
+        for y in range(rows):
+            for x in range(columns):
+                if free[y * step, x * step]:
+                    place = (border + y * step) * width + border + x * step
+                    bounds[heading, y, x] = _score(level.ravel(), offsets[heading], place)
     return bounds
 
 
 @kernel
-def _score(level: Bytes, offsets: Integers, row: int, column: int) -> int:
-    """Sum of the values [H + P, W + P] that the beams [B, 2] hit from a padded row and column."""
-    height, width = level.shape
+def _score(level: Bytes, offsets: Integers, place: int) -> int:
+    """Sum of the values of a flattened level that the beams [B] hit from a place in it."""
     total = 0
     for b in range(len(offsets)):
-        y, x = row + offsets[b, 0], column + offsets[b, 1]
-        if 0 <= y < height and 0 <= x < width:
-            total += level[y, x]
+        total += level[np.uint64(place + offsets[b])]  # unsigned: numba need not look for negative indices
     return total
+
+
+@kernel
+def _quarter_scores(level: Bytes, offsets: Integers, place: int, right: int, up: int) -> tuple[int, int, int, int]:
+    """`_score` for the four quarters of a window, which share the beams: at place, to the right, above, and both."""
+    here, beside, above, across = 0, 0, 0, 0
+    for b in range(len(offsets)):
+        cell = place + offsets[b]
+        here += level[np.uint64(cell)]
+        beside += level[np.uint64(cell + right)]
+        above += level[np.uint64(cell + up)]
+        across += level[np.uint64(cell + up + right)]
+    return here, beside, above, across
 
 
 @kernel
 def _descend(levels: Bytes, free: Bytes, offsets: Integers, bounds: Integers) -> int:
     """The score of a good pose, found by always taking the best quarter: what is worse than it need not be searched."""
     top = len(levels) - 1
-    step = 1 << top
-    place = int(np.argmax(bounds))
-    heading = place // (bounds.shape[1] * bounds.shape[2])
-    row = place // bounds.shape[2] % bounds.shape[1] * step + step
-    column = place % bounds.shape[2] * step + step
+    border, width = (levels.shape[1] - free.shape[1]) // 2, levels.shape[2]
+    best_window = int(np.argmax(bounds))
+    heading = best_window // (bounds.shape[1] * bounds.shape[2])
+    row = (best_window // bounds.shape[2] % bounds.shape[1]) << top
+    column = (best_window % bounds.shape[2]) << top
     best = 0
     for level in range(top - 1, -1, -1):
         best = -1
+        half = 1 << level
+        place = (border + row) * width + border + column
+        scores = _quarter_scores(levels[level].ravel(), offsets[heading], place, half, half * width)
         first_row, first_column = row, column
         for quarter in range(4):
-            y, x = first_row + (quarter // 2 << level), first_column + (quarter % 2 << level)
-            if y < levels.shape[1] and x < levels.shape[2] and free[level, y, x]:
-                score = _score(levels[level], offsets[heading], y, x)
-                if score > best:
-                    best, row, column = score, y, x
+            y, x = first_row + half * (quarter // 2), first_column + half * (quarter % 2)
+            if y < free.shape[1] and x < free.shape[2] and free[level, y, x] and scores[quarter] > best:
+                best, row, column = scores[quarter], y, x
     return best
 
 
