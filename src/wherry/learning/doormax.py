@@ -237,12 +237,12 @@ class Doormax:
     def _add_effect(self, subject: Subject, condition: Condition, effect: Effect) -> bool:
         """Lines 8 to 27: learn that an effect happened under a condition; return whether that changed anything."""
         models = self.predictions.models[subject][effect.type]
-        others = [model for other, model in models.items() if other != effect]
         before = models.get(effect)  # line 8
+        if before is not None and before.covers(condition):
+            return False
+        others = [model for other, model in models.items() if other != effect]
         if before is not None:  # line 9
             merged = models[effect] = before.merge(condition)  # line 11
-            if merged == before:
-                return False
             if any(merged.covers(other) for other in others):  # line 12
                 self.predictions.remove(subject, effect.type, OVERLAP)  # line 14
         elif any(condition.covers(other) or other.covers(condition) for other in others):  # line 18

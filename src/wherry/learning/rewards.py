@@ -34,13 +34,15 @@ class _Cases:
         return self.seen.get(terms, value) != value
 
     def add(self, condition: Condition, value: Value) -> bool:
-        """Take in what was seen; return whether that was new. Of values that contradict each other the last counts."""
+        """Take in what was seen; return whether that may change `value`. Where values contradict, the last counts."""
         if self.seen.get(condition.value) == value:
             return False
         contradicted = self.contradicts(condition.value, value)
         self.seen[condition.value] = value
         if self.merged is not None:
             before = self.merged.get(value)
+            if before is not None and before.covers(condition) and not contradicted:
+                return False
             merged = condition if before is None else before.merge(condition)
             self.merged[value] = merged
             others = [other for key, other in self.merged.items() if key != value]

@@ -30,6 +30,8 @@ class Kind(Enum):
     ENUMERATION = "enumeration"
     REAL = "real"
 
+    __hash__ = object.__hash__  # of equal members there is only one, and learners look kinds up all the time
+
 
 @dataclass(frozen=True, slots=True)
 class Attribute:

@@ -31,7 +31,7 @@ class StateSpace:
     Attributes:
         states: The states that were met, by number.
         groups: One state of every group, by the group's number.
-        group_actions: The actions that are possible in every group.
+        group_actions: The numbers of the actions that are possible in every group.
         actions: All actions that were met, by number.
         group: [S] the group of every state.
         successor: [B, S] the number of the state that branch b makes of state s, or one of the negative constants.
@@ -41,7 +41,7 @@ class StateSpace:
     def __init__(self) -> None:
         self.states: list[State] = []
         self.groups: list[State] = []
-        self.group_actions: list[frozenset[Action]] = []
+        self.group_actions: list[frozenset[int]] = []
         self.actions: list[Action] = []
         self.group: Integers = np.zeros(64, np.int32)
         self.successor: Integers = np.full((8, 64), MISSING, np.int32)
@@ -71,8 +71,8 @@ class StateSpace:
             known = self._group_numbers[key] = len(self.groups)
             self.groups.append(state)
             possible = model.domain.ground_actions(state)
-            self.group_actions.append(frozenset(possible))
             self.actions.extend(action for action in possible if action not in self.actions)
+            self.group_actions.append(frozenset(map(self.actions.index, possible)))
         return known
 
     def branch_number(self, action: Action, branch: Branch) -> int:

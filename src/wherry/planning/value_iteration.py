@@ -132,16 +132,17 @@ class ValueIteration:
                 break
             to_ask = gaps[:, 1] == NONE
             self._ask(np.unique(space.group[gaps[to_ask, 0]]))
-            for state, branch in gaps[~to_ask]:
+            for state, branch in gaps[~to_ask].tolist():
                 space.work_out(branch, state, self.model)
 
     def _ask(self, groups: Integers) -> None:
         """Ask the model about some groups of states: about the actions that it has learnt about since the last time."""
         space = self.space
-        for at, column in np.argwhere(self._asked[groups] != self._revisions):
-            group, action = groups[at], space.actions[column]
-            self._asked[group, column] = self._revisions[column]
-            if action not in space.group_actions[group]:
+        rows, columns = np.nonzero(self._asked[groups] != self._revisions)
+        self._asked[groups] = self._revisions
+        for group, column in zip(groups[rows].tolist(), columns.tolist(), strict=True):
+            action = space.actions[column]
+            if column not in space.group_actions[group]:
                 continue
             answer = self.model.answer(space.groups[group], action)
             if answer is self._answers.get((group, column)):
