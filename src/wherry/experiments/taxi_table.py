@@ -9,7 +9,7 @@ from pathlib import Path
 from wherry.experiments.arenas import Arena
 from wherry.experiments.machine import load_in_words
 from wherry.experiments.results import markdown_table, write_picture
-from wherry.experiments.taxi import LEARNERS, Result, Settings, TaxiExperiment, solved_at_once
+from wherry.experiments.taxi import LEARNERS, LESS_PATIENCE, LETTER, Result, Settings, TaxiExperiment, solved_at_once
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
 from wherry.views.learning_curve import Needed, as_bytes, learning_curves, steps_needed
@@ -160,7 +160,8 @@ def markdown(results: Mapping[int, Mapping[str, Result]], transfers: list[str], 
         "a core's, for a whole step (predict, learn, plan), medians of the repetitions, on a machine with a "
         f"{load_in_words()}; the published ones are from the machines of their time. Q-learning is compiled together "
         "with its grid. Of R-max and Factored R-max a repetition on 10×10 takes minutes to hours, so they are left out "
-        "there.",
+        f"there. Of {LETTER} a repetition that has not converged is ended after {LESS_PATIENCE[LETTER]:,} steps, and "
+        "does not count in its mean.",
         pictures,
     ]
     header = ["learner", "published steps", "steps", "95 %", "published ms/step", "ms/step", "converged"]
