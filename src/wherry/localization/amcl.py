@@ -16,7 +16,15 @@ from wherry.localization.parameters import AmclParameters
 from wherry.localization.proposal import draw_around_match
 from wherry.localization.recovery import RecoveryAverages
 from wherry.localization.refinement import agrees, match_scan
-from wherry.localization.resampling import BIN_SIZE, adaptive_count, hash_table, low_variance, normalize, tempering
+from wherry.localization.resampling import (
+    BIN_SIZE,
+    adaptive_count,
+    hash_table,
+    log_sum,
+    low_variance,
+    normalize,
+    tempering,
+)
 from wherry.localization.sensor import SENSOR_MODELS, Beams, choose_beams
 from wherry.robot import Odometry, Scan
 from wherry.space.distance_field import DistanceField
@@ -223,7 +231,7 @@ class Amcl:
         log_weights, increments = self._log_weights[: self._count], self._increments[: self._count]
         increments.fill(0.0)
         self._sensor.add_log_likelihood(self._buffers[0][: self._count], beams, increments)
-        self._likelihood = math.exp(float(np.logaddexp.reduce(log_weights + increments)) / len(beams))
+        self._likelihood = math.exp(log_sum(log_weights + increments) / len(beams))
         increments *= min(1.0, self.parameters.independent_beams / len(beams))
         least = self.parameters.least_effective * self._count
         if self._is_at_one_place and tempering(log_weights, increments, least) < 1.0:

@@ -20,7 +20,7 @@ from wherry.space.pose import Pose, wrap
 Floats = NDArray[np.float64]
 
 ITERATIONS = 10
-SETTLED = 1e-4  # m and rad; a smaller step is the last
+SETTLED = 5e-4  # m and rad; a smaller step is the last
 RANDOM_SHARE = 0.05  # density of readings that mean nothing, relative to a perfect hit's: the robust weights' scale
 LEAST_DEVIATION = (0.01, 0.01, 0.005)  # m, m, rad: a prior is never taken for surer than this
 GATE = 11.34  # χ² with three degrees of freedom, 99 %: a match farther from the prior is not believed
@@ -97,25 +97,23 @@ def _gauss_newton(
 ) -> tuple[Floats, Floats, float]:
     """[3] the pose in the grid's frame, [3, 3] the Hessian there, the share of the beams explained."""
     height, width = distance.shape
-    precision = 1.0 / (sigma * sigma)
+    precision, per_metre = 1.0 / (sigma * sigma), 1.0 / resolution
     pose = start.copy()
     hessian = information.copy()
     offset = np.empty(3)
     gradient = np.empty(3)
-    slope = np.empty(3)
     explained = 0.0
     for _ in range(ITERATIONS):
-        hessian[:] = information
         offset[:] = pose - prior
         offset[2] -= math.tau * math.floor((offset[2] + math.pi) / math.tau)
-        gradient[:] = information @ offset
         explained = 0.0
+        gx, gy, gt, xx, xy, yy, xt, yt, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         for b in range(len(ends)):
             turned_x = cos * ends[b, 0] - sin * ends[b, 1]
             turned_y = sin * ends[b, 0] + cos * ends[b, 1]
-            x = (pose[0] + turned_x) / resolution - 0.5  # between the centres of cells
-            y = (pose[1] + turned_y) / resolution - 0.5
+            x = (pose[0] + turned_x) * per_metre - 0.5  # between the centres of cells
+            y = (pose[1] + turned_y) * per_metre - 0.5
             if not (0.0 <= x < width - 1 and 0.0 <= y < height - 1):
                 continue
             column, row = int(x), int(y)
@@ -123,17 +121,18 @@ def _gauss_newton(
             d00, d01 = distance[row, column], distance[row, column + 1]
             d10, d11 = distance[row + 1, column], distance[row + 1, column + 1]
             d = (1.0 - fy) * ((1.0 - fx) * d00 + fx * d01) + fy * ((1.0 - fx) * d10 + fx * d11)
-            slope[0] = ((1.0 - fy) * (d01 - d00) + fy * (d11 - d10)) / resolution
-            slope[1] = ((1.0 - fx) * (d10 - d00) + fx * (d11 - d01)) / resolution
-            slope[2] = slope[1] * turned_x - slope[0] * turned_y
+            slope_x = ((1.0 - fy) * (d01 - d00) + fy * (d11 - d10)) * per_metre
+            slope_y = ((1.0 - fx) * (d10 - d00) + fx * (d11 - d01)) * per_metre
+            slope_t = slope_y * turned_x - slope_x * turned_y
             hit = math.exp(-0.5 * precision * d * d)
             share = hit / (hit + RANDOM_SHARE)
             explained += share
             weight = share * precision
-            for i in range(3):
-                gradient[i] += weight * d * slope[i]
-                for j in range(3):
-                    hessian[i, j] += weight * slope[i] * slope[j]
+            gx, gy, gt = gx + weight * d * slope_x, gy + weight * d * slope_y, gt + weight * d * slope_t
+            xx, xy, yy = xx + weight * slope_x**2, xy + weight * slope_x * slope_y, yy + weight * slope_y**2
+            xt, yt, tt = xt + weight * slope_x * slope_t, yt + weight * slope_y * slope_t, tt + weight * slope_t**2
+        gradient[:] = information @ offset + np.array([gx, gy, gt])
+        hessian[:] = information + np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
         step = np.linalg.solve(hessian, gradient)
         pose -= step
         if np.abs(step).max() < SETTLED:

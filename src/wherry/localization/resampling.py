@@ -17,6 +17,12 @@ TURN_BINS = 36  # of BIN_SIZE[2] in a whole turn
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # multiples of it, modulo 1, cover [0, 1) evenly however many there are
 
 
+def log_sum(logarithms: Floats) -> float:
+    """The logarithm of the sum of numbers that are given by their logarithms [N]."""
+    peak = float(logarithms.max())
+    return peak + math.log(float(np.exp(logarithms - peak).sum()))
+
+
 def normalize(log_weights: Floats, weights: Floats) -> float:
     """Turn log weights into weights that sum to 1, whatever their scale.
 
