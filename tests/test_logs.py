@@ -99,6 +99,8 @@ BROKEN = {
     "binary": "\x00\x01\xff",
     "lower case": "nonsense 1 2 3",
     "wean cut short": "O 1 2",
+    "pose far off": flaser(2.0).replace("0.5", "1e300", 1),
+    "jump": flaser(2.0).replace("0.5", "1e5"),
 }
 
 
@@ -162,6 +164,13 @@ def test_a_gzip_bomb_of_short_lines_is_refused_at_its_size(tmp_path: Path, monke
     packed = tmp_path / "bomb.log.gz"
     packed.write_bytes(gzip.compress(b"# nothing\n" * 1_000_000))
     with pytest.raises(InputError, match="larger than 1,000,000 bytes"):
+        read_log(packed, lenient=True)
+
+
+def test_a_gzip_bomb_of_short_lines_is_refused_long_before_it_is_unpacked(tmp_path: Path) -> None:
+    packed = tmp_path / "bomb.log.gz"
+    packed.write_bytes(gzip.compress(b"# nothing\n" * 2_000_000))
+    with pytest.raises(InputError, match="unpacks to over 200 times"):
         read_log(packed, lenient=True)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.logs import LidarLog
+from wherry.logs import LONGEST_JUMP, LidarLog
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import IDENTITY, Pose
 from wherry.space.trajectory import Trajectory
@@ -138,6 +138,9 @@ def _odometry(bag: _Bag, lenient: bool, skipped: list[str]) -> Trajectory:
         reason = "" if np.isfinite([time, *pose.as_array()]).all() else "has a number that is not finite"
         if time < latest:
             reason = f"time runs backwards, from {latest:.6f} to {time:.6f}"
+        jump = np.hypot(pose.x - poses[latest].x, pose.y - poses[latest].y) if poses else 0.0
+        if not reason and not jump <= LONGEST_JUMP:
+            reason = f"jumps by {jump:,.0f} m since the one before"
         if not _refused(bag.path, name, reason, lenient, skipped):
             poses[time], latest = pose, time
     return Trajectory(np.array(list(poses)), np.array([pose.as_array() for pose in poses.values()]).reshape(-1, 3))

@@ -21,8 +21,12 @@ from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.trajectory import Trajectory
 
 LARGEST_FILE = 1_000_000_000  # bytes, unpacked
+MOST_PACKED, ALWAYS_UNPACKED = 200, 10_000_000  # a log is not packed more than so many times; bytes that are no bomb
 LONGEST_LINE = 200_000  # bytes
 MOST_BEAMS = 20_000
+LARGEST_NUMBER = 1e18  # times in nanoseconds are smaller
+LARGEST_COORDINATE = 1e9  # m
+LONGEST_JUMP = 100.0  # m from scan to scan: no robot's step, and a map of such a log would be wrong
 SICK_MAX = 80.0  # m, from where on a reading of an unnamed lidar is none; SICKs answer 81.83 or 81.91
 WEAN_MAX = 80.0  # m, likewise
 WEAN_UNIT = 0.01  # m, its logs are in centimetres
@@ -160,6 +164,10 @@ class _Collected:
                 raise _BrokenLineError(f"has {len(scan.ranges)} beams where the scans before have {len(last.ranges)}")
             if scan.time == last.time and np.array_equal(scan.ranges, last.ranges):
                 return  # logged twice
+            before = self.scans[-1][1]
+            jump = math.hypot(robot.x - before.x, robot.y - before.y)
+            if jump > LONGEST_JUMP:
+                raise _BrokenLineError(f"odometry jumps by {jump:,.0f} m since the scan before")
         self.scans.append((scan, robot, lidar))
 
     def add_odometry(self, time: float, pose: Pose) -> None:
@@ -303,6 +311,8 @@ def _numbers(words: list[str]) -> list[float]:
         raise _BrokenLineError(f"has a word that is not a number: {str(error).rpartition(': ')[2]}") from error
     if not all(math.isfinite(value) for value in values):
         raise _BrokenLineError("has a number that is not finite")
+    if any(abs(value) > LARGEST_NUMBER for value in values):
+        raise _BrokenLineError(f"has a number beyond {LARGEST_NUMBER:g}")
     return values
 
 
@@ -327,6 +337,8 @@ def _ranges(words: list[str], range_max: float, unit: float = 1.0) -> Floats:
 
 def _pose(values: list[float]) -> Pose:
     """A pose of three finite numbers."""
+    if max(abs(value) for value in values) > LARGEST_COORDINATE:
+        raise _BrokenLineError(f"has a pose beyond {LARGEST_COORDINATE:g} m")
     return Pose.from_array(np.array(values))
 
 
@@ -334,6 +346,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """The lines of a text file, plain or gzipped, numbered from 1; never more at once than one of them."""
     size = 0
     try:
+        packed = path.stat().st_size if path.suffix == ".gz" else LARGEST_FILE
         with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
             number = 0
             while line := file.readline(LONGEST_LINE + 1):
@@ -342,6 +355,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
                     raise InputError(path, f"line {number}", f"is longer than {LONGEST_LINE:,} bytes")
                 if size > LARGEST_FILE:
                     raise InputError(path, "", f"is larger than {LARGEST_FILE:,} bytes, unpacked")
+                if size > max(ALWAYS_UNPACKED, MOST_PACKED * packed):
+                    raise InputError(path, f"line {number}", f"unpacks to over {MOST_PACKED} times the file's size")
                 yield number, line.decode("utf-8", errors="replace")
     except (OSError, EOFError, zlib.error) as error:
         reason = getattr(error, "strerror", None) or f"is not a whole gzip file: {error}"
