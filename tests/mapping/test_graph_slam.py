@@ -7,9 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from buildings import LIDAR, RESOLUTION, Drive, building, drive, shared_data
-from numpy.typing import NDArray
-from scipy import ndimage
+from buildings import LIDAR, Drive, building, drive, shared_data, wall_distances
 
 from wherry.experiments.drifting_odometry import map_building
 from wherry.experiments.slam import merged_odometry
@@ -18,7 +16,6 @@ from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
 from wherry.mapping.localizer import MapLocalizer, place_on_map
 from wherry.mapping.metric import load_relations, relation_errors
 from wherry.robot import Odometry, Scan, Velocity
-from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose, relative
 
 SETTINGS = GraphSlamSettings(resolution=0.025)
@@ -36,15 +33,6 @@ def errors(slam: GraphSlam, truth: Floats) -> Floats:
     """[N, 2] m and rad, of the trajectory."""
     off = relative(slam.trajectory.poses, truth)
     return np.column_stack([np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])])
-
-
-def wall_distances(grid: OccupancyGrid, start: Pose, walls: NDArray[np.bool_]) -> Floats:
-    """[N] m, from each occupied cell's middle to the nearest wall."""
-    away = ndimage.distance_transform_edt(~walls) * RESOLUTION
-    cells = np.floor(start.transform(grid.occupied_points()) / RESOLUTION).astype(np.int64)
-    columns, rows = np.clip(cells[:, 0], 0, walls.shape[1] - 1), np.clip(cells[:, 1], 0, walls.shape[0] - 1)
-    distances: Floats = away[rows, columns]
-    return distances
 
 
 @pytest.fixture(scope="module")
