@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from wherry.experiments import kidnapping, localization_study
-from wherry.experiments.localization_table import PICTURE, Extent, reproduce
+from wherry.experiments.localization_table import FILTERS, RELIABILITY, Extent, reproduce
 from wherry.experiments.recorded_localization import most_together
 from wherry.views.reliability import MARGIN, SIDE, reliability_diagram
 
@@ -40,10 +40,12 @@ def test_every_part_runs(tmp_path: Path) -> None:
         kidnapping.Settings(seconds=5.0, kidnappings=1, patience=5.0),
         seeds=1,
         every=50,
+        updates=5,
     )
     told: list[tuple[int, int]] = []
     markdown = reproduce(data, tmp_path, lambda done, total: told.append((done, total)), little)
-    assert told == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
-    assert markdown.count("\n### ") == 4
+    assert told == [(done, 5) for done in range(6)]
+    assert markdown.count("\n### ") == 5
     assert "nan" not in markdown
-    assert (tmp_path / PICTURE).exists()
+    assert (tmp_path / RELIABILITY).exists()
+    assert (tmp_path / FILTERS).exists()
