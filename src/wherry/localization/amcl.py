@@ -29,7 +29,7 @@ from wherry.localization.sensor import SENSOR_MODELS, Beams, choose_beams
 from wherry.robot import Odometry, Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Pose
+from wherry.space.pose import Pose, wrap
 
 Floats = NDArray[np.float64]
 
@@ -38,6 +38,7 @@ ONE_PLACE = 0.8  # share of the belief that is in the heaviest cluster, and
 PLACE_SIZE = 1.0  # m, its standard deviation, where the belief is called to be at one place
 AT_ONE_PLACE = 0.1  # of least_effective is enough there: nothing else has to be kept alive
 BETTER = 0.02  # share of the beams that a match must explain more, to be preferred to one that goes on smoothly
+NEAR, NEAR_HEADING = 0.03, 0.01  # m, rad: matches from so near to a match come to the same place
 JUMP_SLACK = 0.5  # m; odometry is not called a jump below this
 
 
@@ -321,6 +322,8 @@ class Amcl:
         supported = [pose for pose in starts if agrees(pose, estimate.pose, estimate.covariance)]
         best, most = estimate.pose, -1.0
         for pose in supported:
+            if most >= 0.0 and _is_near(pose, best):
+                continue  # a match from there would come to the same place
             match = match_scan(self._field, ends, pose, estimate.covariance, sigma)
             if match.explained > most + BETTER:
                 best, most = match.pose, match.explained
@@ -392,6 +395,10 @@ class Amcl:
         places = np.column_stack([column, row]) + inside[:, :2]
         places = self._grid.origin.transform(places * self._grid.resolution)
         return np.column_stack([places, (inside[:, 2] * 2.0 - 1.0) * math.pi])
+
+
+def _is_near(a: Pose, b: Pose) -> bool:
+    return a.distance_to(b) < NEAR and abs(wrap(a.theta - b.theta)) < NEAR_HEADING
 
 
 def _check_belief(pose: Pose, covariance: Floats) -> None:
