@@ -103,7 +103,9 @@ class RerunSink:
             case Learnt():
                 self._rules(record)
 
-    def _log(self, entity: str | list[object], archetype: str, *values: object, static: bool = False, **fields: object) -> None:
+    def _log(
+        self, entity: str | list[object], archetype: str, *values: object, static: bool = False, **fields: object
+    ) -> None:
         """Log one thing by its archetype's name."""
         import rerun  # noqa: PLC0415
 
