@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rooms import LIDAR, Building
 
+from rooms import LIDAR, Building
 from wherry.localization.agreement import compare
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid

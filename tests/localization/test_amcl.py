@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from rooms import LIDAR, Building, drive, wheel_odometry
 
+from rooms import LIDAR, Building, drive, wheel_odometry
 from wherry.errors import InputError
 from wherry.localization.amcl import Amcl, Estimate
 from wherry.localization.parameters import PRECISE, AmclParameters

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from rooms import LIDAR, Building, drive, wheel_odometry
 
+from rooms import LIDAR, Building, drive, wheel_odometry
 from wherry.localization.ekf import EkfLocalization
 from wherry.localization.parameters import AmclParameters
 from wherry.robot import Odometry, Velocity

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from rooms import LIDAR, Building, drive, wheel_odometry
 
+from rooms import LIDAR, Building, drive, wheel_odometry
 from wherry.localization.grid_markov import GridMarkov
 from wherry.localization.parameters import AmclParameters
 from wherry.space.pose import Pose

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from rooms import LIDAR, Building, drive, wheel_odometry
 
+from rooms import LIDAR, Building, drive, wheel_odometry
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameters import PRECISE
 from wherry.robot import Odometry

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rooms import LIDAR, Building
 
+from rooms import LIDAR, Building
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import PRECISE, AmclParameters
 from wherry.localization.proposal import draw_around_match

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from rooms import LIDAR, Building
 
+from rooms import LIDAR, Building
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.refinement import agrees, match_scan
 from wherry.localization.sensor import choose_beams

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from rooms import LIDAR, THICK, Building, drive
 
+from rooms import LIDAR, THICK, Building, drive
 from wherry.localization.relocalization import Relocalizer, _bordered, _branch_and_bound, _score, _window_maxima
 from wherry.robot import Scan
 from wherry.space.occupancy import OccupancyGrid

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rooms import LIDAR, Building
 
+from rooms import LIDAR, Building
 from wherry.localization.parameters import LASER_MODELS, AmclParameters
 from wherry.localization.sensor import SENSOR_MODELS, Beams, choose_beams, trace_ray
 from wherry.robot import Scan

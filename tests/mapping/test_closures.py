@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 
+from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 from wherry.mapping.closures import LARGEST_WINDOW, LEAST_WINDOW, Closure, refusals, search_window, try_closure
 from wherry.mapping.cloud import Cloud
 from wherry.mapping.correlative import Window

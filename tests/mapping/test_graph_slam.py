@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from buildings import LIDAR, Drive, building, drive, shared_data, wall_distances
 
+from buildings import LIDAR, Drive, building, drive, shared_data, wall_distances
 from wherry.experiments.drifting_odometry import map_building
 from wherry.experiments.slam import merged_odometry
 from wherry.logs import read_log, read_odometry

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from buildings import shared_data
 from hypothesis import given
 from hypothesis import strategies as st
 
+from buildings import shared_data
 from wherry.errors import InputError
 from wherry.logs import read_odometry
 from wherry.mapping.metric import (

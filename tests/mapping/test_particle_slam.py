@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from buildings import LIDAR, drive, shared_data
 from hypothesis import given
 from hypothesis import strategies as st
 
+from buildings import LIDAR, drive, shared_data
 from wherry.experiments.slam import merged_odometry
 from wherry.logs import read_log, read_odometry
 from wherry.mapping.cloud import Cloud

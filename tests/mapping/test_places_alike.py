@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from buildings import LIDAR, ROOM, Drive, alike, drive, wall_distances, way_along_alike
 from numpy.typing import NDArray
 
+from buildings import LIDAR, ROOM, Drive, alike, drive, wall_distances, way_along_alike
 from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
 from wherry.space.pose import Floats, Pose, relative
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from buildings import LIDAR, Drive, drive
 
+from buildings import LIDAR, Drive, drive
 from wherry.errors import InputError
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph, save_graph

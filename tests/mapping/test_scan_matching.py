@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 from wherry.mapping.cloud import SPACING, Cloud, merged
 from wherry.mapping.correlative import Window, correlate, response_at
 from wherry.mapping.motion_prior import ODOMETRY

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from deliveries import hall, stand_ready
 
+from deliveries import hall, stand_ready
 from environment_contract import EnvironmentContract
 from perfect_worlds import centre
 from wherry.domains.delivery import DROPOFF, PICKUP

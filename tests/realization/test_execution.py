@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+
 from deliveries import hall
 from kinematic import KinematicRobot, Odometric
-
 from perfect_worlds import centre
 from wherry.floorplan import Cell, Direction
 from wherry.realization.execution import move

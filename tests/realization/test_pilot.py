@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from kinematic import KinematicRobot, Odometric
 
+from kinematic import KinematicRobot, Odometric
 from perfect_worlds import Eye
 from wherry.floorplan import find_world
 from wherry.realization.pilot import STILL, Pilot, Ride, shows_load, without_load

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bus import Bus, wait_for
 
+from bus import Bus, wait_for
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.agent_node import MOST_PARTICLES, TOLERANCE, AgentNode

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bus import Bus
 
+from bus import Bus
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.ros import monitor as monitoring

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bus import Bus
-from worlds import hall
 
+from bus import Bus
 from perfect_worlds import frame_of, perfect_map
 from wherry.errors import InputError
 from wherry.experiments.delivery import order_of
@@ -30,6 +29,7 @@ from wherry.simulation import Simulation
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.trace import ignore
+from worlds import hall
 
 NAMES = load_names()
 TOPICS = NAMES.topics

@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bus import free_domain
-from worlds import hall
 
+from bus import free_domain
 from wherry.experiments.ros_simulation import WHEEL_JOINTS, node_of
 from wherry.ros import messages as ros
 from wherry.ros.conversion import to_grid, to_pose_array
@@ -25,6 +24,7 @@ from wherry.ros.names import load_names
 from wherry.ros.ros2 import DdsTransport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
+from worlds import hall
 
 pytestmark = pytest.mark.slow
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bus import Bus, BusTransport, DdsBus, free_domain, wait_for
 
+from bus import Bus, BusTransport, DdsBus, free_domain, wait_for
 from wherry.errors import InputError
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros

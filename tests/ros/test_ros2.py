@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bus import free_domain
 from rosbags.typesys import Stores, get_typestore
 
+from bus import free_domain
 from wherry.errors import InputError
 from wherry.ros import messages as ros
 from wherry.ros.messages import Field, Message, fields_of, message_types

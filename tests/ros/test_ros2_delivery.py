@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from bus import free_domain
 from dds import ended, simulator, wherry
-
 from wherry.experiments.delivery import order_of
 from wherry.experiments.ros_simulation import Settings, prepare
 from wherry.ros import messages as ros

@@ -12,10 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
 from bus import free_domain
 from dds import ended, simulator, wait_until
-from worlds import HALL, hall
-
 from robot_contract import RobotContract
 from wherry.experiments.ros_simulation import node_of
 from wherry.robot import Odometry, Velocity
@@ -25,6 +24,7 @@ from wherry.ros.conversion import from_odometry, to_twist
 from wherry.ros.names import load_names
 from wherry.ros.robot import RosRobot
 from wherry.ros.ros2 import DdsTransport
+from worlds import HALL, hall
 
 NAMES = load_names()
 TOPICS = NAMES.topics

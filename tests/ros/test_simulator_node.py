@@ -8,9 +8,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from bus import Bus
-from worlds import HALL, hall
 
+from bus import Bus
 from wherry.errors import InputError
 from wherry.experiments.ros_simulation import LASER_HEIGHT, WHEEL_JOINTS, Settings, node_of, prepare
 from wherry.robot import Velocity
@@ -22,6 +21,7 @@ from wherry.ros.transport import Topic
 from wherry.simulation import Simulation
 from wherry.simulation.model import robot_urdf
 from wherry.space.pose import Pose
+from worlds import HALL, hall
 
 NAMES = load_names()
 TOPICS = NAMES.topics

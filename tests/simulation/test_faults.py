@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop
 from numpy.testing import assert_allclose
 
+from halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop
 from wherry.robot import Odometry, Scan
 from wherry.simulation import build
 from wherry.simulation.faults import blind, kidnap, random_pose, slippery

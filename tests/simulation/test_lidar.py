@@ -7,9 +7,9 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from halls import exact, hall
 from numpy.testing import assert_allclose
 
+from halls import exact, hall
 from wherry.floorplan import FloorPlan, find_world, generate_world, place_boxes
 from wherry.simulation import build
 from wherry.simulation.lidar import Lidar, LidarSpecification, cast_rays

@@ -7,8 +7,8 @@ import sys
 
 import numpy as np
 import pytest
-from halls import exact, hall
 
+from halls import exact, hall
 from wherry.errors import InputError
 from wherry.simulation.picture import Photographer
 

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from halls import CELL, drive, drive_to_x, exact, hall, stop, turn_to
 from numpy.testing import assert_allclose
 
+from halls import CELL, drive, drive_to_x, exact, hall, stop, turn_to
 from wherry.floorplan import Cell
 from wherry.simulation.referee import FORK_HALF_WIDTH, FORK_REACH, Referee, box_in_fork
 from wherry.simulation.solids import Solids

@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop, turn_to
 from numpy.testing import assert_allclose
 
+from halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop, turn_to
 from robot_contract import RobotContract
 from wherry.errors import InputError
 from wherry.floorplan import FloorPlan, find_world, place_boxes

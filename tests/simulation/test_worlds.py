@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from halls import drive, stop, turn_to
 
+from halls import drive, stop, turn_to
 from wherry.floorplan import Cell, Direction, FloorPlan, find_world, place_boxes
 from wherry.simulation import Simulation, build
 

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browsing import DESK
 from playwright import sync_api as playwright
+
+from browsing import DESK
 
 CHROMIUM = Path("/usr/bin/chromium")
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from browsing import DESK, PHONE, SCREENSHOTS, until
 from playwright import sync_api as playwright
 
+from browsing import DESK, PHONE, SCREENSHOTS, until
 from wherry.errors import InputError
 from wherry.floorplan import (
     Cell,

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from runs import room, seen, short_run
 
+from runs import room, seen, short_run
 from wherry.errors import InputError
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browsing import DESK, PHONE, SCREENSHOTS, until
 from playwright import sync_api as playwright
-from runs import BOX, LASER, TERMS, seen, short_run
 
+from browsing import DESK, PHONE, SCREENSHOTS, until
+from runs import BOX, LASER, TERMS, seen, short_run
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.trace import Began, Explored, Said, Seen

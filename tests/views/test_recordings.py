@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runs import seen, short_run
 
+from runs import seen, short_run
 from wherry.errors import InputError
 from wherry.trace import Record, Said, Seen, thinned
 from wherry.views.recordings import (

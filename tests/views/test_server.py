@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from runs import seen, short_run
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection, connect
 
+from runs import seen, short_run
 from wherry.errors import InputError
 from wherry.trace import Record, Said
 from wherry.views.frames import Decoder, split

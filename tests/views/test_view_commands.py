@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from runs import short_run
 from typer.testing import CliRunner
 
+from runs import short_run
 from wherry.cli import app
 from wherry.errors import InputError
 from wherry.floorplan import built_in_worlds, find_world, parse_world
