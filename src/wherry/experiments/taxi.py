@@ -35,9 +35,7 @@ CURIOSITY = 8.0  # what it is worth to the Bayesian learner to settle a doubt; a
 OPTIMISTIC_VALUE = 20.0  # Q-learning's first values where they are to be optimistic: nothing is worth more
 PATIENCE = 20_000_000  # steps after which a learner is said not to converge
 LETTER = "doormax-letter"
-LESS_PATIENCE: Mapping[str, int] = {
-    LETTER: 20_000
-}  # without refutation, what contradicts the true type may stay for ever
+LESS_PATIENCE: Mapping[str, int] = {LETTER: 20_000}  # without refutation, some repetitions never converge
 
 
 @dataclass(frozen=True, slots=True)
