@@ -5,12 +5,12 @@ from __future__ import annotations
 import io
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
 from wherry.bags import is_bag, read_bag
 from wherry.errors import InputError
@@ -35,6 +35,8 @@ NO_PARTICLES = np.empty((0, 3))
 TRAJECTORY_COLOUR = (31, 84, 196)
 ACCEPTED_COLOUR = (24, 140, 60)
 REFUSED_COLOUR = (214, 120, 110)
+LEAST_WIDTH, LEAST_TEXT = 480, 14  # pixels, of a picture and of the words under it
+BARS = (1, 2, 5, 10, 20, 50, 100)  # m that the bar under a map may be long
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +81,9 @@ class Result:
         rotational_sd_deg: Its standard deviation.
         relations: How many there were.
         far_translational_error_m: The first one, over relations more than a minute apart; None if there are none.
-        ms_per_scan_median: Of the time that adding a scan took.
+        ms_per_scan_median: Of the processor time that adding a scan took.
         ms_per_scan_p99: Likewise, the 99th percentile.
-        seconds: From the first scan to the finished map, once everything is compiled.
+        seconds: Of processor time, from the first scan to the finished map, once everything is compiled.
         closures_accepted: Loops that were closed.
         closures_refused: Loops that were tried and refused.
         scans: How many were mapped.
@@ -222,18 +224,18 @@ class MappingRun:
         self._warm_up()
         taken = np.zeros(self.scans)
         for number, (scan, odometry) in enumerate(zip(self.log.scans, self.log.scan_odometry, strict=True)):
-            before = time.perf_counter()
+            before = time.process_time()
             if number == 0 and self._first is not None and isinstance(self.slam, GraphSlam):
                 self.pose = self.slam.resume(scan, odometry, self._first)
             else:
                 self.pose = self.slam.add(scan, odometry)
-            taken[number] = time.perf_counter() - before
+            taken[number] = time.process_time() - before
             yield number + 1
-        began = time.perf_counter()
+        began = time.process_time()
         if isinstance(self.slam, GraphSlam):
             self.slam.finish()
         grid = self.slam.grid()
-        seconds = float(taken.sum()) + time.perf_counter() - began  # what the watchers do meanwhile does not count
+        seconds = float(taken.sum()) + time.process_time() - began  # what the watchers do meanwhile does not count
         self.result = self._scored(taken * 1e3, seconds)
         if self.settings.out is not None:
             self._write(self.settings.out, grid)
@@ -310,25 +312,64 @@ def run(settings: Settings) -> Result:
 
 
 def map_picture(grid: OccupancyGrid, slam: Slam) -> bytes:
-    """A PNG of a map with the way in blue and, of graph SLAM, closed loops in green and refused ones in red.
+    """A PNG of a map with the way on it and, of graph SLAM, the closed and the refused loops; a legend is below.
 
     Args:
-        grid: The map.
+        grid: The map; a small one is enlarged.
         slam: What made it.
     """
-    grey = (255 * (1.0 - grid.probability[::-1])).astype(np.uint8)
-    image = Image.fromarray(grey).convert("RGB")
+    scale = math.ceil(LEAST_WIDTH / max(grid.shape))
+    grey = (255 * (1.0 - grid.probability[::-1])).astype(np.uint8).repeat(scale, axis=0).repeat(scale, axis=1)
+    height, width = grey.shape[0], max(grey.shape[1], LEAST_WIDTH)  # the legend needs some room
+    text = max(LEAST_TEXT, width // 60)
+    image = Image.new("RGB", (width, height + 2 * text), "white")
+    image.paste(Image.fromarray(grey))
     draw = ImageDraw.Draw(image)
 
     def pixels(points: Floats) -> list[tuple[float, float]]:
-        cells = grid.origin.inverse.transform(points) / grid.resolution
-        return [(float(x), float(grid.shape[0] - y)) for x, y in cells]
+        cells = grid.origin.inverse.transform(points) / grid.resolution * scale
+        return [(float(x), float(height - y)) for x, y in cells]
 
+    legend = [("way", TRAJECTORY_COLOUR)]
     if isinstance(slam, GraphSlam):
         for closure in sorted(slam.closures, key=lambda closure: closure.accepted):
             ends = slam.nodes[[closure.target, closure.node], :2]
             draw.line(pixels(ends), fill=ACCEPTED_COLOUR if closure.accepted else REFUSED_COLOUR)
-    draw.line(pixels(slam.trajectory.poses[:, :2]), fill=TRAJECTORY_COLOUR)
+        accepted = sum(closure.accepted for closure in slam.closures)
+        legend.append((f"{accepted} closed loops", ACCEPTED_COLOUR))
+        legend.append((f"{len(slam.closures) - accepted} refused", REFUSED_COLOUR))
+    draw.line(pixels(slam.trajectory.poses[:, :2]), fill=TRAJECTORY_COLOUR, width=2)
+    _draw_legend(draw, (width, height), text, legend, scale / grid.resolution)
     buffer = io.BytesIO()
     image.save(buffer, format="PNG")
     return buffer.getvalue()
+
+
+def _draw_legend(
+    draw: ImageDraw.ImageDraw,
+    corner: tuple[int, int],
+    text: int,
+    legend: Sequence[tuple[str, tuple[int, int, int]]],
+    pixels_per_metre: float,
+) -> None:
+    """Write under a map what its colours mean, and draw how long some metres are.
+
+    Args:
+        draw: Of the picture.
+        corner: The map's lower right corner, in pixels.
+        text: Its size, in pixels.
+        legend: What there is, in which colour.
+        pixels_per_metre: The map's scale.
+    """
+    width, top = corner
+    font, middle = ImageFont.load_default(text), top + text
+    x = float(text)
+    for name, colour in legend:
+        draw.line([(x, middle), (x + text, middle)], fill=colour, width=3)
+        draw.text((x + 1.4 * text, middle), name, fill="black", font=font, anchor="lm")
+        x += 3.0 * text + draw.textlength(name, font=font)
+    metres = max((length for length in BARS if length * pixels_per_metre < width / 5), default=BARS[0])
+    right = width - text
+    draw.line([(right - metres * pixels_per_metre, middle), (right, middle)], fill="black", width=3)
+    end = right - metres * pixels_per_metre - 0.4 * text
+    draw.text((end, middle), f"{metres} m", fill="black", font=font, anchor="rm")

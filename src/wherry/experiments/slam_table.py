@@ -6,15 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from wherry.experiments import simulated_slam
 from wherry.experiments.drifting_odometry import BUILDINGS, map_building
 from wherry.experiments.drifting_odometry import Result as Drifting
 from wherry.experiments.results import markdown_table
 from wherry.experiments.slam import Result, Settings, run
 from wherry.experiments.slam_speed import measure
+from wherry.floorplan import find_world
 from wherry.mapping.backends import BACKENDS
 
 INTEL_LOG = "intel_910_rawodom.clf.gz"
 SEEDS = 5  # drifts of each building
+SIMULATED_SEEDS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,7 @@ PUBLISHED = (
 
 
 def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
-    """Map the recorded buildings with every method; a results section in Markdown.
+    """Map the recorded buildings with every method, and a simulated one; a results section in Markdown.
 
     Args:
         data: The folder that holds ``intel/`` and ``radish/``.
@@ -50,7 +53,7 @@ def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
     Raises:
         InputError: A file is missing.
     """
-    total = len(BACKENDS) + len(BUILDINGS) * SEEDS
+    total = len(BACKENDS) + len(BUILDINGS) * SEEDS + SIMULATED_SEEDS
     progress(0, total)
     intel = []
     for backend in BACKENDS:
@@ -61,12 +64,18 @@ def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
         for seed in range(SEEDS):
             drifting.append(map_building(data / "radish" / f"{name}-corrected.log.gz", name, seed))
             progress(len(intel) + len(drifting), total)
+    simulated_slam.warm_up()
+    world = find_world(simulated_slam.WORLD)
+    simulated: list[simulated_slam.Result] = []
+    for seed in range(SIMULATED_SEEDS):
+        simulated.append(simulated_slam.explore(world, seed))
+        progress(len(intel) + len(drifting) + len(simulated), total)
     speed = measure(data / "intel" / INTEL_LOG)
     return "\n".join(
         [
             "## SLAM",
             "Intel Research Lab, 910 scans, scored by the relations of Kümmerle et al. 2009. Rows without times are",
-            "published ones. Times are wall times on whatever else the machine did.",
+            "published ones. Times are a core's own, whatever else the machine did.",
             "",
             intel_table(intel),
             "",
@@ -75,6 +84,12 @@ def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
             "closure is false if it is off them by more than 1 m or 5°.",
             "",
             drifting_table(drifting),
+            "",
+            "A simulated robot that explores its world, with noise, drift and boxes in the way. The map is laid on the",
+            "world by the robot's first pose alone; × real time is how long it drove, ÷ what its scans and the maps it",
+            "asked for took.",
+            "",
+            simulated_slam.table(simulated),
             "",
             "The median time of a scan on Intel, with all that is installed:",
             "",

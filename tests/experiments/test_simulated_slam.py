@@ -1,0 +1,33 @@
+"""A simulated robot's own map, held against the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from wherry.experiments.simulated_slam import Result, explore, table
+from wherry.floorplan import find_world
+
+
+def test_the_smallest_world_is_mapped_to_two_centimetres() -> None:
+    result = explore(find_world("small"), 0)
+    assert result.scans > 100
+    assert result.wall_error_m <= 0.02
+    assert result.rmse_m < 0.03
+    assert 0.0 < result.ms_per_scan_median < 50.0
+    assert result.times_real_time > 0.0
+    again = explore(find_world("small"), 0)
+    times = {"ms_per_scan_median": 0.0, "times_real_time": 0.0}
+    assert replace(again, **times) == replace(result, **times)
+
+
+def test_a_run_is_a_row() -> None:
+    rows = table([Result("rooms", 1, 2000, 0.0051, 0.0149, 0.312, 168.5)]).splitlines()
+    assert [cell.strip() for cell in rows[-1].strip("|").split("|")] == [
+        "rooms",
+        "1",
+        "2000",
+        "0.5",
+        "1.5",
+        "0.31",
+        "168",
+    ]
