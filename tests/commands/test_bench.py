@@ -12,7 +12,8 @@ import pytest
 
 from wherry.commands import bench as command
 from wherry.experiments import bench
-from wherry.experiments.bench import BENCHES, ELSEWHERE, Bench, Time
+from wherry.experiments.bench import BENCHES, ELSEWHERE, MEASURED, Bench, Outside, Time
+from wherry.experiments.taxi import Repetition, Result, Settings
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -29,7 +30,7 @@ def test_ratios_are_to_our_first_time_for_the_same_task() -> None:
 
 
 def test_a_table_and_json(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
-    def quick(data: Path, progress: Callable[[str], None]) -> list[Time]:
+    def quick(outside: Outside, progress: Callable[[str], None]) -> list[Time]:
         progress("something")
         return [Time("a step", "wherry", 0.5), Time("a step", "another", 100.0, ELSEWHERE)]
 
@@ -44,7 +45,7 @@ def test_a_table_and_json(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_update_is_timed_and_quick(tmp_path: Path) -> None:
-    first, *others = BENCHES["localization"](tmp_path, lambda _: None)
+    first, *others = BENCHES["localization"](Outside(tmp_path), lambda _: None)
     assert first.who == "wherry"
     assert 0.0 < first.milliseconds < 20.0
     assert others[-1].source == ELSEWHERE
@@ -76,11 +77,56 @@ def test_the_amcl_of_the_index_gets_the_same_drive(monkeypatch: pytest.MonkeyPat
     )  # fmt: skip
     monkeypatch.setitem(sys.modules, "amcl", module)
     monkeypatch.setattr(bench.importlib.util, "find_spec", lambda name: module)
-    times = BENCHES["localization"](tmp_path, lambda _: None)
+    times = BENCHES["localization"](Outside(tmp_path), lambda _: None)
     assert [row.who for row in times] == ["wherry", "PyPI amcl", "ROS 1 amcl"]
     assert len(updates) == bench.UPDATES
     assert {count for count, _ in updates} == {bench.BEAMS}
     assert updates[-1][1] - updates[0][1] == pytest.approx(bench.STEP * (bench.UPDATES - 1))
+
+
+@pytest.fixture
+def stubbed_learning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Our own learners take no time."""
+
+    class Experiment:
+        def __init__(self, settings: Settings) -> None:
+            self.settings = settings
+
+        def repetitions(self) -> list[Repetition]:
+            return []
+
+        def result(self) -> Result:
+            return Result.of(self.settings, [Repetition(10, True, 0.002, ((10, 6),), None)], None)
+
+    monkeypatch.setattr(bench, "TaxiExperiment", Experiment)
+
+
+@pytest.mark.usefixtures("stubbed_learning")
+def test_efficient_rl_runs_in_an_environment_of_its_own(tmp_path: Path) -> None:
+    """A stand-in for the interpreter says what it is asked to run, and what a step took there."""
+    interpreter = tmp_path / "python"
+    interpreter.write_text(f'#!/bin/sh\necho "$1 $OMP_NUM_THREADS" >{tmp_path}/asked\necho 24.5\n')
+    interpreter.chmod(0o755)
+    times = BENCHES["learning"](Outside(tmp_path, interpreter), lambda _: None)
+    assert (tmp_path / "asked").read_text() == f"{bench.EFFICIENT_RL} 1\n"
+    assert bench.EFFICIENT_RL.exists()
+    theirs = [row for row in times if row.who == "DOORMAX, efficient_rl"]
+    assert theirs == [Time("a step of Taxi 5×5", "DOORMAX, efficient_rl", 24.5, MEASURED)]
+
+
+@pytest.mark.usefixtures("stubbed_learning")
+def test_without_efficient_rl_its_published_time_stands(tmp_path: Path) -> None:
+    times = BENCHES["learning"](Outside(tmp_path), lambda _: None)
+    assert [(row.milliseconds, row.source) for row in times if "efficient_rl" in row.who] == [(25.0, ELSEWHERE)]
+
+
+@pytest.mark.usefixtures("stubbed_learning")
+def test_an_environment_without_efficient_rl_is_told_in_one_line(call: Call, tmp_path: Path) -> None:
+    missing = call("bench", "learning", "--efficient-rl", tmp_path / "nothing", "--quiet")
+    assert missing == (2, "", f"wherry: {tmp_path / 'nothing'}: efficient_rl: No such file or directory\n")
+    status, _, err = call("bench", "learning", "--efficient-rl", sys.executable, "--quiet")
+    assert status == 2
+    assert err == f"wherry: {sys.executable}: efficient_rl: ModuleNotFoundError: No module named 'efficient_rl'\n"
 
 
 def test_what_there_is_not_is_refused(call: Call) -> None:

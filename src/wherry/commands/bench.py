@@ -23,17 +23,24 @@ def bench(
     data: Annotated[
         Path, typer.Option(envvar="WHERRY_DATA", help="The folder of recorded logs, with intel/ in it, for slam.")
     ] = Path("../shared/data"),
+    efficient_rl: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="WHERRY_EFFICIENT_RL",
+            help="The Python interpreter of an environment in which efficient_rl is installed, for learning.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Measure how long things take, beside others where they are installed, else beside what they have published."""
     if name not in NAMES:
         raise InputError("NAME", name, f"is none of {', '.join(NAMES)}")
-    from wherry.experiments.bench import run
+    from wherry.experiments.bench import Outside, run
 
     console = console_for(as_json=as_json, quiet=quiet)
     with console.status("measuring") as status:
-        measured = run(name, data, lambda doing: status.update(f"measuring: {doing}"))
+        measured = run(name, Outside(data, efficient_rl), lambda doing: status.update(f"measuring: {doing}"))
     console.print(_table(measured))
     if as_json:
         rows = [
