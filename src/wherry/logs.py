@@ -21,7 +21,7 @@ from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.trajectory import Trajectory
 
 LARGEST_FILE = 1_000_000_000  # bytes, unpacked
-MOST_PACKED, ALWAYS_UNPACKED = 200, 10_000_000  # a log is not packed more than so many times; bytes that are no bomb
+MOST_PACKED, ALWAYS_UNPACKED = 100, 10_000_000  # a log is not packed more than so many times; bytes that are no bomb
 LONGEST_LINE = 200_000  # bytes
 MOST_BEAMS = 20_000
 LARGEST_NUMBER = 1e18  # times in nanoseconds are smaller

@@ -189,5 +189,5 @@ def test_the_picture_of_a_narrow_map_has_room_for_its_legend(log: Path) -> None:
         image = Image.open(io.BytesIO(map_picture(grid, slam)))
         assert image.width == max(LEAST_WIDTH, grid.shape[1])
         assert image.height > grid.shape[0]
-        colours = {colour for _, colour in image.getcolors(1_000_000)}
+        colours = {colour for _, colour in image.getcolors(1_000_000) or []}
         assert {TRAJECTORY_COLOUR, ACCEPTED_COLOUR, REFUSED_COLOUR} <= colours
