@@ -95,9 +95,19 @@ def deliver(ready: Ready, learner: RuleLearner, sink: Sink, rng: np.random.Gener
             told = dict(learner.revisions)
         _comment(step, environment.pilot.time, sink)
         yield step
-    left = environment.remaining
-    words = "Everything is delivered." if not left else f"I give up: I cannot deliver {left} of the boxes."
-    sink(Said(environment.pilot.time, "done", words))
+    sink(Said(environment.pilot.time, "done", _last_words(environment.remaining, agent.gave_up)))
+
+
+def _last_words(left: int, why: str | None) -> str:
+    """What is said at the end.
+
+    Args:
+        left: How many boxes were not delivered.
+        why: Why the agent stopped; None where it was stopped after `MOST_STEPS`.
+    """
+    if not left:
+        return "Everything is delivered."
+    return f"I give up: I cannot deliver {left} of the boxes ({why or f'not in {MOST_STEPS:,} actions'})."
 
 
 def _cells_laid(ready: Ready) -> CellsLaid:
