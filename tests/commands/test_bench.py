@@ -110,14 +110,16 @@ def test_efficient_rl_runs_in_an_environment_of_its_own(tmp_path: Path) -> None:
     times = BENCHES["learning"](Outside(tmp_path, interpreter), lambda _: None)
     assert (tmp_path / "asked").read_text() == f"{bench.EFFICIENT_RL} 1\n"
     assert bench.EFFICIENT_RL.exists()
-    theirs = [row for row in times if row.who == "DOORMAX, efficient_rl"]
-    assert theirs == [Time("a step of Taxi 5×5", "DOORMAX, efficient_rl", 24.5, MEASURED)]
+    small, large = (row for row in times if row.who == "DOORMAX, efficient_rl")
+    assert small == Time("a step of Taxi 5×5", "DOORMAX, efficient_rl", 24.5, MEASURED)
+    assert large.source == ELSEWHERE
 
 
 @pytest.mark.usefixtures("stubbed_learning")
-def test_without_efficient_rl_its_published_time_stands(tmp_path: Path) -> None:
+def test_without_efficient_rl_its_published_times_stand(tmp_path: Path) -> None:
     times = BENCHES["learning"](Outside(tmp_path), lambda _: None)
-    assert [(row.milliseconds, row.source) for row in times if "efficient_rl" in row.who] == [(25.0, ELSEWHERE)]
+    theirs = [row for row in times if row.who == "DOORMAX, efficient_rl"]
+    assert [(row.milliseconds, row.source) for row in theirs] == [(27.45, ELSEWHERE), (320.6, ELSEWHERE)]
 
 
 @pytest.mark.usefixtures("stubbed_learning")
