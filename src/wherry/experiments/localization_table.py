@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ from wherry.views.reliability import reliability_diagram
 Progress = Callable[[int, int], None]
 
 RELIABILITY, FILTERS = "localization-reliability.svg", "localization-filters.svg"
+AT_ONCE = 2  # parts, which have nothing to do with each other
 SOON = 20.0  # s, simulated, in which a kidnapped robot should have found itself
 
 
@@ -55,22 +58,18 @@ def reproduce(data: Path, images: Path, progress: Progress, extent: Extent | Non
         InputError: A log or a map is missing or broken.
     """
     chosen = extent or Extent()
-    parts: tuple[Callable[[], str], ...] = (
-        lambda: _intel(data, chosen),
-        lambda: _wean(data, chosen.seeds),
-        lambda: _study(chosen.study, images),
-        lambda: _kidnapping(chosen.kidnapping, images),
-        lambda: _speed(chosen.updates),
-    )
     sections = [f"## Localization\n\nTimes are a core's, on a machine with a {load_in_words()}."]
-    for done, part in enumerate(parts):
-        progress(done, len(parts))
-        sections.append(part())
-    progress(len(parts), len(parts))
+    progress(0, len(PARTS))
+    with ProcessPoolExecutor(AT_ONCE, get_context("spawn")) as pool:
+        running = {pool.submit(part, data, images, chosen): part for part in PARTS}
+        for done, _ in enumerate(as_completed(running), 1):
+            progress(done, len(PARTS))
+        sections += [future.result() for future in running]
     return "\n\n".join(sections) + "\n"
 
 
-def _study(settings: localization_study.Settings, images: Path) -> str:
+def _study(_data: Path, images: Path, extent: Extent) -> str:
+    settings = extent.study
     rows = list(localization_study.run(settings))
     table = markdown_table(
         ["filter", "rmse m", "p99 m", "memory kB", "scans/s", "found from anywhere", "recovered"],
@@ -109,7 +108,7 @@ def _study(settings: localization_study.Settings, images: Path) -> str:
     return f"### Section 5.A: the paper's claims\n\n{text}\n\n{table}\n\n{picture}\n\n{claims}"
 
 
-def _intel(data: Path, extent: Extent) -> str:
+def _intel(data: Path, _images: Path, extent: Extent) -> str:
     halves = recorded.halves(data / recorded.INTEL)
     runs = [recorded.track(halves, seed) for seed in range(extent.seeds)]
     single = recorded.relocalize(halves, extent.every)
@@ -137,7 +136,8 @@ def _intel(data: Path, extent: Extent) -> str:
     return f"### Intel lab: the odd scans on the map of the even ones\n\n{text}\n\n{table}"
 
 
-def _wean(data: Path, seeds: int) -> str:
+def _wean(data: Path, _images: Path, extent: Extent) -> str:
+    seeds = extent.seeds
     rows = []
     for log in recorded.WEAN_LOGS:
         finals = np.array(list(recorded.final_poses(data / log, data / recorded.WEAN_MAP, range(seeds))))
@@ -148,7 +148,8 @@ def _wean(data: Path, seeds: int) -> str:
     return f"### Wean Hall from anywhere\n\n{table}"
 
 
-def _kidnapping(settings: kidnapping.Settings, images: Path) -> str:
+def _kidnapping(_data: Path, images: Path, extent: Extent) -> str:
+    settings = extent.kidnapping
     result = kidnapping.summarize(list(kidnapping.run(settings)))
     diagram = reliability_diagram(result.reliability, "probability of being lost", "share of scans truly lost")
     picture = write_picture(images, RELIABILITY, diagram.encode(), "How often the robot was lost when it said so")
@@ -176,6 +177,10 @@ def _kidnapping(settings: kidnapping.Settings, images: Path) -> str:
     return f"### Kidnapping, and how far to believe “I am lost”\n\n{figures}\n\n{picture}\n\n{reliability}"
 
 
-def _speed(updates: int) -> str:
-    rows = [[speed.task, f"{speed.milliseconds:.2f}"] for speed in localization_speed.measure(updates)]
+def _speed(_data: Path, _images: Path, extent: Extent) -> str:
+    rows = [[speed.task, f"{speed.milliseconds:.2f}"] for speed in localization_speed.measure(extent.updates)]
     return f"### Speed\n\n{markdown_table(['task', 'ms, median'], rows)}"
+
+
+PARTS: tuple[Callable[[Path, Path, Extent], str], ...] = (_wean, _kidnapping, _study, _intel, _speed)
+"""Each takes the folder of recorded logs, the folder for pictures and how much to run, and returns Markdown."""

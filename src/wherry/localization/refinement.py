@@ -20,7 +20,7 @@ from wherry.space.pose import Pose, wrap
 Floats = NDArray[np.float64]
 
 ITERATIONS = 10
-SETTLED = 5e-4  # m and rad; a smaller step is the last
+SETTLED = 1e-4  # m and rad; a smaller step is the last
 RANDOM_SHARE = 0.05  # density of readings that mean nothing, relative to a perfect hit's: the robust weights' scale
 LEAST_DEVIATION = (0.01, 0.01, 0.005)  # m, m, rad: a prior is never taken for surer than this
 GATE = 11.34  # χ² with three degrees of freedom, 99 %: a match farther from the prior is not believed
