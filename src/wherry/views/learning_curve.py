@@ -78,10 +78,11 @@ def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) 
     axes.set_xlabel("steps in the environment")
     axes.set_ylabel(f"probes solved optimally, of {probes}")
     axes.set_title(title, loc="left", fontsize=12, color=INK)
-    count = max(len(lives) for lives in runs.values())
-    note = (
-        f"median of {count} repetitions, and the band from {BAND[0]} to {BAND[1]} %" if count > 1 else "one repetition"
-    )
+    counts = sorted({len(lives) for lives in runs.values()})
+    count = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    note = f"median of {count} repetitions, and the band from {BAND[0]} to {BAND[1]} %"
+    if counts == [1]:
+        note = "one repetition"
     figure.legend(
         loc="outside lower center", ncols=min(4, len(runs)), frameon=False, fontsize=9, title=note, title_fontsize=8.5
     )
@@ -154,10 +155,18 @@ def _paper(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def _logarithmic(axes: Axes) -> None:
-    """A logarithmic axis of steps, with numbers as people write them."""
+    """A logarithmic axis of steps, with numbers short enough to stand side by side."""
     axes.set_xscale("log")
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda steps, _: f"{steps:,.0f}"))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda steps, _: _short(steps)))
     axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _short(steps: float) -> str:
+    """A number of steps as people write it on an axis: 100, 10k, 1M."""
+    for unit, name in ((1_000_000, "M"), (1_000, "k")):
+        if steps >= unit:
+            return f"{steps / unit:g}{name}"
+    return f"{steps:g}"
 
 
 def _style(axes: Axes) -> None:
