@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,10 @@ def test_everything_is_run_written_and_shown(tmp_path: Path) -> None:
         assert f"(images/{name})" in text
         assert (tmp_path / "images" / name).read_text().startswith("<?xml")
     assert "bayes in 1 of 1, doormax in 1 of 1" in text
+    (counted,) = (line for line in text.splitlines() if "nk + k + 1" in line)
+    answers = re.findall(r"(\d+) by (\S+) on (\S+) \((\d+)\)", counted)
+    assert [(learner, size) for _, learner, size, _ in answers] == [("doormax", "5×5"), ("doormax", "10×10")]
+    assert all(0 < int(most) <= int(bound) == 17 for most, _, _, bound in answers)
     write_section(tmp_path / "results.md", "taxi", text)
     assert "`wherry reproduce taxi` wrote this section." in (tmp_path / "results.md").read_text()
 

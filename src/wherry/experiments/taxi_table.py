@@ -168,11 +168,29 @@ def markdown(results: Mapping[int, Mapping[str, Result]], transfers: list[str], 
     for size, learners in results.items():
         rows = [[f"**{name}**", *_row(name, size, learners.get(name))] for name in _names(size, learners)]
         parts.append(f"### {size}×{size}\n\n{markdown_table(header, rows)}")
+    if unknown := _unknown_answers(results):
+        parts.append(unknown)
     if transfers:
         parts.append(
             f"Rules learnt on 5×5 solved 10×10 optimally, with no further step: {', '.join(transfers)} repetitions."
         )
     return "\n\n".join(parts) + "\n"
+
+
+def _unknown_answers(results: Mapping[int, Mapping[str, Result]]) -> str | None:
+    """How many "I don't know" there were and the bound allows, in words; None where none were counted."""
+    counted = [
+        f"{result.unknown_answers} by {name} on {size}×{size} ({result.unknown_answers_bound})"
+        for size, learners in results.items()
+        for name, result in learners.items()
+        if result.unknown_answers is not None
+    ]
+    if not counted:
+        return None
+    return (
+        'The most "I don\'t know" of any repetition for one action, attribute and type of effect, failures aside; in '
+        f"brackets the theorem's bound, nk + k + 1: {', '.join(counted)}."
+    )
 
 
 def _names(size: int, learners: Mapping[str, Result]) -> list[str]:
