@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -74,6 +75,12 @@ def test_it_follows_a_path_round_a_corner_to_its_end() -> None:
     assert pilot.odometry.velocity.linear == 0.0
     shown = [record for record in records if isinstance(record, Seen) and len(record.path)]
     np.testing.assert_allclose(shown[0].path, path, atol=1e-6)
+    for record in shown:  # only what lies ahead is shown
+        nearest = math.hypot(record.path[0, 0] - record.pose.x, record.path[0, 1] - record.pose.y)
+        assert nearest <= np.hypot(*(record.path - [record.pose.x, record.pose.y]).T).min()
+    left = [float(np.hypot(*np.diff(record.path, axis=0).T).sum()) for record in shown]
+    assert left[-1] < 0.2
+    assert all(later <= earlier + 1e-6 for earlier, later in itertools.pairwise(left))
 
 
 def test_a_path_through_a_wall_ends_before_the_wall() -> None:

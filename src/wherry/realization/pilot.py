@@ -75,6 +75,18 @@ def _of_load(scan: Scan, body: Body) -> NDArray[np.bool_]:
     return in_fork
 
 
+def _ahead(path: Floats, pose: Pose) -> Floats:
+    """[M, 2] m: the path from the place on it that is nearest to the robot on; less than two points are no path."""
+    if len(path) < 2:
+        return NO_POINTS
+    here, begins, legs = np.array([pose.x, pose.y]), path[:-1], np.diff(path, axis=0)
+    lengths = np.maximum((legs**2).sum(axis=1), np.finfo(float).tiny)
+    share = np.clip(((here - begins) * legs).sum(axis=1) / lengths, 0.0, 1.0)
+    places = begins + share[:, None] * legs
+    nearest = int(np.argmin(np.hypot(*(places - here).T)))
+    return np.vstack([places[nearest], path[nearest + 1 :]])
+
+
 class Pilot:
     """Drives a robot; nobody else receives from it or commands it.
 
@@ -237,7 +249,7 @@ class Pilot:
                 lidar=lidar,
                 points=lidar.transform(scan.points()).astype(np.float32),
                 particles=self.tracker.corrector.particles.astype(np.float32),
-                path=self._path.astype(np.float32),
+                path=_ahead(self._path, self.pose).astype(np.float32),
                 boxes=self.load.boxes.astype(np.float32),
                 loaded=self.load.held,
             )
