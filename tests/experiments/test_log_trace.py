@@ -8,6 +8,7 @@ import pytest
 from wherry.experiments.log_trace import LogTrace
 from wherry.experiments.taxi import Settings, TaxiExperiment
 from wherry.logs import LidarLog
+from wherry.mapping.closures import Closure
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
@@ -49,6 +50,23 @@ def test_doubt_is_said_once_and_so_is_its_end() -> None:
         "I no longer know where I am.",
         "Now I know where I am.",
     ]
+
+
+def test_loops_are_counted_when_more_were_tried() -> None:
+    told: list[Record] = []
+    trace = LogTrace("map", "walk.log", log(), told.append)
+    tried = [closure(""), closure("response 0.3"), closure("")]
+    for count in (0, 2, 2, 3):
+        trace.closures(1, tried[:count])
+    assert [record.text for record in told[2:] if isinstance(record, Said)] == [
+        "Loops so far: 1 closed, 1 refused.",
+        "Loops so far: 2 closed, 1 refused.",
+    ]
+
+
+def closure(refused: str) -> Closure:
+    """A loop that was tried."""
+    return Closure(1000.0, 1, 0, Pose(), np.eye(3), 0.5, 0.0, 1.0, refused)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,9 +16,12 @@ from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, Vie
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
+    from wherry.mapping.closures import Closure
+    from wherry.mapping.slam import Slam
     from wherry.space.pose import Pose
 
-MAPS_SHOWN = 60  # times that the growing map is drawn for those who watch; drawing takes longer than mapping a scan
+MAPS_SHOWN, MAPS_RECORDED = 60, 20  # times that the growing map is drawn, which takes longer than mapping a scan
+FIRST_MAP = 10  # scans after which it is drawn for the first time
 
 
 def map_log(
@@ -51,7 +55,6 @@ def map_log(
     from wherry.experiments import slam
     from wherry.experiments.log_trace import LogTrace
     from wherry.mapping.closures import refusals
-    from wherry.mapping.graph_slam import GraphSlam
     from wherry.views.terminal import print_table
 
     run = slam.prepare(
@@ -72,7 +75,7 @@ def map_log(
     console = console_for(as_json=as_json, quiet=quiet)
     with watched(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
         trace = LogTrace("map", log.name, run.log, sink)
-        shown_at = {run.scans * part // MAPS_SHOWN for part in range(1, MAPS_SHOWN)} if view else set()
+        shown_at = _map_times(run.scans, MAPS_SHOWN if view else MAPS_RECORDED if out is not None else 0)
         with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
             task = progress.add_task("mapping", total=run.scans)
             for done in run.steps():
@@ -81,20 +84,34 @@ def map_log(
                     trace.scan(done - 1, run.pose)
                 if done in shown_at:
                     trace.map(run.slam.grid(), done - 1, fraction=done / run.scans)
+                    trace.closures(done - 1, _closures(run.slam))
             if recording is not None:
                 run.record(recording)
         if view or out is not None:
             trace.map(run.slam.grid(), run.scans - 1)
+            trace.closures(run.scans - 1, _closures(run.slam))
         assert run.result is not None  # noqa: S101 - steps() ends by setting it
         figures = asdict(run.result)
         print_table(console, f"Map of {log.name}", {name: shown(value) for name, value in figures.items()})
-        refused = refusals(run.slam.closures) if isinstance(run.slam, GraphSlam) else {}
+        refused = refusals(_closures(run.slam))
         if refused:
             print_table(console, "Refused for", {gate: str(number) for gate, number in refused.items()})
         if out is not None:
             console.print(f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
     if as_json:
         print_json(figures)
+
+
+def _map_times(scans: int, maps: int) -> set[int]:
+    """After how many scans to draw the growing map, so many times over a log; the finished map comes after them."""
+    return {FIRST_MAP, *(scans * part // maps for part in range(1, maps))} - {0, scans} if maps else set()
+
+
+def _closures(slam: Slam) -> Sequence[Closure]:
+    """The loops that were tried; a method without a graph tries none."""
+    from wherry.mapping.graph_slam import GraphSlam
+
+    return slam.closures if isinstance(slam, GraphSlam) else ()
 
 
 def _pose(text: str) -> Pose:

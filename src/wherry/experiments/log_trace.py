@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from wherry.logs import LidarLog
+from wherry.mapping.closures import Closure
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.trace import Began, Explored, Said, Seen, Sink
@@ -35,6 +38,7 @@ class LogTrace:
         self._sink = sink
         self._phase = task
         self._lost = False
+        self._tried = 0
         self._first = log.scans[0].time
         sink(Began(task, name, robot_radius=DRAWN_RADIUS))
         self.say(0, BEGINNINGS[task])
@@ -55,6 +59,14 @@ class LogTrace:
         points = lidar.transform(self._log.scans[index].points()).astype(np.float32)
         cloud = particles.astype(np.float32)
         self._sink(Seen(self._time(index), pose, lidar, points, cloud, NO_POINTS, NO_POINTS, loaded=False))
+
+    def closures(self, index: int, tried: Sequence[Closure]) -> None:
+        """Say how many loops were closed by a scan, and how many refused, where it is not what was said before."""
+        if len(tried) == self._tried:
+            return
+        self._tried = len(tried)
+        accepted = sum(closure.accepted for closure in tried)
+        self.say(index, f"Loops so far: {accepted} closed, {len(tried) - accepted} refused.")
 
     def doubt(self, index: int, lost_probability: float) -> None:
         """Say when the robot gets lost, and when it is found again."""
