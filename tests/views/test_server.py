@@ -6,6 +6,7 @@ import http.client
 import json
 import socket
 import struct
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -192,7 +193,18 @@ def test_an_address_of_another_machine_cannot_be_listened_on(broadcast: Broadcas
 def test_a_taken_port_is_no_trouble(broadcast: Broadcast, server: Server) -> None:
     with serve(broadcast, "x", port=port_of(server)) as other:
         assert port_of(other) != port_of(server)
+        assert (other.taken_port, server.taken_port) == (port_of(server), None)
         assert get(other)[0] == 200
+
+
+def test_one_waits_for_a_first_page_only_as_long_as_wished() -> None:
+    server = Server("http://127.0.0.1/")
+    before = time.monotonic()
+    assert not server.wait_until_nobody_watches(patience=0.4)
+    assert 0.4 <= time.monotonic() - before < 5.0
+    server.page_came()
+    server.page_left()
+    assert server.wait_until_nobody_watches(patience=0.0)
 
 
 def run_of(count: int) -> list[Record]:

@@ -37,12 +37,21 @@ def test_a_recording_becomes_a_page(tmp_path: Path) -> None:
     assert out.read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
+@pytest.mark.parametrize("arguments", [["view"], ["worlds", "edit"]])
+def test_options_of_commands_that_always_show_a_page_speak_of_no_other_option(arguments: list[str]) -> None:
+    told = CliRunner().invoke(app, [*arguments, "--help"]).output
+    assert "--host" in told
+    assert "--view" not in told
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["view", "nowhere"], "No such file"),
         (["view", "{folder}"], "No such file"),
         (["view", "{folder}/text"], "no trace"),
+        (["learn", "taxi", "--host", "::1"], "--host: ::1: is of the page, and needs --view"),
+        (["learn", "taxi", "--port", "8000"], "--port: 8000: is of the page, and needs --view"),
         (["worlds", "show", "atlantis"], "neither a file nor one of the worlds"),
         (["worlds", "edit", "{folder}/text"], "is none of the fields"),
     ],

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from wherry.commands.common import console_for
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, show
+from wherry.commands.watching import LOOPBACK, PORT, PageHostOption, PagePortOption, show
 
 
 def view(
@@ -17,8 +17,8 @@ def view(
         Path | None,
         typer.Option(help="Write the page to this HTML file, which needs no server, instead of showing it."),
     ] = None,
-    host: HostOption = LOOPBACK,
-    port: PortOption = PORT,
+    host: PageHostOption = LOOPBACK,
+    port: PagePortOption = PORT,
 ) -> None:
     """Play a recorded run on a page, with a timeline to move in."""
     import contextlib
@@ -37,7 +37,7 @@ def view(
         console.print(f"Written: {out}", highlight=False)
         return
     with serve_recording(frames, title, host=host, port=port, folder=path.parent) as server:
-        show(server.url, console)
+        show(server, console)
         console.print("Close the page, or press Ctrl-C, to end.")
         with contextlib.suppress(KeyboardInterrupt):
             server.wait_until_nobody_watches()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import sys
 import webbrowser
@@ -17,14 +18,20 @@ if TYPE_CHECKING:
 
     from wherry.simulation import Simulation
     from wherry.trace import Sink
+    from wherry.views.web.server import Server
 
 ViewOption = Annotated[bool, typer.Option("--view", help="Show the run on a page in the browser, live.")]
 HostOption = Annotated[
     str, typer.Option(help="With --view: the address to serve the page on; elsewhere than here it needs a token.")
 ]
 PortOption = Annotated[int, typer.Option(min=0, max=65535, help="With --view: the port of the page.")]
+PageHostOption = Annotated[
+    str, typer.Option("--host", help="The address to serve the page on; elsewhere than here it needs a token.")
+]
+PagePortOption = Annotated[int, typer.Option("--port", min=0, max=65535, help="The port of the page.")]
 
 LOOPBACK, PORT = "127.0.0.1", 8642
+FIRST_VISITOR = 10.0  # s that a run which is over waits for one where no browser could be opened
 
 
 @contextlib.contextmanager
@@ -42,11 +49,14 @@ def watched(
         port: The port.
 
     Raises:
-        InputError: The folder cannot be written to, or the address cannot be served on.
+        InputError: The folder cannot be written to, or the address cannot be served on, or there is one without a page.
     """
     from wherry.errors import InputError
     from wherry.trace import both, ignore
 
+    for option, given, usual in (("--host", host, LOOPBACK), ("--port", port, PORT)):
+        if given != usual and not view:
+            raise InputError(option, str(given), "is of the page, and needs --view")
     with contextlib.ExitStack() as stack:
         sinks: list[Sink] = []
         if out is not None:
@@ -63,14 +73,15 @@ def watched(
 
             broadcast = Broadcast()
             server = stack.enter_context(serve(broadcast, title, host=host, port=port, folder=out))
-            show(server.url, console)
+            opened = show(server, console)
             sinks.append(broadcast)
         yield both(*sinks) if sinks else ignore
         if view:
             broadcast.end()
             console.print(f"The run is over. Close the page, or press Ctrl-C: {server.url}", highlight=False)
             with contextlib.suppress(KeyboardInterrupt):
-                server.wait_until_nobody_watches()
+                if not server.wait_until_nobody_watches(math.inf if opened else FIRST_VISITOR):
+                    console.print("Nobody has opened the page, so that it ends here.")
 
 
 @contextlib.contextmanager
@@ -100,9 +111,12 @@ def films(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> 
         yield both(*sinks) if sinks else ignore
 
 
-def show(url: str, console: Console) -> None:
-    """Say where a page is, and open it where there is a screen."""
-    console.print(f"Page: {url}", highlight=False, soft_wrap=True)
+def show(server: Server, console: Console) -> bool:
+    """Say where a page is, and open it where there is a screen; whether a browser took it."""
+    if server.taken_port is not None:
+        console.print(f"Port {server.taken_port} is taken: the page is on another one.", highlight=False)
+    console.print(f"Page: {server.url}", highlight=False, soft_wrap=True)
     has_screen = sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
     if has_screen or os.environ.get("BROWSER"):
-        webbrowser.open(url)
+        return webbrowser.open(server.url)
+    return False

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from wherry.commands.common import console_for
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, show
+from wherry.commands.watching import LOOPBACK, PORT, PageHostOption, PagePortOption, show
 
 worlds = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="List, show and draw worlds.")
 
@@ -36,8 +36,8 @@ def show_world(world: Annotated[str, typer.Argument(help="A built-in world's nam
 @worlds.command("edit")
 def edit_world(
     file: Annotated[Path, typer.Argument(help="A world file; a new one is begun where there is none.")],
-    host: HostOption = LOOPBACK,
-    port: PortOption = PORT,
+    host: PageHostOption = LOOPBACK,
+    port: PagePortOption = PORT,
 ) -> None:
     """Draw a world on a page in the browser: walls, boxes, warehouse, robot."""
     import contextlib
@@ -46,7 +46,7 @@ def edit_world(
 
     console = console_for(as_json=False)
     with serve_editor(file, host=host, port=port) as server:
-        show(server.url, console)
+        show(server, console)
         console.print("Close the page, or press Ctrl-C, to end.")
         with contextlib.suppress(KeyboardInterrupt):
             server.wait_until_nobody_watches()

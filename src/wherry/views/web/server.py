@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import secrets
 import socket
 import struct
@@ -43,10 +44,12 @@ class Server:
         url: Where to look.
         pages: How many pages are connected.
         had_pages: Whether any ever was.
+        taken_port: The port that was wished for, if it was taken.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, taken_port: int | None = None) -> None:
         self.url = url
+        self.taken_port = taken_port
         self.pages = 0
         self.had_pages = False
         self._left = threading.Event()
@@ -59,12 +62,23 @@ class Server:
         """Count one less."""
         self.pages -= 1
 
-    def wait_until_nobody_watches(self) -> None:
-        """Wait until at least one page was there and all have been gone for a while."""
-        gone = 0.0
+    def wait_until_nobody_watches(self, patience: float = math.inf) -> bool:
+        """Wait until at least one page was there and all have been gone for a while.
+
+        Args:
+            patience: S to wait for the first page, if there was none yet.
+
+        Returns:
+            Whether there ever was a page.
+        """
+        waited = gone = 0.0
         while gone < LEAVING:
+            if not self.had_pages and waited >= patience:
+                return False
             self._left.wait(0.2)
+            waited += 0.2
             gone = gone + 0.2 if self.had_pages and self.pages == 0 else 0.0
+        return True
 
 
 @contextlib.contextmanager
@@ -138,13 +152,14 @@ def running(routes: Sequence[BaseRoute], *, host: str = DEFAULT_HOST, port: int 
     Raises:
         InputError: There is no listening on this address.
     """
-    listener = _listen(host, port)
+    listener, wanted = _listen(host, port), port
     port = listener.getsockname()[1]
     loopback = host in {"127.0.0.1", "localhost", "::1"}
     token = None if loopback else secrets.token_urlsafe(16)
     named = socket.gethostname() if host in ANY_ADDRESS else host
     shown_host = f"[{named}]" if ":" in named else named
-    server = Server(f"http://{shown_host}:{port}/" + (f"?token={token}" if token else ""))
+    url = f"http://{shown_host}:{port}/" + (f"?token={token}" if token else "")
+    server = Server(url, None if wanted in (0, port) else wanted)
     config = uvicorn.Config(
         Guard(Starlette(routes=routes), Door(port, token)),
         ws="websockets-sansio",
