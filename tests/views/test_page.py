@@ -18,10 +18,10 @@ import pytest
 from playwright import sync_api as playwright
 
 from browsing import DESK, PHONE, SCREENSHOTS, until
-from runs import BOX, LASER, TERMS, seen, short_run
+from runs import BOX, LASER, TERMS, room, seen, short_run
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace import Began, Explored, Said, Seen
+from wherry.trace import Began, Explored, Record, Said, Seen
 from wherry.views.frames import Encoder
 from wherry.views.recordings import FILE_NAME, Recorder
 from wherry.views.web.broadcast import Broadcast
@@ -132,13 +132,106 @@ def test_what_it_knows_stands_beside_the_map(page: playwright.Page, carried: str
 def test_the_log_leads_through_the_run(page: playwright.Page, carried: str) -> None:
     opened(page, carried, at=0.0)
     log = page.locator("#log li")
-    assert log.count() == 3 + 4 + 2  # said, done, learnt
-    assert "now 0******, was 0000000" in page.inner_text("#log")
-    assert page.locator("#log li.later").count() == 8
+    assert log.count() == 3 + 4 + 2 + 2  # said, done, learnt, mapped
+    assert page.locator("#log .said").all_inner_texts()[1:3] == ["0:00\nMapped 40 %.", "0:02\nMapped 80 %."]
+    narrower = log.filter(has_text="N: robot.y += 1 if not touch_N(wall)")
+    assert narrower.get_attribute("title") == "0******, was 0000000: if not touch_N(robot, wall)"
+    assert page.locator("#log li.later").count() == 9
     log.filter(has_text="PICKUP").click()
     settle(page)
     assert page.evaluate("player.time") == 8.0
-    assert page.inner_text("#log li.here").endswith("PICKUP in 0010000")
+    assert page.inner_text("#log li.here").endswith("PICKUP · touch_E(wall)")
+    assert page.get_attribute("#log li.here", "title") == (
+        "In condition 0010000: not touch_N(robot, wall) and not touch_S(robot, wall) and touch_E(robot, wall)"
+        " and not touch_W(robot, wall) and not on(robot, box) and not on(robot, warehouse) and not box.in_bot"
+    )
+
+
+def test_of_lines_with_one_time_the_one_clicked_on_is_marked(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=0.0)
+    for words in ("DROPOFF", "Everything is delivered."):
+        page.locator("#log li").filter(has_text=words).click()
+        settle(page)
+        assert words in page.inner_text("#log li.here")
+        assert page.evaluate("player.time") == 10.0
+
+
+def test_the_log_shows_six_lines_and_the_present_one_whole(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=7.5)
+    assert page.evaluate("document.getElementById('log').clientHeight") >= 6 * 22
+    inside = page.evaluate(
+        """() => {
+            const place = (name) => document.querySelector(name).getBoundingClientRect();
+            const [list, line] = [place('#log'), place('#log li.here')];
+            return list.top <= line.top + 1 && line.bottom <= list.bottom + 1;
+        }"""
+    )
+    assert inside
+
+
+def test_the_phase_is_that_of_the_action_being_done(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=3.9)
+    phases = []
+    for moment in (3.9, 4.5, 6.9, 7.5, 9.9, 10.0):
+        go_to(page, moment)
+        phases.append(page.inner_text("#phase"))
+    assert phases == ["Explores", "Learns", "Learns", "Delivers", "Delivers", "Done"]
+    assert page.evaluate("trace.phases().map(({ time }) => time)") == [0.0, 4.0, 7.0, 10.0]
+    assert page.locator("#phases i").count() == 4
+
+
+def test_arrows_step_while_the_timeline_has_the_focus(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=4.5)
+    page.locator("#seek").focus()
+    for key, moment in (("ArrowRight", 5.0), ("ArrowRight", 7.0), ("ArrowLeft", 5.0)):
+        page.keyboard.press(key)
+        settle(page)
+        assert page.evaluate("[player.time, Number(document.getElementById('seek').value)]") == [moment, moment]
+    page.keyboard.press("Space")
+    assert page.evaluate("player.playing") is True
+
+
+def test_what_is_not_known_yet_is_not_told_as_false(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=3.0)
+    assert page.get_attribute("#bits li >> nth=2", "aria-label") == "touch_E(robot, wall): not known yet"
+    go_to(page, 5.0)
+    assert page.get_attribute("#bits li >> nth=2", "aria-label") == "touch_E(robot, wall): holds"
+
+
+def test_a_log_that_is_mapped_shows_map_and_way_whole(page: playwright.Page, tmp_path: Path) -> None:
+    encoder = Encoder()
+    records: list[Record] = [
+        Began("map", "walk.log"),
+        Said(0.0, "map", "I make a map."),
+        *(seen(10.0 * step, 0.05 * step) for step in range(21)),
+        Explored(100.0, room(30), 0.5, 0.0),
+        seen(210.0, 9.0),
+    ]
+    path = tmp_path / "page.html"
+    frames = b"".join(encoder.encode(record) for record in records)
+    path.write_text(player_page("A map", {"source": "file"}, frames), encoding="utf-8")
+    opened(page, path.as_uri(), at=50.0)
+    shows = """([x, y]) => {
+        const [px, py] = scene.project(x, y);
+        return px > 0 && px < scene.width && py > 0 && py < scene.height;
+    }"""
+    assert all(page.evaluate(shows, list(point)) for point in LASER)  # there is no map yet
+    go_to(page, 210.0)
+    assert all(page.evaluate(shows, point) for point in ([-1.0, -1.0], [-1.0, 2.9], [9.0, 0.0]))
+    assert is_near(colour_at(page, 1.5, -0.6), WHITE)
+    purple = colour_at(page, 0.05, 0.0)
+    assert purple[2] > purple[0] > purple[1]  # the way, from its beginning on
+    assert page.locator("#layers label:visible").all_inner_texts() == ["Laser", "Way driven"]
+    assert page.inner_text("#phase") == "Maps"
+    assert "Mapped 40 % of the log." in page.inner_text("#log")
+
+
+def test_of_a_plan_the_way_to_the_next_box_stands_out(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=5.0)
+    ends = "plan => legEnd(Float32Array.from(plan)) / 2"
+    assert page.evaluate(ends, [0, 0, 0, 1, 0, 1, 0, 0]) == 1  # up, PICKUP, back
+    assert page.evaluate(ends, [0, 0, 0, 0, 0, 1, 0, 1, 0, 0]) == 2  # PICKUP at once, up, DROPOFF
+    assert page.evaluate(ends, [0, 0, 0, 1, 0, 2]) == 2
 
 
 def test_play_pause_step_and_scrub(page: playwright.Page, carried: str) -> None:

@@ -46,7 +46,7 @@ for (const [layer, [words, colour]] of Object.entries(LAYERS)) {
   element("layers").append(label);
 }
 // A log has neither boxes nor cells, and a learner on a grid no laser.
-const LAYERS_OF = { map: ["laser", "particles", "trail"], localize: ["laser", "particles", "trail"], learn: [] };
+const LAYERS_OF = { map: ["laser", "trail"], localize: ["laser", "particles", "trail"], learn: [] };
 function updateLayers() {
   const layers = LAYERS_OF[trace.records.Began[0]?.task] ?? Object.keys(LAYERS);
   for (const layer of Object.keys(LAYERS)) element(`layer-${layer}`).hidden = !layers.includes(layer);
@@ -158,8 +158,8 @@ const KEYS = {
 };
 const PANS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("select, input[type=range]")) return;
-  if (event.key === " " && event.target.closest("button, summary, input")) return; // space presses what has the focus
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("select")) return;
+  if (event.key === " " && event.target.closest("button, summary, input:not([type=range])")) return; // space presses what has the focus
   const pan = event.target === canvas && PANS[event.key];
   const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
   if (pan) scene.pan(pan[0] * PAN_STEP, pan[1] * PAN_STEP);
@@ -183,7 +183,7 @@ function updateControls() {
   const seek = element("seek");
   if (Number(seek.max) !== trace.end) seek.max = trace.end;
   seek.min = begin;
-  if (document.activeElement !== seek || player.playing) seek.value = player.time;
+  seek.value = player.time;
   seek.setAttribute("aria-valuetext", now);
 }
 
@@ -197,12 +197,12 @@ function updatePhases() {
   if (key === banded) return;
   banded = key;
   const place = (time) => `${(100 * (time - begin)) / long}%`;
-  const bands = Said.filter((said, at) => at === 0 || said.phase !== Said[at - 1].phase);
-  const nodes = bands.map((said, at) => {
+  const bands = trace.phases();
+  const nodes = bands.map(({ time, phase }, at) => {
     const band = make("i");
-    band.style.left = place(said.time);
+    band.style.left = place(time);
     band.style.right = `${100 - (100 * ((bands[at + 1]?.time ?? trace.end) - begin)) / long}%`;
-    band.style.setProperty("--c", `var(--${said.phase}-phase)`);
+    band.style.setProperty("--c", `var(--${phase}-phase)`);
     return band;
   });
   for (let at = 1; at < Stepped.length; at++)

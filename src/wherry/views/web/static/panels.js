@@ -11,7 +11,19 @@ function make(tag, style, ...children) {
   return made;
 }
 
+const MILESTONE = 0.2; // of the area, or of a log, after which it is told how much is mapped
+
+// "touch_N(robot, wall)" without the robot, which every term is about.
+const shortTerm = (term) => term.replace(/\((robot|taxi), /, "(");
+
+// The terms that hold in a condition.
+function holding(condition, terms) {
+  const names = [...condition].flatMap((sign, at) => (sign === "1" ? [shortTerm(terms[at] ?? `term ${at + 1}`)] : []));
+  return names.length ? names.join(", ") : "no term holds";
+}
+
 const PHASES = { explore: "Explores", localize: "Localizes", survey: "Looks for boxes", learn: "Learns", deliver: "Delivers", map: "Maps", done: "Done" };
+const FEW_TERMS = 3; // that a rule's condition may name to be told in words in the log
 const SVG = "http://www.w3.org/2000/svg";
 
 function clockText(seconds) {
@@ -42,8 +54,10 @@ class Panels {
   }
 
   forget() {
-    this.logged = { Said: 0, Stepped: 0, Learnt: 0 };
+    this.logged = { Said: 0, Stepped: 0, Learnt: 0, Explored: 0 };
+    this.milestone = 0; // how much of the map was told last
     this.entries = []; // {time, node}
+    this.chosen = -1; // the entry that was clicked on, of those with its time
     this.marked = -1; // the last entry that is not later than now
     this.shown = {};
     element("log").replaceChildren();
@@ -76,10 +90,11 @@ class Panels {
 
   updateTitle(began, time) {
     if (this.changed("title", began)) element("subject").textContent = `${began.task} · ${began.subject}`;
-    const phase = this.trace.at("Said", time)?.phase;
+    const phases = this.trace.phases();
+    const phase = phases[lastBefore(phases, time, (band) => band.time)]?.phase;
     if (this.changed("phase", phase)) {
       element("phase").hidden = !phase;
-      element("phase").textContent = PHASES[phase] ?? phase ?? "";
+      element("phase").textContent = (phase === "deliver" && began.task === "learn" ? "Uses its rules" : PHASES[phase]) ?? phase ?? "";
       element("phase").style.setProperty("--phase", `var(--${phase}-phase)`);
     }
   }
@@ -89,7 +104,7 @@ class Panels {
     const { trace } = this;
     const steps = trace.records.Stepped;
     const next = steps[trace.indexAt("Stepped", time) + 1] ?? steps.at(-1);
-    const acting = next && trace.records.Learnt[0] && time >= trace.records.Learnt[0].time && !this.isDone(time);
+    const acting = next && time >= trace.actsFrom && !this.isDone(time);
     const said = trace.at("Said", time);
     if (!this.changed("now", acting ? next : said)) return;
     const action = element("action");
@@ -112,16 +127,17 @@ class Panels {
     const list = element("bits");
     if (!list.children.length)
       for (const term of began.terms) {
-        const name = make("span", "", term.replace(/\((robot|taxi), /, "("));
+        const name = make("span", "", shortTerm(term));
         name.title = term;
         list.append(make("li", "", make("b", "", "0"), name));
       }
     element("condition").textContent = condition ?? "";
     [...list.children].forEach((item, at) => {
       const on = condition?.[at] === "1";
+      const says = condition?.[at] === undefined ? "not known yet" : on ? "holds" : "does not hold";
       item.classList.toggle("on", on);
       item.firstChild.textContent = condition?.[at] ?? "–";
-      item.setAttribute("aria-label", `${began.terms[at]}: ${on ? "holds" : "does not hold"}`);
+      item.setAttribute("aria-label", `${began.terms[at]}: ${says}`);
     });
   }
 
@@ -132,8 +148,11 @@ class Panels {
     if (!rulesChanged && !this.changed("applies", condition)) return;
     this.shown.applies = condition;
     if (rulesChanged) this.makeRules(began, learnt, time);
-    for (const item of element("rules").querySelectorAll("[data-condition]"))
-      item.classList.toggle("applies", condition !== undefined && covers(item.dataset.condition, condition));
+    for (const item of element("rules").querySelectorAll("[data-condition]")) {
+      const applies = condition !== undefined && covers(item.dataset.condition, condition);
+      item.classList.toggle("applies", applies);
+      item.title = applies ? "Applies now: its condition holds" : "Does not apply now";
+    }
     for (const item of element("rules").querySelectorAll(".fails code")) item.classList.toggle("on", item.textContent === condition);
   }
 
@@ -170,8 +189,13 @@ class Panels {
 
   failureList(action, conditions, open) {
     const summary = make("summary", "", `fails in ${conditions.length}`);
-    summary.title = `Conditions in which ${action} does nothing`;
-    const details = make("details", "", summary, make("div", "fails", ...conditions.map((condition) => make("code", "", condition))));
+    summary.title = `The number of conditions in which ${action} is known to do nothing; press to see them`;
+    const codes = conditions.map((condition) => {
+      const code = make("code", "", condition);
+      code.title = inWords(condition, this.trace.records.Began[0].terms);
+      return code;
+    });
+    const details = make("details", "", summary, make("div", "fails", ...codes));
     details.dataset.action = action;
     details.open = open;
     return details;
@@ -229,6 +253,7 @@ class Panels {
     const fraction = explored && !past ? explored.fraction : null;
     if (!this.changed("explored", fraction)) return;
     element("exploring").hidden = fraction === null;
+    element("exploring-name").textContent = this.trace.records.Began[0].task === "map" ? "Of the log" : "Explored";
     const percent = Math.round((fraction ?? 0) * 100);
     element("explored").textContent = `${percent} %`;
     element("meter").setAttribute("aria-valuenow", percent);
@@ -237,22 +262,25 @@ class Panels {
 
   updateLog(time) {
     this.extendLog();
-    const here = lastBefore(this.entries, time, (entry) => entry.time);
-    if (!this.changed("log", `${here} ${this.entries.length}`)) return;
+    const last = lastBefore(this.entries, time, (entry) => entry.time);
+    if (this.chosen >= 0 && Math.abs(this.entries[this.chosen].time - time) > 1e-6) this.chosen = -1;
+    const here = this.chosen >= 0 ? this.chosen : last;
+    if (!this.changed("log", `${here} ${last} ${this.entries.length}`)) return;
     const list = element("log");
     list.querySelector(".here")?.classList.remove("here");
-    for (let at = Math.min(this.marked, here) + 1; at <= Math.max(this.marked, here); at++)
-      this.entries[at].node.classList.toggle("later", at > here);
-    this.marked = here;
+    for (let at = Math.min(this.marked, last) + 1; at <= Math.max(this.marked, last); at++)
+      this.entries[at].node.classList.toggle("later", at > last);
+    this.marked = last;
     const node = this.entries[here]?.node;
     if (!node) return;
     node.classList.add("here");
-    if (!list.matches(":hover") && document.activeElement !== list) list.scrollTop = node.offsetTop - list.offsetTop - list.clientHeight * 0.7;
+    if (!list.matches(":hover") && document.activeElement !== list) list.scrollTop = node.offsetTop - list.offsetTop - Math.max(0, Math.min(list.clientHeight * 0.7, list.clientHeight - node.offsetHeight));
   }
 
   // Put what was said, done and learnt since the last time into the log, in the order of time.
   extendLog() {
     const { records } = this.trace;
+    const { terms, task } = records.Began[0];
     const lines = [];
     for (; this.logged.Said < records.Said.length; this.logged.Said++) {
       const said = records.Said[this.logged.Said];
@@ -261,18 +289,32 @@ class Panels {
     for (; this.logged.Stepped < records.Stepped.length; this.logged.Stepped++) {
       const step = records.Stepped[this.logged.Stepped];
       const outcome = step.moved ? "" : " · nothing happens";
-      lines.push([step.time, 0, "act", `${step.action} in ${step.condition}${step.learning ? " · experiment" : ""}${outcome}`]);
+      const words = `${step.action} · ${holding(step.condition, terms)}${step.learning ? " · experiment" : ""}${outcome}`;
+      lines.push([step.time, 0, "act", words, `In condition ${step.condition}: ${inWords(step.condition, terms).slice(3)}`]);
     }
     for (; this.logged.Learnt < records.Learnt.length; this.logged.Learnt++) {
       const now = records.Learnt[this.logged.Learnt];
-      for (const words of newRules(records.Learnt[this.logged.Learnt - 1], now)) lines.push([now.time, 2, "rule", words]);
+      for (const [words, hint] of newRules(records.Learnt[this.logged.Learnt - 1], now, terms)) lines.push([now.time, 2, "rule", words, hint]);
+    }
+    for (; this.logged.Explored < records.Explored.length; this.logged.Explored++) {
+      const { time, fraction } = records.Explored[this.logged.Explored];
+      const reached = Math.floor(fraction / MILESTONE + 1e-9);
+      if (task === "localize" || reached <= this.milestone || time >= this.trace.actsFrom) continue;
+      this.milestone = reached;
+      const percent = Math.round(reached * MILESTONE * 100);
+      lines.push([time, 3, "said", task === "map" ? `Mapped ${percent} % of the log.` : `Mapped ${percent} %.`]);
     }
     if (!lines.length) return;
     lines.sort((a, b) => a[0] - b[0] || a[1] - b[1]);
     const made = document.createDocumentFragment();
-    for (const [time, , style, text] of lines) {
+    for (const [time, , style, text, hint] of lines) {
       const node = make("li", `${style} later`, make("time", "", clockText(time - this.trace.begin)), make("span", "", text));
-      node.addEventListener("click", () => this.seek(time));
+      if (hint) node.title = hint;
+      const number = this.entries.length;
+      node.addEventListener("click", () => {
+        this.seek(time);
+        this.chosen = number;
+      });
       this.entries.push({ time, node });
       made.append(node);
     }
@@ -301,14 +343,17 @@ class Panels {
   }
 }
 
-// What is new in one set of rules against the one before, in words.
-function newRules(before, now) {
+// What is new in one set of rules against the one before: in words where they are few, and all of it.
+function newRules(before, now, terms) {
   const old = new Map((before?.rules ?? []).map(([action, condition, effect]) => [`${action} ${effect}`, condition]));
   return now.rules
     .filter(([action, condition, effect]) => old.get(`${action} ${effect}`) !== condition)
     .map(([action, condition, effect]) => {
       const was = old.get(`${action} ${effect}`);
-      return was ? `${action}: ${effect} — now ${condition}, was ${was}` : `${action}: ${effect} under ${condition}`;
+      const few = [...condition].filter((sign) => sign !== "*").length <= FEW_TERMS;
+      const when = few ? inWords(condition, terms.map(shortTerm)) : `under ${condition}`;
+      const all = `${condition}${was ? `, was ${was}` : ""}: ${inWords(condition, terms)}`;
+      return [`${action}: ${effect} ${when}`, all];
     });
 }
 

@@ -10,8 +10,9 @@ const LAYERS = {
   warehouse: ["Warehouse", "--warehouse"],
   cells: ["Cells", "--soft"],
 };
-const TRAIL = 90; // s
+const TRAIL = 90; // s; of a log, all of it is shown
 const MARGIN = 0.6; // m around the map
+const SMALLEST = 4; // m that are shown across, however little there is
 const COVERED = [136, 56]; // px on the left and on the right that legend and tools take, where there is room for all
 const CLOSEST = 2000; // px a metre
 const FARTHEST = 1; // px a metre
@@ -72,15 +73,26 @@ class Scene {
     if (this.mode === "follow" && this.instant.pose) this.centre = [this.instant.pose[0], this.instant.pose[1]];
   }
 
-  // The whole map in the picture.
+  // All that there is in the picture: the map, or else the cells or what the laser sees, and where the robot has been.
   fit() {
-    const box = this.map.extent() ?? this.cellsExtent();
+    const box = joinedBoxes(this.map.extent() ?? this.cellsExtent() ?? this.laserExtent(), this.instant?.seen?.reach);
     if (!box || !this.width) return;
     const [west, south, east, north] = box;
     const [left, right] = this.width > 640 ? COVERED : [0, 0];
-    const across = Math.min((this.width - left - right) / (east - west + 2 * MARGIN), this.height / (north - south + 2 * MARGIN));
+    const across = Math.min((this.width - left - right) / Math.max(east - west + 2 * MARGIN, SMALLEST), this.height / Math.max(north - south + 2 * MARGIN, SMALLEST));
     this.scale = Math.min(Math.max(across, FARTHEST), CLOSEST);
     this.centre = [(west + east) / 2 + (right - left) / 2 / this.scale, (south + north) / 2];
+  }
+
+  laserExtent() {
+    const seen = this.instant?.seen;
+    if (!seen?.points.length) return null;
+    let box = null;
+    for (let n = 0; n < seen.points.length; n += 2) {
+      const [x, y] = [seen.pose[0] + seen.points[n] * POSITION_STEP, seen.pose[1] + seen.points[n + 1] * POSITION_STEP];
+      box = joinedBoxes(box, [x, y, x, y]);
+    }
+    return box;
   }
 
   cellsExtent() {
@@ -224,7 +236,7 @@ class Scene {
   drawTrail() {
     const { context, trace, instant, px } = this;
     const seen = trace.records.Seen;
-    const first = Math.max(0, trace.indexAt("Seen", instant.time - TRAIL));
+    const first = instant.began?.task === "deliver" ? Math.max(0, trace.indexAt("Seen", instant.time - TRAIL)) : 0;
     if (!instant.pose) return;
     context.beginPath();
     const stride = Math.max(1, Math.floor((instant.at - first) / 600));
@@ -266,17 +278,9 @@ class Scene {
     const { context, px, colours } = this;
     const { seen, step, pose } = this.instant;
     if (step && step.plan.length > 2) {
-      context.beginPath();
-      for (let n = 0; n < step.plan.length; n += 2) context.lineTo(step.plan[n], step.plan[n + 1]);
-      context.strokeStyle = colours.plan;
-      context.globalAlpha = 0.75;
-      context.lineWidth = Math.max(0.035, 2 * px);
-      context.setLineDash([0.1, Math.max(0.1, 6 * px)]);
-      context.stroke();
-      context.setLineDash([]);
-      context.globalAlpha = 1;
-      const last = step.plan.length - 2;
-      this.disc(step.plan[last], step.plan[last + 1], Math.max(0.07, 4 * px), colours.plan);
+      const end = legEnd(step.plan);
+      this.drawPlan(step.plan.subarray(end), 0.25);
+      this.drawPlan(step.plan.subarray(0, end + 2), 0.9);
     }
     if (seen.path.length > 2) {
       context.beginPath();
@@ -286,6 +290,22 @@ class Scene {
       context.lineWidth = Math.max(0.05, 2.5 * px);
       context.stroke();
     }
+  }
+
+  // Cells to drive through, dashed, and a disc where they end.
+  drawPlan(plan, alpha) {
+    if (plan.length < 4) return;
+    const { context, px, colours } = this;
+    context.beginPath();
+    for (let n = 0; n < plan.length; n += 2) context.lineTo(plan[n], plan[n + 1]);
+    context.strokeStyle = colours.plan;
+    context.globalAlpha = alpha;
+    context.lineWidth = Math.max(0.035, 2 * px);
+    context.setLineDash([0.1, Math.max(0.1, 6 * px)]);
+    context.stroke();
+    context.setLineDash([]);
+    this.disc(plan[plan.length - 2], plan[plan.length - 1], Math.max(0.07, 4 * px), colours.plan);
+    context.globalAlpha = 1;
   }
 
   disc(x, y, radius, fill, edge) {
@@ -486,6 +506,17 @@ class Scene {
     const [x, y] = this.inMap(cells, (thing.values.x + 0.5) * cells.size, (thing.values.y + 0.5) * cells.size);
     return { x, y, radius: cells.size / 3 };
   }
+}
+
+// Where in a plan the present leg ends: where the robot stays in a cell, as it picks up or lets go, after it has moved.
+function legEnd(plan) {
+  let moved = false;
+  for (let n = 2; n < plan.length; n += 2) {
+    const stays = plan[n] === plan[n - 2] && plan[n + 1] === plan[n - 1];
+    if (stays && moved) return n - 2;
+    moved ||= !stays;
+  }
+  return plan.length - 2;
 }
 
 // A pose between two records, so that slow playing moves smoothly.

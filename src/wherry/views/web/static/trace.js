@@ -39,6 +39,7 @@ class Trace {
       place += (count * Type.BYTES_PER_ELEMENT + 3) & ~3;
     }
     delete record.arrays;
+    if (record.type === "Seen") record.reach = joinedBoxes(this.records.Seen.at(-1)?.reach, [record.pose[0], record.pose[1], record.pose[0], record.pose[1]]);
     this.records[record.type].push(record);
     if (record.time === undefined) return;
     this.begin ??= record.time;
@@ -55,6 +56,36 @@ class Trace {
   at(type, time) {
     return this.records[type][this.indexAt(type, time)];
   }
+
+  // When it begins to act by rules, or Infinity.
+  get actsFrom() {
+    const { Learnt, Stepped } = this.records;
+    return Stepped.length ? (Learnt[0]?.time ?? Stepped[0].time) : Infinity;
+  }
+
+  // {time, phase} wherever another phase begins. While it acts, each action says which one it belongs to, an experiment
+  // or a plan; a step is told when it ends, so that it begins where the one before ended. Else it is what was said.
+  phases() {
+    const { Said, Stepped } = this.records;
+    const key = `${Said.length} ${Stepped.length}`;
+    if (this.phasesOf?.key === key) return this.phasesOf.bands;
+    const from = this.actsFrom;
+    const done = Said.findLast((said) => said.phase === "done");
+    const starts = Said.filter((said) => said.time < from);
+    Stepped.forEach((step, at) => starts.push({ time: Math.max(from, at ? Stepped[at - 1].time : from), phase: step.learning ? "learn" : "deliver" }));
+    if (done && done.time >= from) starts.push(done);
+    // Of those that begin at once, the last one counts.
+    const real = starts.filter(({ time }, at) => at === starts.length - 1 || starts[at + 1].time > time);
+    const bands = real.filter(({ phase }, at) => at === 0 || phase !== real[at - 1].phase);
+    this.phasesOf = { key, bands };
+    return bands;
+  }
+}
+
+// The box around two boxes, each as west, south, east, north, of which one may be missing.
+function joinedBoxes(a, b) {
+  if (!a || !b) return a ?? b ?? null;
+  return [Math.min(a[0], b[0]), Math.min(a[1], b[1]), Math.max(a[2], b[2]), Math.max(a[3], b[3])];
 }
 
 // Index of the last item whose key is not after a time; -1 if there is none.
