@@ -57,7 +57,7 @@ def test_pictures_go_beside_the_chosen_file(call: Call, quick: list[Path], tmp_p
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["chess"], "wherry: NAME: chess: is none of taxi, slam, localization, delivery, figures, all\n"),
+        (["chess"], "wherry: NAME: chess: is none of taxi, slam, sites, localization, delivery, figures, all\n"),
         (["taxi", "--out", "gone/results.md"], "wherry: --out: gone/results.md: is in a folder that does not exist\n"),
     ],
 )

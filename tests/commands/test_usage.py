@@ -20,7 +20,7 @@ Call = Callable[..., tuple[int, str, str]]
     ("arguments", "line"),
     [
         (["deliver", "--boxes", "x"], "wherry: --boxes: must be a valid integer\n"),
-        (["deliver", "--bixes", "3"], "wherry: --bixes: no such option (Possible options: --boxes)\n"),
+        (["deliver", "--bixes", "3"], "wherry: --bixes: no such option (Possible options: --boxes"),
         (["learn", "taxi", "--seed", "-1"], "wherry: --seed: must be greater than or equal to 0\n"),
         (["learn", "taxi", "--size"], "wherry: --size: option '--size' requires an argument\n"),
         (["learn"], "wherry: DOMAIN: is missing\n"),

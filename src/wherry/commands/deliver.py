@@ -58,7 +58,7 @@ def deliver(
         with DeliveryProgress(console, len(run.plan.boxes)) as progress:
             result = run(both(progress, sink, recording, film), recorded_robot)
         print_rules(console, run.rules)
-        print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.status}", result.figures)
+        print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.verdict}", result.figures)
         console.print(f"Pictures, map and rules: {run.out / 'report.html'}")
     for what, path in {"Bag": record, "Rerun": rerun, "Film": video}.items():
         if path is not None:

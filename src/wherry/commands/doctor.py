@@ -40,11 +40,13 @@ def doctor(as_json: JsonOption = False, quiet: QuietOption = False) -> None:
 
 def _table(findings: list[Finding]) -> object:
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, pad_edge=False)
     for heading in ("", "what", "found", "what to do"):
         table.add_column(heading, overflow="fold")
     for finding in findings:
         sign, style = ("✓", "green") if finding.works else ("✗", "bold red") if finding.required else ("–", "dim")
-        table.add_row(sign, finding.name, finding.detail, "" if finding.works else finding.advice, style=style)
+        advice = "" if finding.works else finding.advice
+        table.add_row(sign, *map(Text, (finding.name, finding.detail, advice)), style=style)
     return table

@@ -106,7 +106,7 @@ def _pressed() -> Iterator[str]:
     terminal = sys.stdin.fileno()
     before = termios.tcgetattr(terminal)
     try:
-        tty.setcbreak(terminal)
+        tty.setcbreak(terminal, termios.TCSANOW)  # what was typed before counts, too
         while True:
             typed = os.read(terminal, 8).decode("utf-8", errors="replace")
             if typed in STOP or not typed:

@@ -11,7 +11,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import chain, count, groupby
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,8 @@ from wherry.trace import Record, Seen, Sink, both, ignore, thinned
 
 SCORED_EVERY = 0.5  # s between two poses that the localization is scored by
 
+
+RESULT = "result.json"
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -83,9 +85,15 @@ def prepare(settings: Settings) -> DeliveryRun:
     if grid is not None and not grid.occupied.any():
         raise InputError(settings.map_file or "", "image", "shows no walls")
     learner = delivery_learner(settings.learner, settings.rules_file)
-    out = settings.out or Path("runs") / f"{plan.name}-seed{settings.seed}"
+    out = settings.out or _free_folder(Path("runs") / f"{plan.name}-seed{settings.seed}")
     make_folder(out)
     return DeliveryRun(settings, plan, grid, learner, out, build(plan, physics), beliefs)
+
+
+def _free_folder(folder: Path) -> Path:
+    """The folder, or one with a number behind its name where an earlier run has left its results."""
+    numbered = (folder.with_name(f"{folder.name}-{number}") for number in count(2))
+    return next(free for free in chain([folder], numbered) if not (free / RESULT).exists())
 
 
 def make_folder(out: Path) -> None:
@@ -255,7 +263,7 @@ class DeliveryRun:
 
     def _write(self, result: Result) -> None:
         """What was made: the map, the rules, the result, and the page."""
-        write_atomically(self.out / "result.json", json.dumps(result.as_json(), indent=2) + "\n")
+        write_atomically(self.out / RESULT, json.dumps(result.as_json(), indent=2) + "\n")
         save_rules(self._learner, self.out / "rules.json")
         if self._ready is None:
             return

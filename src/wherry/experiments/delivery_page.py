@@ -29,7 +29,6 @@ def page(result: Result, pictures: Sequence[Picture], rules: Sequence[str], reco
         records: The run's trace.
     """
     good = result.status == "delivered"
-    verdict = {"delivered": "All delivered", "not delivered": "Not all delivered", "stopped": "Stopped"}[result.status]
     lead = (
         f"In the world “{result.world}” (seed {result.seed}) the robot brought {result.delivered} of {result.boxes} "
         f"boxes to the warehouse, {result.real_time_factor:.0f} times faster than real time."
@@ -37,7 +36,7 @@ def page(result: Result, pictures: Sequence[Picture], rules: Sequence[str], reco
     return render(
         Report(
             title="wherry: a delivery",
-            verdict=verdict,
+            verdict=result.verdict,
             good=good,
             lead=lead,
             pictures=pictures,

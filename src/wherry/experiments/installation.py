@@ -79,26 +79,20 @@ def _kernels() -> Finding:
 
 
 def _rendering() -> Finding:
-    """Whether a frame can be rendered without a screen; really renders one, small, and looks whether it is blank."""
-    os.environ.setdefault("MUJOCO_GL", "egl")
-    import mujoco  # noqa: PLC0415 - it chooses its backend when it is imported
+    """Whether pictures can be taken without a screen; really takes one, small, and looks whether it is blank."""
+    import numpy as np  # noqa: PLC0415 - what is broken is to be told, not to keep the rest from being told
 
-    model = mujoco.MjModel.from_xml_string(
-        "<mujoco><worldbody><light pos='0 0 3'/><geom type='sphere' size='1' rgba='1 0 0 1'/></worldbody></mujoco>"
-    )
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    renderer = mujoco.Renderer(model, 64, 64)
-    try:
-        renderer.update_scene(data)
-        seen = renderer.render()
-    finally:
-        renderer.close()
-    works = bool(seen.any())
-    return Finding("rendering", works, f"{os.environ['MUJOCO_GL']}, a frame was rendered", ADVICE_GL)
+    from wherry.floorplan import find_world  # noqa: PLC0415
+    from wherry.simulation import build  # noqa: PLC0415
+    from wherry.simulation.picture import Photographer  # noqa: PLC0415
+
+    world = build(find_world("small"), np.random.default_rng(0))
+    with Photographer(world, 64, 64) as photographer:
+        works = bool(np.ptp(photographer.overhead()))
+    return Finding("rendering", works, "EGL, a picture was taken", ADVICE_GL)
 
 
-ADVICE_GL = "apt install libegl1 libgl1-mesa-dri, or libosmesa6 and MUJOCO_GL=osmesa; needed for pictures and video"
+ADVICE_GL = "apt install libegl1 libgl1-mesa-dri; needed for pictures and films of the simulated world"
 
 
 def _rendering_or_why() -> Finding:

@@ -82,6 +82,15 @@ class Result:
         }
 
     @property
+    def verdict(self) -> str:
+        """The outcome in a few words."""
+        if self.status != "delivered":
+            return {"not delivered": "not all delivered", "stopped": "stopped"}[self.status]
+        if not self.unreachable:
+            return "all delivered"
+        return "all delivered that can be reached" if self.delivered else "nothing can be reached"
+
+    @property
     def exit_status(self) -> int:
         """What the command exits with."""
         return {"delivered": DELIVERED, "not delivered": NOT_DELIVERED, "stopped": STOPPED}[self.status]

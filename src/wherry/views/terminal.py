@@ -91,6 +91,6 @@ def print_table(console: Console, title: str, figures: Mapping[str, str]) -> Non
 
 def print_rules(console: Console, rules: Sequence[str]) -> None:
     """Print what was learnt, a rule a line."""
-    console.print("[bold]What the robot found out[/bold]")
+    console.print("[bold]What is known of the actions[/bold]")
     for rule in rules:
         console.print(f"  {rule}", highlight=False, markup=False)
