@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -140,11 +141,31 @@ def test_what_is_wrong_is_said_in_place_and_not_saved(editor: playwright.Page, f
         parse_world(before.replace(" o ", " q "), "attic.txt")
     assert caught.value.reason in editor.inner_text("#verdict")
     assert editor.evaluate("[found.line, found.column]") == [6, 15]
-    editor.get_by_role("button", name="Save").click()
+    assert editor.get_by_role("button", name="Save").is_disabled()
+    editor.keyboard.press("Control+s")
     editor.wait_for_timeout(200)
     assert file.read_text() == before
     source.fill(before)
     until(editor, "found.error === null")
+
+
+def test_what_a_smaller_plan_takes_with_it_is_told_and_comes_back(editor: playwright.Page, file: Path) -> None:
+    before = editor.input_value("#text")
+    editor.locator("#width").fill("2")
+    editor.locator("#width").press("Enter")
+    assert re.search(r"With the smaller plan went .*\. Undo brings it back\.", editor.inner_text("#hint"))
+    editor.get_by_role("button", name="Undo").click()
+    assert editor.input_value("#text") == before
+
+
+def test_tools_are_explained_and_what_is_saved_can_be_used(editor: playwright.Page, file: Path) -> None:
+    choose(editor, "Robot")
+    assert "a second click turns it" in editor.inner_text("#hint")
+    choose(editor, "Obstacle")
+    click_cell(editor, 0, 0)
+    saved(editor, file)
+    until(editor, "document.getElementById('verdict').textContent.includes('wherry deliver --world')")
+    assert str(file) in editor.inner_text("#verdict")
 
 
 def test_a_box_that_nobody_can_reach_is_pointed_out(editor: playwright.Page) -> None:

@@ -78,7 +78,7 @@ def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PO
 
     async def page(request: Request) -> Response:
         current = text if not path.exists() else path.read_text(encoding="utf-8")
-        settings = {"file": path.name, "text": current, "new": not path.exists()}
+        settings = {"file": path.name, "path": str(path), "text": current, "new": not path.exists()}
         values = {"title": f"{path.name} - wherry", "settings": settings}
         return HTMLResponse(assemble("editor.html", ("editor.js",), values, styles=("style.css", "editor.css")))
 

@@ -11,16 +11,17 @@ const LONGEST_HISTORY = 300;
 const WALL_REACH = 0.26; // of a cell, from its edge, where a wall is meant
 
 const TOOLS = [
-  ["wall", "Wall", "--wall"],
-  ["obstacle", "Obstacle", "--soft"],
-  ["w", "Warehouse", "--warehouse"],
-  ["o", "Box", "--box"],
-  ["robot", "Robot", "--accent"],
-  ["erase", "Erase", "--particle"],
+  ["wall", "Wall", "--wall", "Press on a cell's edge, and drag along a row of them; on a wall, that takes it away."],
+  ["obstacle", "Obstacle", "--soft", "Press on a cell, and drag; on an obstacle, that takes it away."],
+  ["w", "Warehouse", "--warehouse", "Press on the cells where boxes are to go."],
+  ["o", "Box", "--box", "Press on the cells where boxes stand; without any, some are put at random places."],
+  ["robot", "Robot", "--accent", "Press on the cell where the robot begins; a second click turns it."],
+  ["erase", "Erase", "--particle", "Press on what is to go, a wall or what is in a cell."],
 ];
 const ARROWS = ">^<v";
 
 let text = settings.text;
+let savedHere = false; // whether this page has saved anything
 let saved = settings.new ? null : settings.text;
 let past = [];
 let future = [];
@@ -136,7 +137,7 @@ async function save() {
   const asked = text;
   try {
     found = await (await ask("save", asked)).json();
-    if (!found.error) saved = asked;
+    if (!found.error) [saved, savedHere] = [asked, true];
   } catch {
     notice("Not saved: the server does not answer.");
   }
@@ -176,7 +177,38 @@ function resize(width, height) {
       return onOldEdge ? " " : was;
     }),
   );
+  const before = inventory(text);
   change(joined({ fields: plan.fields, rows }));
+  const after = inventory(text);
+  const lost = Object.keys(before).filter((kind) => after[kind] < before[kind]);
+  const counted = lost.map((kind) => (before[kind] - after[kind] === 1 ? `1 ${kind}` : `${before[kind] - after[kind]} ${PLURALS[kind]}`));
+  if (lost.length) tell(`With the smaller plan went ${counted.join(", ")}. Undo brings it back.`);
+}
+
+const PLURALS = { robot: "robots", box: "boxes", "warehouse cell": "warehouse cells", obstacle: "obstacles", wall: "walls" };
+
+// How many things of each kind a text draws; walls on the outer edge do not count.
+function inventory(of) {
+  const plan = parts(of);
+  const counts = { robot: 0, box: 0, "warehouse cell": 0, obstacle: 0, wall: 0 };
+  for (let y = 0; y < plan.height; y++)
+    for (let x = 0; x < plan.width; x++) {
+      const symbols = cellText(plan, x, y);
+      counts.robot += [...symbols].some((sign) => ARROWS.includes(sign));
+      counts.box += symbols.includes("o");
+      counts["warehouse cell"] += symbols.includes("w");
+      counts.obstacle += symbols.includes("#");
+      for (const [dx, dy] of [[1, 0], [0, 1]]) {
+        const place = wallPlace(plan, x, y, dx, dy);
+        counts.wall += Boolean(place && hasWall(plan, place));
+      }
+    }
+  return counts;
+}
+
+// Words below the tools: how the one that is chosen is used, or what has just happened.
+function tell(words) {
+  element("hint").textContent = words;
 }
 
 // The picture.
@@ -194,6 +226,8 @@ function show() {
   element("state").dataset.state = state;
   element("undo").disabled = !past.length;
   element("redo").disabled = !future.length;
+  element("save").disabled = Boolean(found.error);
+  element("save").title = found.error ? "What is wrong with the world stands below the plan" : "Ctrl+S";
   element("text").setAttribute("aria-invalid", Boolean(found.error));
   const verdict = element("verdict");
   const unreachable = found.unreachable?.length ?? 0;
@@ -203,7 +237,8 @@ function show() {
     : found.width
       ? `${found.metres[0]} × ${found.metres[1]} m, ${found.boxes} ${found.boxes === 1 ? "box" : "boxes"}${found.drawn ? "" : " at random places"}` +
         (unreachable ? `. ${unreachable} of them cannot be reached by the robot` : "") +
-        (found.connected ? "." : ". Some cells cannot be reached.")
+        (found.connected ? "." : ". Some cells cannot be reached.") +
+        (savedHere && state === "saved" ? ` Saved; to deliver in it: wherry deliver --world ${settings.path}` : "")
       : "";
   if (!plan) return;
   const values = { name: field(plan, "name"), cell: field(plan, "cell") ?? 0.6, boxes: field(plan, "boxes") ?? 4, width: plan.width, height: plan.height };
@@ -239,7 +274,6 @@ function draw() {
   for (let y = 0; y < plan.height; y++)
     for (let x = 0; x < plan.width; x++) {
       const symbols = cellText(plan, x, y);
-      if (symbols.includes("#")) box(x, y, 0, colour("wall"));
       if (symbols.includes("w")) {
         context.globalAlpha = 0.4;
         box(x, y, 1.5, colour("warehouse"));
@@ -252,6 +286,8 @@ function draw() {
   for (let x = 0; x <= plan.width; x++) context.rect(x * side, 0, 0, plan.height * side);
   for (let y = 0; y <= plan.height; y++) context.rect(0, y * side, plan.width * side, 0);
   context.stroke();
+  for (let y = 0; y < plan.height; y++)
+    for (let x = 0; x < plan.width; x++) if (cellText(plan, x, y).includes("#")) box(x, y, -1, colour("soft")); // over the lines, so that neighbours are one
   context.strokeStyle = colour("wall");
   context.lineWidth = Math.max(4, side * 0.11);
   context.lineCap = "square";
@@ -410,6 +446,7 @@ document.addEventListener("keydown", (event) => {
 function choose(name) {
   tool = name;
   element(`tool-${name}`).checked = true;
+  tell(TOOLS.find(([other]) => other === name)[3]);
 }
 
 for (const [name, words, colour] of TOOLS) {
@@ -450,5 +487,6 @@ function stay() {
   };
 }
 stay();
+choose(tool);
 show();
 check();
