@@ -111,7 +111,7 @@ def test_what_it_knows_stands_beside_the_map(page: playwright.Page, carried: str
     opened(page, carried, at=5.0)
     assert page.locator("#bits li").count() == len(TERMS)
     assert page.locator("#bits li.on").all_inner_texts() == ["1\ntouch_E(wall)"]
-    assert "if not touch_N(robot, wall) and not" in page.inner_text("#rules")
+    assert "if not touch_N(wall) and not" in page.inner_text("#rules")
     assert "0000000" in page.inner_text("#rules")
     assert "fails in 2" in page.inner_text("#rules")
     assert page.inner_text("#unknown") == "3"

@@ -175,14 +175,17 @@ class Panels {
       if (failing.length) made.at(-1).append(this.failureList(action, failing, open.has(action)));
       return made;
     });
-    element("rules").replaceChildren(...items);
+    const list = element("rules");
+    list.replaceChildren(...items);
+    const newest = [...list.querySelectorAll(".new")].at(-1);
+    if (newest && !list.matches(":hover")) list.scrollTop = newest.offsetTop - list.offsetTop - list.clientHeight + newest.offsetHeight;
     element("no-rules").hidden = items.length > 0;
     element("rule-count").textContent = rules.length || "";
   }
 
   ruleItem(action, condition, effect, terms) {
     const top = make("div", "rule-top", make("b", "", action), make("span", "", effect), pattern(condition));
-    const item = make("li", "", top, make("div", "rule-when", inWords(condition, terms)));
+    const item = make("li", "", top, make("div", "rule-when", inWords(condition, terms.map(shortTerm))));
     item.dataset.condition = condition;
     return item;
   }
@@ -288,7 +291,7 @@ class Panels {
     }
     for (; this.logged.Stepped < records.Stepped.length; this.logged.Stepped++) {
       const step = records.Stepped[this.logged.Stepped];
-      const outcome = step.moved ? "" : " · nothing happens";
+      const outcome = step.moved ? "" : " · no effect";
       const words = `${step.action} · ${holding(step.condition, terms)}${step.learning ? " · experiment" : ""}${outcome}`;
       lines.push([step.time, 0, "act", words, `In condition ${step.condition}: ${inWords(step.condition, terms).slice(3)}`]);
     }
