@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from wherry.floorplan import Cell, FloorPlan
 from wherry.realization.boxes import FARTHEST, FEWEST_SIGHTINGS, Box, look_for_boxes
 from wherry.realization.pilot import Load, Pilot
 from wherry.robot import Scan
 from wherry.space.frame import CellFrame
-from wherry.space.pose import Pose
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Floats, Pose
+from wherry.space.raycast import cast_rays
 
 LOOK_EVERY = 3  # scans between two that are searched for boxes
 ENOUGH_LOOKS = FEWEST_SIGHTINGS + 2  # after which a box in a cell would be certain
+BESIDE = 1.8  # box radii from a cell's middle to where beams must pass it, so that a box there would stand out
 
 
 class BoxWatch:
@@ -70,11 +76,43 @@ class SeenCells:
         self._counted = len(self._watch.looks)
         return {cell for cell, count in zip(self._cells, self._counts, strict=True) if count >= ENOUGH_LOOKS}
 
-    def _looked_into(self, lidar: Pose, scan: Scan) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """[C] the cells into whose middle a scan looked."""
+    def _looked_into(self, lidar: Pose, scan: Scan) -> NDArray[np.bool_]:
+        """[C] the cells into whose middle a scan looked, and past it on both sides."""
         away = lidar.inverse.transform(self._centres)
         distances = np.hypot(away[:, 0], away[:, 1])
         bearings = np.arctan2(away[:, 1], away[:, 0])
-        beams = np.round((bearings - scan.angle_min) / scan.angle_increment).astype(np.int64) % len(scan.ranges)
-        reached = np.where(np.isnan(scan.ranges), 0.0, scan.ranges)[beams]
-        return (distances < FARTHEST) & (reached > distances - 2 * self._watch.box_radius)
+        ranges = np.where(np.isnan(scan.ranges), 0.0, scan.ranges)
+
+        def reached(directions: Floats) -> Floats:
+            beams = np.round((directions - scan.angle_min) / scan.angle_increment).astype(np.int64)
+            return ranges[beams % len(ranges)]
+
+        aside = _aside(distances, self._watch.box_radius)
+        passed = np.minimum(reached(bearings - aside), reached(bearings + aside)) > distances
+        looked: NDArray[np.bool_] = reached(bearings) > distances - 2 * self._watch.box_radius
+        return looked & passed & (distances < FARTHEST)
+
+    def lookouts(self, target: Cell, grid: OccupancyGrid, cells: Sequence[Cell]) -> list[Cell]:
+        """The cells from whose middle a box in the target would stand out, as far as the map knows, in their order."""
+        index = {cell: at for at, cell in enumerate(self._cells)}
+        places = self._centres[[index[cell] for cell in cells]]
+        away = self._centres[index[target]] - places
+        distances = np.hypot(away[:, 0], away[:, 1])
+        near = np.flatnonzero((distances > 0.0) & (distances < FARTHEST))
+        found = []
+        for at in near:
+            aside = float(_aside(distances[at], self._watch.box_radius))
+            pose = np.array([[*places[at], np.arctan2(away[at, 1], away[at, 0])]])
+            directions = np.array([-aside, 0.0, aside])
+            left, middle, right = cast_rays(
+                grid.occupied, grid.resolution, grid.origin, pose, directions, FARTHEST + grid.resolution
+            )[0]
+            if middle > distances[at] - 2 * self._watch.box_radius and min(left, right) > distances[at]:
+                found.append(cells[int(at)])
+        return found
+
+
+def _aside(distances: Floats, radius: float) -> Floats:
+    """rad, between the beams to a place and past a box there."""
+    angles: Floats = np.arcsin(np.minimum(BESIDE * radius / np.maximum(distances, radius), 1.0))
+    return angles

@@ -24,7 +24,7 @@ from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.slam import Slam
 from wherry.navigation.exploration import frontier_cells, next_viewpoint, visible_unknown
 from wherry.navigation.path import Costmap, shortest_path
-from wherry.realization.box_watch import BoxWatch, SeenCells
+from wherry.realization.box_watch import ENOUGH_LOOKS, LOOK_EVERY, BoxWatch, SeenCells
 from wherry.realization.boxes import Box, standing_free, without_boxes
 from wherry.realization.cells import occupied_cells, plan_of_map
 from wherry.realization.environment import RobotEnvironment
@@ -43,6 +43,7 @@ UNSURE = 0.5  # probability of being lost from which on a robot stops and looks 
 SURE, SURE_SCANS = 0.1, 10  # probability of being lost that a robot accepts, in so many scans in a row
 LONGEST_LEG, MOST_LEGS = 1.5, 30  # m, and how many such legs a robot drives to find out where it is
 WORTHWHILE = 0.15  # m² of the unknown, less than half a cell, for which the robot drives to see them
+MOST_LOOKOUTS = 3  # places that are tried to look into a cell from
 BEHIND_FRONTIER = 1.0  # m of unknown that are expected behind a frontier, to tell how far a map has come
 
 
@@ -348,9 +349,14 @@ class Mission:
                 self._say(pilot, "survey", "There are corners that I have not looked into from nearby: I go there.")
                 announced = True
             target = min(unseen, key=lambda cell: (steps.get(cell, 0), cell))
-            costmap = self._costmap(grid, pilot, watch.boxes)
-            path = shortest_path(costmap, _position(pilot.pose), frame.centre(target.x, target.y), within=1.0)
+            lookouts = seen.lookouts(target, grid, sorted(steps, key=lambda cell: (steps[cell], cell)))
+            goals = [(frame.centre(cell.x, cell.y), 0.3) for cell in lookouts[:MOST_LOOKOUTS]]
+            goals.append((frame.centre(target.x, target.y), 1.0))
+            costmap, position = self._costmap(grid, pilot, watch.boxes), _position(pilot.pose)
+            paths = (shortest_path(costmap, position, goal, within=within) for goal, within in goals)
+            path = next((path for path in paths if path is not None), None)
             if path is None or not self._ride(pilot, path):
+                pilot.look(LOOK_EVERY * ENOUGH_LOOKS)
                 given_up.add(target)
 
     def _centre(

@@ -1,0 +1,52 @@
+"""What the README and the docs show is what there is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from wherry.experiments.delivery import Settings, prepare
+from wherry.floorplan import load_world
+from wherry.trace import ignore
+
+ROOT = Path(__file__).parents[2]
+
+
+def blocks_of(page: str, language: str) -> list[str]:
+    """The fenced blocks of a language, without the last line's end."""
+    return re.findall(rf"^```{language}\n(.*?)\n```$", (ROOT / page).read_text("utf-8"), re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("page", "language", "example"),
+    [
+        ("docs/tutorial.md", "text", "docs/examples/home.txt"),
+        ("docs/tutorial.md", "python", "docs/examples/lights.py"),
+        ("docs/how-to/ros.md", "yaml", "src/wherry/ros/body.yaml"),
+    ],
+)
+def test_examples_are_shown_as_they_are(page: str, language: str, example: str) -> None:
+    text = (ROOT / example).read_text("utf-8")
+    blocks = [block for block in blocks_of(page, language) if block in text]
+    assert re.sub(r"\s+", "", "".join(blocks)) == re.sub(r"\s+", "", text)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_readmes_world_is_delivered(tmp_path: Path, seed: int) -> None:
+    """One of its boxes stands in a niche, where it is seen from few places only."""
+    readme = (ROOT / "README.md").read_text("utf-8")
+    drawing = re.search(r"^    wherry-world: 1\n(?:(?:    .*)?\n)+", readme, re.MULTILINE)
+    assert drawing is not None
+    world = tmp_path / "tiny.txt"
+    world.write_text(re.sub("^    ", "", drawing[0].rstrip() + "\n", flags=re.MULTILINE))
+    assert len(load_world(world).boxes) == 2
+    result = prepare(Settings(world=str(world), seed=seed, out=tmp_path / "out"))(ignore)
+    assert (result.delivered, result.collisions, result.exit_status) == (2, 0, 0)
+
+
+def test_the_tutorials_world_is_delivered(tmp_path: Path) -> None:
+    world = str(ROOT / "docs/examples/home.txt")
+    result = prepare(Settings(world=world, seed=3, out=tmp_path))(ignore)
+    assert (result.delivered, result.boxes, result.collisions) == (3, 3, 0)
