@@ -63,7 +63,9 @@ def localize(
             console.print(f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")
         figures = result.as_dict()
         print_table(console, f"{log.name} on {map_file.name}", {name: shown(value) for name, value in figures.items()})
-        if out is not None:
+        if out is None:
+            console.print("Nothing was saved; --out DIR saves trajectory and picture.")
+        else:
             console.print("Written: " + ", ".join(str(path) for path in run.save(out)))
     if as_json:
         print_json(figures)

@@ -96,7 +96,9 @@ def map_log(
         refused = refusals(_closures(run.slam))
         if refused:
             print_table(console, "Refused for", {gate: str(number) for gate, number in refused.items()})
-        if out is not None:
+        if out is None:
+            console.print("Nothing was saved; --out DIR saves map, picture, trajectory and pose graph.")
+        else:
             console.print(f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
     if as_json:
         print_json(figures)

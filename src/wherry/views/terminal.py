@@ -51,9 +51,9 @@ class DeliveryProgress:
         """Show a record."""
         match record:
             case Said(time=time, phase=phase, text=text):
-                self._progress.console.print(
-                    f"[dim]{time:7.1f} s[/dim]  [bold]{phase:<8}[/bold] {escape(text)}", highlight=False
-                )
+                console = self._progress.console
+                line = f"[dim]{time:7.1f} s[/dim]  [bold]{phase:<8}[/bold] {escape(text)}"
+                console.print(line, highlight=False, soft_wrap=not console.is_terminal)
             case Explored(fraction=fraction, frontier=frontier):
                 words = f"{fraction:.0%}, {frontier:.1f} m of frontier left"
                 self._progress.update(self._explored, completed=fraction, words=words)
