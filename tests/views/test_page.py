@@ -232,6 +232,9 @@ def test_of_a_plan_the_way_to_the_next_box_stands_out(page: playwright.Page, car
     assert page.evaluate(ends, [0, 0, 0, 1, 0, 1, 0, 0]) == 1  # up, PICKUP, back
     assert page.evaluate(ends, [0, 0, 0, 0, 0, 1, 0, 1, 0, 0]) == 2  # PICKUP at once, up, DROPOFF
     assert page.evaluate(ends, [0, 0, 0, 1, 0, 2]) == 2
+    ahead = "([x, y]) => [...aheadOf([x, y, 0], Float32Array.of(0, 0, 0, 1, 1, 1))]"
+    assert page.evaluate(ahead, [0.125, 0.5]) == [0.125, 0.5, 0, 1, 1, 1]
+    assert page.evaluate(ahead, [0.5, 0.5]) == [0, 0, 0, 1, 1, 1]  # it is elsewhere
 
 
 def test_play_pause_step_and_scrub(page: playwright.Page, carried: str) -> None:

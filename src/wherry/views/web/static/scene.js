@@ -278,9 +278,10 @@ class Scene {
     const { context, px, colours } = this;
     const { seen, step, pose } = this.instant;
     if (step && step.plan.length > 2) {
-      const end = legEnd(step.plan);
-      this.drawPlan(step.plan.subarray(end), 0.25);
-      this.drawPlan(step.plan.subarray(0, end + 2), 0.9);
+      const plan = aheadOf(pose, step.plan);
+      const end = legEnd(plan);
+      this.drawPlan(plan.subarray(end), 0.25);
+      this.drawPlan(plan.subarray(0, end + 2), 0.9);
     }
     if (seen.path.length > 2) {
       context.beginPath();
@@ -506,6 +507,19 @@ class Scene {
     const [x, y] = this.inMap(cells, (thing.values.x + 0.5) * cells.size, (thing.values.y + 0.5) * cells.size);
     return { x, y, radius: cells.size / 3 };
   }
+}
+
+// A plan without what of its first way between two cells lies behind the robot, if it is on that way.
+function aheadOf([x, y], plan) {
+  const [x0, y0, x1, y1] = plan;
+  const length = Math.hypot(x1 - x0, y1 - y0);
+  if (!length) return plan;
+  const along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / length;
+  const aside = Math.abs((x - x0) * (y1 - y0) - (y - y0) * (x1 - x0)) / length;
+  if (aside > length / 4 || along <= 0 || along >= length) return plan;
+  const ahead = plan.slice();
+  ahead.set([x, y]);
+  return ahead;
 }
 
 // Where in a plan the present leg ends: where the robot stays in a cell, as it picks up or lets go, after it has moved.
