@@ -38,6 +38,7 @@ SCORED_EVERY = 0.5  # s between two poses that the localization is scored by
 
 RESULT = "result.json"
 
+
 @dataclass(frozen=True, slots=True)
 class Settings:
     """What to run.
