@@ -96,7 +96,7 @@ def load_frames(path: Path) -> bytes:
     Raises:
         InputError: The file cannot be read or is no trace, or a frame in it is damaged.
     """
-    return b"".join(data for _, data in _frames(path))
+    return b"".join(frame for frame, _ in _frames(path))
 
 
 def load_trace(run: Path) -> list[Record]:
@@ -105,13 +105,11 @@ def load_trace(run: Path) -> list[Record]:
     Raises:
         InputError: The file cannot be read or is no trace, or a record in it is damaged.
     """
-    path = find_trace(run)
-    decoder = Decoder(str(path))
-    return [decoder.decode(data, where) for where, data in _frames(path)]
+    return [record for _, record in _frames(find_trace(run))]
 
 
-def _frames(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Every whole frame of a file, with its place in words; each has been through `Decoder.decode`'s checks.
+def _frames(path: Path) -> Iterator[tuple[bytes, Record]]:
+    """Every whole frame of a file, and its record, which is how it is checked.
 
     The rest of a file that was cut short is left out.
     """
@@ -128,8 +126,6 @@ def _frames(path: Path) -> Iterator[tuple[str, bytes]]:
     decoder = Decoder(str(path))
     number = 0
     for number, frame in enumerate(split(data), start=1):
-        where = f"frame {number}"
-        decoder.decode(frame, where)
-        yield where, frame
+        yield frame, decoder.decode(frame, f"frame {number}")
     if number == 0:
         raise InputError(path, "", "holds no record")
