@@ -9,6 +9,7 @@ import secrets
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -33,8 +34,8 @@ LARGEST_REQUEST = 4_096  # bytes, of a message that a page may send
 OVER, HAS_REPORT = 1, 2  # bits of a message
 REPORT = "report.html"
 SENT_EVERY = 0.03  # s between two messages to a page
-START_DEADLINE = 10.0  # s
 LEAVING = 2.0  # s without a page after which everybody has gone
+ASKED_EVERY = 0.2  # s between two looks at whether anybody is there
 
 
 class Server:
@@ -52,7 +53,6 @@ class Server:
         self.taken_port = taken_port
         self.pages = 0
         self.had_pages = False
-        self._left = threading.Event()
 
     def page_came(self) -> None:
         """Count a page."""
@@ -75,9 +75,9 @@ class Server:
         while gone < LEAVING:
             if not self.had_pages and waited >= patience:
                 return False
-            self._left.wait(0.2)
-            waited += 0.2
-            gone = gone + 0.2 if self.had_pages and self.pages == 0 else 0.0
+            time.sleep(ASKED_EVERY)
+            waited += ASKED_EVERY
+            gone = gone + ASKED_EVERY if self.had_pages and self.pages == 0 else 0.0
         return True
 
 
