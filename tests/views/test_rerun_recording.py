@@ -44,7 +44,6 @@ RECORDS: tuple[Record, ...] = (
 
 def rows(path: Path) -> dict[str, int]:
     """How many rows Rerun's own command finds at each entity."""
-    command = [sys.executable, "-m", "rerun", "rrd", "print", "--entity", ""]
     command = [sys.executable, "-m", "rerun", "rrd", "print", str(path)]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     found: dict[str, int] = {}
