@@ -114,15 +114,18 @@ def test_the_robot_stands_half_a_second_after_its_driver_is_killed(world: Path, 
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("is_recorded", [False, True])
 def test_a_simulation_that_is_asked_to_end_still_says_what_its_referee_saw(
-    how: signal.Signals, world: Path, transport: DdsTransport
+    how: signal.Signals, is_recorded: bool, world: Path, transport: DdsTransport
 ) -> None:
     watcher = Watcher(transport)
-    with simulator(world, DEATHS, "--rate", "5") as process:
+    bag = world.with_name(f"{how.name}.bag")
+    with simulator(world, DEATHS, "--rate", "5", *(("--record", str(bag)) if is_recorded else ())) as process:
         wait_until(lambda: bool(watcher.odometry), 60.0)
         result = ended(process, how)
     assert process.returncode == 0
     assert result["sim_seconds"] > 0.0
+    assert bag.is_file() == is_recorded
 
 
 def test_a_simulation_ends_when_it_is_told_to_and_says_what_its_referee_saw(

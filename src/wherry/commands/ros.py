@@ -77,15 +77,18 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
         simulation = ros_simulation.prepare(settings)
         console = console_for(as_json=as_json, quiet=quiet)
 
-        with open_transport(generation, name, namespace, interface) as transport, _asked_to_end() as asked:
+        with (
+            open_transport(generation, name, namespace, interface) as transport,
+            recorded_transport(record, transport, called) as recorded,
+            _asked_to_end() as asked,  # innermost: a recording alone would end with the signal, and say nothing
+        ):
 
             def is_over() -> bool:
                 return asked.is_set() or (duration is not None and simulation.time >= duration)
 
             _describe_robot(transport, called)
             console.print(f"{simulation.plan.name} at {rate:g} × real time; Ctrl-C ends it.", highlight=False)
-            with recorded_transport(record, transport, called) as recorded:
-                ros_simulation.node_of(simulation, recorded, called, rate).run(is_over)
+            ros_simulation.node_of(simulation, recorded, called, rate).run(is_over)
         result = ros_simulation.verdict(simulation)
         console.print(
             f"{result['sim_seconds']:.1f} s, {result['delivered']} of {result['boxes']} boxes delivered, "
