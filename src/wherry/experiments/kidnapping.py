@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wherry.experiments.localization import LOST
 from wherry.floorplan import Cell, FloorPlan, find_world, place_boxes
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameters import PRECISE
@@ -27,7 +28,6 @@ MAPPING_VIEWS = 4  # headings that every cell is mapped from
 CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])
 FOUND = 0.3  # m, and
 FOUND_HEADING = math.radians(15.0)  # : nearer to the truth than this the robot has found itself
-LOST = 0.5  # probability of being lost from which on a robot is said to be lost
 SPEED = 0.4  # m/s
 TURN = 1.2  # rad/s
 ROOM = 0.45  # m, that must be clear ahead

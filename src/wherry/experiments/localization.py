@@ -26,7 +26,7 @@ from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory, save_tum
 from wherry.space.wean_map import load_wean_map
 
-LOST = 0.5  # probability of being lost from which on a scan counts as lost
+LOST = 0.5  # probability of being lost from which on a robot is said to be lost
 GLOBAL_PARTICLES = 50_000  # at most, when the robot may be anywhere; KLD sampling soon needs fewer
 # Odometry is better than nav2 assumes: 4° and 0.15 m off per metre, 0.15 rad and 0.07 m per radian, as in mapping.
 # Rooms are not as they were when they were mapped: a scan of which little fits must not outweigh where odometry leads.

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from wherry.experiments.localization import LOST
 from wherry.logs import LidarLog
 from wherry.mapping.closures import Closure
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.trace import Began, Explored, Said, Seen, Sink
 
-LOST = 0.5  # probability of being lost from which on it is said
 DRAWN_RADIUS = 0.25  # m; a log does not say how large its robot is
 BEGINNINGS = {
     "map": "I make a map of what the log's laser saw.",
