@@ -21,6 +21,7 @@ from wherry.domains.delivery import DeliverySteps, boxes_left, delivery_grid
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
 from wherry.experiments.kidnapping import true_map
+from wherry.experiments.localization_speed import RANGE, angles_of, drive
 from wherry.experiments.machine import load_in_words
 from wherry.experiments.slam_speed import measure
 from wherry.experiments.taxi import Settings, TaxiExperiment
@@ -35,7 +36,6 @@ from wherry.planning.value_iteration import ValueIteration
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
-from wherry.space.raycast import cast_rays
 
 PARTICLES, BEAMS = 2_000, 60
 UPDATES = 60
@@ -184,7 +184,7 @@ def localization(_outside: Outside, progress: Progress) -> list[Time]:
     task = f"an update, {PARTICLES:,} particles, {BEAMS} beams"
     progress(task)
     grid = true_map(find_world("rooms"))
-    odometry, scans = _drive(grid)
+    odometry, scans = drive(grid, UPDATES, STEP, BEAMS)
     times = [Time(task, "wherry", _wherry_amcl(grid, odometry, scans))]
     if importlib.util.find_spec("amcl") is not None:
         progress("PyPI amcl")
@@ -226,20 +226,6 @@ def _milliseconds(work: Callable[[], object], times: int) -> float:
     return float(np.median(taken))
 
 
-def _drive(grid: OccupancyGrid) -> tuple[list[Pose], list[Floats]]:
-    """Where a robot is that drives along the longest free row, and what its lidar measures there."""
-    rows = grid.free.sum(axis=1)
-    row = int(np.argmax(rows))
-    begin = int(np.flatnonzero(grid.free[row])[0])
-    poses = [
-        grid.origin @ Pose((begin + 10) * grid.resolution + STEP * at, (row + 0.5) * grid.resolution)
-        for at in range(UPDATES)
-    ]
-    table = np.array([(pose.x, pose.y, pose.theta) for pose in poses])
-    angles = -math.pi + 2 * math.pi / BEAMS * np.arange(BEAMS, dtype=np.float64)
-    return poses, list(cast_rays(grid.occupied, grid.resolution, grid.origin, table, angles, 12.0))
-
-
 def _wherry_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Floats]) -> float:
     parameters = replace(
         AmclParameters(), min_particles=PARTICLES, max_particles=PARTICLES, max_beams=BEAMS, update_min_d=0.0,
@@ -248,7 +234,7 @@ def _wherry_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Flo
     amcl = Amcl(grid, IDENTITY, parameters, np.random.default_rng(0))
     taken = []
     for at, (pose, ranges) in enumerate(zip(poses, scans, strict=True)):
-        scan = Scan(0.1 * at, ranges, -math.pi, 2 * math.pi / BEAMS, 0.05, 12.0)
+        scan = Scan(0.1 * at, ranges, -math.pi, 2 * math.pi / BEAMS, 0.05, RANGE)
         began = time.perf_counter()
         amcl.update(Odometry(0.1 * at, pose, Velocity()), scan)
         taken.append(1e3 * (time.perf_counter() - began))
@@ -274,11 +260,10 @@ def _pypi_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Float
     other.set_initial_pose(
         amcl.Vector3D(poses[0].x, poses[0].y, poses[0].theta), amcl.create_diagonal_covariance(0.1, 0.1, 0.05)
     )
-    angles = -math.pi + 2 * math.pi / BEAMS * np.arange(BEAMS, dtype=np.float64)
-    taken = []
+    taken, angles = [], angles_of(BEAMS)
     for pose, ranges in zip(poses, scans, strict=True):
-        readings = np.column_stack([np.minimum(ranges, 12.0), angles]).tolist()
-        scan, odometry = amcl.create_laser_scan_from_list(readings, 12.0), amcl.Vector3D(pose.x, pose.y, pose.theta)
+        readings = np.column_stack([np.minimum(ranges, RANGE), angles]).tolist()
+        scan, odometry = amcl.create_laser_scan_from_list(readings, RANGE), amcl.Vector3D(pose.x, pose.y, pose.theta)
         began = time.perf_counter()
         other.update(scan, odometry)
         taken.append(1e3 * (time.perf_counter() - began))

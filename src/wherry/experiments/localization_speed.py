@@ -51,7 +51,7 @@ def measure(updates: int = 60, side: float = FIELD_SIDE) -> Iterator[Speed]:
         side: m, of the map whose likelihood field is made.
     """
     grid = true_map(find_world("rooms"))
-    poses, scans = _drive(grid, updates + FIRST)
+    poses, scans = drive(grid, updates + FIRST, STEP, BEAMS)
     for count in COUNTS:
         for refine in (False, True):
             parameters = AmclParameters(
@@ -64,15 +64,27 @@ def measure(updates: int = 60, side: float = FIELD_SIDE) -> Iterator[Speed]:
     yield Speed(f"the likelihood field of {side:.0f} × {side:.0f} m at {RESOLUTION} m", _field(side))
 
 
-def _drive(grid: OccupancyGrid, count: int) -> tuple[list[Pose], list[Floats]]:
-    """A robot that drives along the longest row of free cells, and what its lidar measures, from one end on."""
+def drive(grid: OccupancyGrid, count: int, step: float, beams: int) -> tuple[list[Pose], list[Floats]]:
+    """A robot that drives along the longest row of free cells, and what its lidar measures, from one end on.
+
+    Args:
+        grid: The map.
+        count: Scans.
+        step: m, from one to the next.
+        beams: Of each scan, in `angles_of`.
+    """
     row = int(np.argmax(grid.free.sum(axis=1)))
     first = int(np.flatnonzero(grid.free[row])[0]) + 10
-    at = [((first + 0.5) * grid.resolution + STEP * number, (row + 0.5) * grid.resolution) for number in range(count)]
+    at = [((first + 0.5) * grid.resolution + step * number, (row + 0.5) * grid.resolution) for number in range(count)]
     poses = [grid.origin @ Pose(x, y) for x, y in at]
     table = np.array([pose.as_array() for pose in poses])
-    angles: Floats = -math.pi + math.tau / BEAMS * np.arange(BEAMS, dtype=np.float64)
-    return poses, list(cast_rays(grid.occupied, grid.resolution, grid.origin, table, angles, RANGE))
+    return poses, list(cast_rays(grid.occupied, grid.resolution, grid.origin, table, angles_of(beams), RANGE))
+
+
+def angles_of(beams: int) -> Floats:
+    """[B] rad, lidar frame: beams all around, the first one backwards."""
+    angles: Floats = -math.pi + math.tau / beams * np.arange(beams, dtype=np.float64)
+    return angles
 
 
 def _update(grid: OccupancyGrid, parameters: AmclParameters, poses: list[Pose], scans: list[Floats]) -> float:
