@@ -61,7 +61,7 @@ def _python() -> Finding:
 
 
 def _packages() -> Finding:
-    """Whether everything that wherry depends on can be imported."""
+    """Whether the packages that everything else stands on are installed."""
     missing, found = [], []
     for name in REQUIRED:
         try:

@@ -109,6 +109,7 @@ class Game:
     Attributes:
         state: s.
         steps: Steps of the present episode.
+        all_steps: Steps of all episodes.
         episodes: Episodes that came to their end.
         total: Sum of the present episode's rewards.
         surprises: How often the learner was wrong, in all episodes.
