@@ -91,7 +91,7 @@ def test_a_folder_means_the_trace_in_it(tmp_path: Path) -> None:
         (b"wherry-trace: 2\n", "another version"),
         (MAGIC, "holds no record"),
         (MAGIC + b"not compressed", "is damaged"),
-        (MAGIC + zlib.compress(b"\xff" * 64), "frame 1: is damaged|holds no record"),
+        (MAGIC + zlib.compress(b"\xff" * 64), "holds no record"),
         (MAGIC + zlib.compress(b"\x08\0\0\0\0\0\0\0\x02\0\0\0{}  "), "frame 1: is damaged"),
     ],
 )
