@@ -29,7 +29,7 @@ from wherry.localization.sensor import SENSOR_MODELS, Beams, choose_beams
 from wherry.robot import Odometry, Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Pose, wrap
+from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
 
@@ -322,7 +322,7 @@ class Amcl:
         supported = [pose for pose in starts if agrees(pose, estimate.pose, estimate.covariance)]
         best, most = estimate.pose, -1.0
         for pose in supported:
-            if most >= 0.0 and _is_near(pose, best):
+            if most >= 0.0 and pose.is_near(best, NEAR, NEAR_HEADING):
                 continue  # a match from there would come to the same place
             match = match_scan(self._field, ends, pose, estimate.covariance, sigma)
             if match.explained > most + BETTER:
@@ -395,10 +395,6 @@ class Amcl:
         places = np.column_stack([column, row]) + inside[:, :2]
         places = self._grid.origin.transform(places * self._grid.resolution)
         return np.column_stack([places, (inside[:, 2] * 2.0 - 1.0) * math.pi])
-
-
-def _is_near(a: Pose, b: Pose) -> bool:
-    return a.distance_to(b) < NEAR and abs(wrap(a.theta - b.theta)) < NEAR_HEADING
 
 
 def _check_belief(pose: Pose, covariance: Floats) -> None:

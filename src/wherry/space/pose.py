@@ -72,6 +72,10 @@ class Pose:
         """Distance between the two positions, m."""
         return math.hypot(other.x - self.x, other.y - self.y)
 
+    def is_near(self, other: Pose, distance: float, angle: float) -> bool:
+        """Whether two poses are less than a distance, m, and less than an angle, rad, apart."""
+        return self.distance_to(other) < distance and abs(wrap(self.theta - other.theta)) < angle
+
     def as_array(self) -> Floats:
         """[3] x m, y m, θ rad."""
         return np.array([self.x, self.y, self.theta])
