@@ -24,7 +24,7 @@ from wherry.localization.sensor import choose_beams
 from wherry.robot import Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Pose, wrap
+from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -115,7 +115,8 @@ class Relocalizer:
         nearness = np.exp(-0.5 * np.square(_pool(self._field.distance, factor, np.min) / SEARCH_SIGMA))
         self._levels = _window_maxima(np.rint(nearness * FULL).astype(np.uint8), LEVELS)
         pad = 1 << (LEVELS - 1)
-        self._free = _window_maxima(_pool(grid.free, factor, np.max).astype(np.uint8), LEVELS)[:, pad:, pad:]
+        free = _window_maxima(_pool(grid.free, factor, np.max).astype(np.uint8), LEVELS)
+        self._free = np.ascontiguousarray(free[:, pad:, pad:])
 
     def search(self, scan: Scan) -> Relocalization:
         """Find every place on the map where the scan can have been taken.
@@ -160,7 +161,7 @@ class Relocalizer:
         levels, flat_offsets = _bordered(self._levels, np.floor(offsets / self._cell + 0.5).astype(np.int32))
         found, complete = _branch_and_bound(
             levels,
-            np.ascontiguousarray(self._free),
+            self._free,
             flat_offsets,
             np.array([CONSIDERED, APART / self._cell, APART_HEADING / math.tau * len(headings)]),
         )
@@ -184,15 +185,11 @@ def _distinct(judged: list[Hypothesis]) -> tuple[Hypothesis, ...]:
     judged = sorted(judged, key=lambda found: -found.agreement.log_likelihood)
     kept: list[Hypothesis] = []
     for found in judged:
-        if not any(_same(found.pose, better.pose) for better in kept):
+        if not any(found.pose.is_near(better.pose, APART, APART_HEADING) for better in kept):
             kept.append(found)
     logits = np.array([SHARPNESS * found.agreement.log_likelihood for found in kept])
     odds = np.exp(logits - logits.max()) if kept else logits
     return tuple(replace(found, probability=float(p)) for found, p in zip(kept, odds / odds.sum(), strict=True))
-
-
-def _same(a: Pose, b: Pose) -> bool:
-    return a.distance_to(b) < APART and abs(wrap(a.theta - b.theta)) < APART_HEADING
 
 
 def _headings(ends: Floats, cell: float) -> Floats:
