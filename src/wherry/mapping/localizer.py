@@ -64,8 +64,6 @@ class MapLocalizer:
     def __init__(self, slam: GraphSlam, start: Pose | None = None) -> None:
         self.pose = slam.pose if start is None else start
         self._slam = slam
-        self._lidar = slam.lidar
-        self._range_limit = slam.settings.range_limit
         self._map = whole_map(slam)
         self._front: Front | None = None
         self._passed: list[tuple[float, Pose]] = []
@@ -94,7 +92,8 @@ class MapLocalizer:
             self._front = Front.begin(scan.time, odometry).moved(scan.time, self.pose, odometry)
         movement, noise = self._front.expected_movement(scan.time, odometry)
         expected = self._front.pose @ movement
-        match = find_scan(self._map, Cloud.of(scan, self._lidar, self._range_limit), expected, movement, noise)
+        cloud = Cloud.of(scan, self._slam.lidar, self._slam.settings.range_limit)
+        match = find_scan(self._map, cloud, expected, movement, noise)
         self.pose = expected if match is None else match.pose
         self._front = self._front.moved(scan.time, self.pose, odometry)
         self._passed.append((scan.time, self.pose))
