@@ -12,7 +12,7 @@ from typing import Any
 from wherry.learning.rmax import NOT_KNOWN
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, Prediction, Transition
-from wherry.oomdp.objects import State, Value
+from wherry.oomdp.objects import Object, State, Value
 from wherry.oomdp.outcomes import Answer, Told
 
 Variable = tuple[str, str]
@@ -59,7 +59,7 @@ class FactoredRmax:
             ]
             if None in values:
                 return UNKNOWN
-            objects.append(type(item)(item.object_class, item.name, tuple(values)))
+            objects.append(Object(item.object_class, item.name, tuple(values)))
         return Prediction(state.with_objects(objects), *worth)
 
     def key(self, state: State) -> Hashable:
