@@ -304,9 +304,11 @@ class State:
     @property
     def classes(self) -> tuple[str, ...]:
         """The names of the objects' classes, in the objects' order."""
-        if self._classes is None:
-            object.__setattr__(self, "_classes", tuple(item.object_class.name for item in self.objects))
-        return self._classes or ()
+        found = self._classes
+        if found is None:
+            found = tuple(item.object_class.name for item in self.objects)
+            object.__setattr__(self, "_classes", found)
+        return found
 
     def get(self, name: str) -> Object | None:
         """The object of that name, or None where it is not in the world (any more)."""
