@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.logs import LONGEST_JUMP, LidarLog
+from wherry.logs import LONGEST_JUMP, MOST_BEAMS, LidarLog
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import IDENTITY, Pose
 from wherry.space.trajectory import Trajectory
@@ -18,12 +18,11 @@ from wherry.space.trajectory import Trajectory
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-SUFFIXES = (".bag", ".mcap", ".db3", ".active")
-UNFINISHED = ".active"  # what recorders call bags that they have not finished
+UNFINISHED = ".active"  # what recorders call bags that they have not finished, after rosbag itself
+SUFFIXES = (".bag", ".mcap", ".db3", UNFINISHED)
 SCAN, ODOMETRY, TRANSFORMS = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 ROBOT_FRAMES = ("base_link", "base_footprint")
 ODOMETRY_FRAMES = ("odom", "odom_combined")
-MOST_BEAMS = 20_000
 NANOSECONDS = 1_000_000_000
 MOST_READINGS = 200_000_000  # of all scans together; 1.6 GB
 

@@ -535,6 +535,18 @@ def test_what_goes_through_a_transport_is_recorded_once_on_the_robots_clock(tmp_
     assert Counter(topic for topic, time in found if time == 0.5) == {"/scan": 1, "/cmd_vel": 2, "/odom": 1}
 
 
+def test_a_stamp_that_cannot_be_is_recorded_and_tells_no_time(tmp_path: Path) -> None:
+    wire, got = Wire(), []
+    broken = ros.Odometry(ros.Header(ros.Time(-7, 5), "odom"))
+    with Bag(tmp_path / "run.mcap") as bag, RecordedTransport(wire, bag, load_names()) as transport:
+        transport.subscribe(TOPICS.odom, got.append)
+        wire.publish(TOPICS.odom, broken)
+        wire.publish(TOPICS.odom, ros.Odometry(header_of(3.0, "odom")))
+        wire.publish(TOPICS.odom, broken)
+    assert len(got) == 3
+    assert [stamp / 1e9 for _, stamp, _ in messages(tmp_path / "run.mcap")] == [3.0, 3.0, 3.0]
+
+
 def test_a_recorded_transport_is_the_transport_that_it_wraps(tmp_path: Path) -> None:
     wire = Wire()
     with Bag(tmp_path / "run.bag") as bag:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wherry.logs import MOST_BEAMS
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.space.map_files import LARGEST_GRID
@@ -19,7 +20,6 @@ from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
 NANOSECONDS = 1_000_000_000
-MOST_BEAMS = 20_000
 LARGEST_COORDINATE = 1e6  # m; farther from the origin, nothing is a place
 LARGEST_SPEED = 100.0  # m/s and rad/s; faster, nothing is a velocity
 LONGEST_RANGE = 1000.0  # m

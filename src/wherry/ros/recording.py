@@ -16,13 +16,17 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
+from wherry.bags import UNFINISHED
 from wherry.errors import InputError
 from wherry.logs import LidarLog
 from wherry.robot import Body, Odometry, Robot, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.conversion import (
+    NANOSECONDS,
     Link,
+    MessageError,
     header_of,
+    seconds_of,
     to_grid,
     to_laser_scan,
     to_odometry,
@@ -41,10 +45,8 @@ from wherry.space.pose import Floats, Pose
 from wherry.trace import Explored, Record, Seen, Stepped
 
 MAP_EVERY = 5.0  # s between two maps of a growing one, as with gmapping
-UNFINISHED = ".active"  # after the name of a bag that is being recorded, as rosbag itself has it
 NO_COVARIANCE = np.zeros(36)
 TF2_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"  # rosbags' types of ROS 1 lack it
-NANOSECONDS = 1_000_000_000
 
 
 class _Storage(Protocol):
@@ -270,14 +272,15 @@ class Bag:
 class Recording:
     """Records a robot and what its driver believes: hand out `robot` instead of the robot, and use this as a sink.
 
+    Topics and frames have their customary names.
+
     Args:
         bag: Where to; the caller closes it.
-        names: What everything is called; by default as everybody calls it.
         laser_height: m, of the lidar over base_link.
     """
 
-    def __init__(self, bag: Bag, names: Names | None = None, *, laser_height: float = 0.0) -> None:
-        names = names or load_names()
+    def __init__(self, bag: Bag, *, laser_height: float = 0.0) -> None:
+        names = load_names()
         self._bag = bag
         self._topics, self._frames = names.topics, names.frames
         self._laser_height = laser_height
@@ -497,9 +500,9 @@ class RecordedTransport:
                 return
             if topic.name in self._clocks:
                 assert isinstance(message, ros.LaserScan | ros.Odometry)  # noqa: S101 - the topics' types
-                stamp = message.header.stamp
-                seconds = (stamp.sec * NANOSECONDS + stamp.nanosec) / NANOSECONDS
-                self._now = seconds if self._now is None else max(self._now, seconds)
+                with contextlib.suppress(MessageError):  # the robot refuses it, and tells; it is recorded all the same
+                    seconds = seconds_of(message.header.stamp)
+                    self._now = seconds if self._now is None else max(self._now, seconds)
             self._waiting.append((topic, message))
             if self._now is None:
                 return
