@@ -211,7 +211,6 @@ class AgentNode:
         """The warehouse's cells as tiles, and the walls between cells as lines."""
         header = header_of(laid.time, self._frames.map)
         size, frame = laid.frame.cell_size, laid.frame
-        upright = to_pose(Pose(0.0, 0.0, 0.0))
         for number, (x, y) in enumerate(laid.warehouse.tolist()):
             centre = frame.centre(x, y)
             yield ros.Marker(
@@ -230,7 +229,6 @@ class AgentNode:
                 "cells",
                 0,
                 ros.Marker.LINE_LIST,
-                pose=upright,
                 scale=ros.Vector3(LINE_WIDTH),
                 color=GREY,
                 points=ends,

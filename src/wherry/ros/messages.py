@@ -7,9 +7,10 @@ Units and frames are REP 103's: m, rad, s, x forward, y left, z up.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -42,6 +43,11 @@ Int8s = Annotated[NDArray[np.int8], Wire("int8", 0)]
 Float32s = Annotated[NDArray[np.float32], Wire("float32", 0)]
 Float64s = Annotated[NDArray[np.float64], Wire("float64", 0)]
 Covariance = Annotated[NDArray[np.float64], Wire("float64", 36)]
+
+ARRAY_TYPES: Mapping[str, Any] = MappingProxyType(
+    {"uint8": np.uint8, "int8": np.int8, "float32": np.float32, "float64": np.float64}
+)
+"""Of the primitives whose sequences are arrays."""
 
 
 class Message:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.ros.messages import Duration, Field, M, Message, Time, cached, fields_of
+from wherry.ros.messages import ARRAY_TYPES, Duration, Field, M, Message, Time, cached, fields_of
 
 DEBIAN = Path("/usr/lib/python3/dist-packages")
 DEBIAN_PYTHON = Path("/usr/bin/python3")
@@ -27,7 +27,6 @@ PACKAGES = (
 )
 TIMES = {Time: "Time", Duration: "Duration"}  # primitives in ROS 1, of the module genpy
 ROS2_ONLY = {"texture_resource", "texture", "uv_coordinates", "mesh_file"}  # fields of a marker
-ARRAYS = {"uint8": np.uint8, "int8": np.int8, "float32": np.float32, "float64": np.float64}
 
 Convert = Callable[[Any], Any]
 
@@ -145,7 +144,7 @@ def _field_from_ros1(field: Field) -> Convert:
         return _unchanged
     if field.kind == "string":
         return tuple
-    dtype = ARRAYS[field.kind]
+    dtype = ARRAY_TYPES[field.kind]
     if field.kind == "uint8":  # rospy reads these as bytes
         return lambda values: np.frombuffer(bytes(values), np.uint8)
     return lambda values: np.asarray(values, dtype)

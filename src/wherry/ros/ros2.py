@@ -20,7 +20,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.ros.messages import Field, M, Message, cached, fields_of
+from wherry.ros.messages import ARRAY_TYPES, Field, M, Message, cached, fields_of
 from wherry.ros.transport import Quality, Topic
 
 try:
@@ -62,9 +62,6 @@ IDL_TYPES: Mapping[str, Any] = MappingProxyType(
         "string": str,
         **{kind: getattr(types, kind) for kind in ("uint8", "int8", "int32", "uint32", "float32", "float64")},
     }
-)
-ARRAY_TYPES: Mapping[str, Any] = MappingProxyType(
-    {"uint8": np.uint8, "int8": np.int8, "float32": np.float32, "float64": np.float64}
 )
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import yaml
 
 from wherry.errors import InputError
-from wherry.ros.names import Names, Topics
+from wherry.ros.names import Names, Topics, load_names
 from wherry.ros.ros1_master import Master, choose_interface, wait_for_master
 
 PROGRAMS = {1: "rviz", 2: "rviz2"}
@@ -53,7 +53,8 @@ def configuration(generation: int, names: Names, view: View) -> str:
     text = (resources.files("wherry.ros") / "rviz_configs" / f"rviz{generation}.rviz").read_text(encoding="utf-8")
     document = yaml.safe_load(text)
     manager = document["Visualization Manager"]
-    known = {_absolute(getattr(Topics(), entry.name).name): entry.name for entry in fields(Topics)}
+    usual = load_names().topics
+    known = {getattr(usual, entry.name).name: entry.name for entry in fields(Topics)}
     for part in (*manager["Displays"], *manager["Tools"]):
         for key in ("Topic", "Marker Topic"):
             if key in part:
@@ -69,10 +70,6 @@ def _rename(part: dict[str, Any], key: str, known: Mapping[str, str], topics: To
     holder, place = (part[key], "Value") if isinstance(part[key], dict) else (part, key)
     if holder[place] in known:
         holder[place] = getattr(topics, known[holder[place]]).name
-
-
-def _absolute(name: str) -> str:
-    return "/" + name.lstrip("/")
 
 
 def find_rviz(generation: int | None) -> tuple[int, str]:
