@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wherry.experiments.slam import Settings, prepare
+from wherry.experiments.slam import Settings, run
 from wherry.logs import LidarLog, read_log
 from wherry.mapping.backends import BACKENDS
 
@@ -26,16 +26,15 @@ def measure(log: Path) -> Mapping[str, float]:
     Raises:
         InputError: The log cannot be used.
     """
-    medians = {}
-    for backend in BACKENDS:
-        mapping = prepare(Settings(log, backend=backend))
-        for _ in mapping.steps():
-            pass
-        if mapping.result is not None:
-            medians[f"wherry, {backend}"] = mapping.result.ms_per_scan_median
-    if importlib.util.find_spec("yag_slam") is not None:
-        medians["yag_slam"] = _yag_slam(read_log(log))
-    return medians
+    ours = {f"wherry, {backend}": run(Settings(log, backend=backend)).ms_per_scan_median for backend in BACKENDS}
+    return {**ours, **others(log)}
+
+
+def others(log: Path) -> Mapping[str, float]:
+    """As `measure`, of what others have made alone."""
+    if importlib.util.find_spec("yag_slam") is None:
+        return {}
+    return {"yag_slam": _yag_slam(read_log(log))}
 
 
 def _yag_slam(log: LidarLog) -> float:

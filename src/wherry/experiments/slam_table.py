@@ -11,7 +11,7 @@ from wherry.experiments.drifting_odometry import BUILDINGS, map_building
 from wherry.experiments.drifting_odometry import Result as Drifting
 from wherry.experiments.results import markdown_table
 from wherry.experiments.slam import Result, Settings, run
-from wherry.experiments.slam_speed import measure
+from wherry.experiments.slam_speed import others
 from wherry.floorplan import find_world
 from wherry.mapping.backends import BACKENDS
 
@@ -70,7 +70,8 @@ def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
     for seed in range(SIMULATED_SEEDS):
         simulated.append(simulated_slam.explore(world, seed))
         progress(len(intel) + len(drifting) + len(simulated), total)
-    speed = measure(data / "intel" / INTEL_LOG)
+    ours = {f"wherry, {result.backend}": result.ms_per_scan_median for result in intel}
+    speed = {**ours, **others(data / "intel" / INTEL_LOG)}
     return "\n".join(
         [
             "## SLAM",
