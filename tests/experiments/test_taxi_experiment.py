@@ -79,8 +79,6 @@ def test_what_was_learnt_on_the_small_grid_solves_the_large_one(learner: str) ->
     experiment = TaxiExperiment(Settings(size=5, learner=learner, repetitions=5))
     for _ in experiment.repetitions():
         assert isinstance(experiment.learner, Doormax | BayesianLearner)
-        if isinstance(experiment.learner, Doormax):
-            experiment.learner.settle()
         assert solved_at_once(experiment.learner, large) == 6
 
 

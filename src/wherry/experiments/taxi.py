@@ -260,11 +260,13 @@ class TaxiExperiment:
         return Repetition(steps, solved == len(arena.probes), agent.seconds, tuple(points), most)
 
 
-def solved_at_once(learner: Doormax | BayesianLearner, arena: Arena) -> int:
+def solved_at_once(learner: RuleLearner, arena: Arena) -> int:
     """How many of a grid's probes are solved in the fewest steps by what was learnt elsewhere, with no further step.
 
-    DOORMAX has to be settled first (`Doormax.settle`).
+    DOORMAX is settled for that (`Doormax.settle`).
     """
+    if isinstance(learner, Doormax):
+        learner.settle()
     return arena.solved(ValueIteration(learner, optimistic=False, space=arena.testing).policy)
 
 

@@ -10,8 +10,6 @@ from wherry.experiments.arenas import Arena
 from wherry.experiments.machine import load_in_words
 from wherry.experiments.results import markdown_table, write_picture
 from wherry.experiments.taxi import LEARNERS, LESS_PATIENCE, LETTER, Result, Settings, TaxiExperiment, solved_at_once
-from wherry.learning.bayes import BayesianLearner
-from wherry.learning.doormax import Doormax
 from wherry.views.learning_curve import Needed, as_bytes, learning_curves, steps_needed
 
 SIZES = (5, 10)
@@ -106,22 +104,13 @@ def reproduce(images: Path, progress: Callable[[int, int], None], extent: Extent
                 done += 1
                 progress(done, chosen.total())
                 if size == 5 and learner in ("bayes", "doormax") and at < chosen.transfers:
-                    taken[0] += _solves_at_once(experiment, large)
+                    assert experiment.learner is not None  # noqa: S101 - these two learn rules
+                    taken[0] += solved_at_once(experiment.learner, large) == len(large.probes)
                     taken[1] += 1
             results[size][learner] = experiment.result()
             if taken[1]:
                 transfers.append(f"{learner} in {taken[0]} of {taken[1]}")
     return markdown(results, transfers, _pictures(results, images))
-
-
-def _solves_at_once(experiment: TaxiExperiment, large: Arena) -> bool:
-    """Whether the rules of the last repetition solve the large grid with no further step."""
-    learner = experiment.learner
-    if not isinstance(learner, Doormax | BayesianLearner):
-        return False
-    if isinstance(learner, Doormax):
-        learner.settle()
-    return solved_at_once(learner, large) == len(large.probes)
 
 
 def _pictures(results: Mapping[int, Mapping[str, Result]], images: Path) -> str:
