@@ -26,4 +26,5 @@ def robot_description(urdf: str) -> str:
         raise ValueError(f"{BASE_JOINT} is more than a shift between two links")
     parent.attrib["link"], child.attrib["link"] = child.attrib["link"], parent.attrib["link"]
     origin.attrib["xyz"] = " ".join(f"{0.0 - float(value):g}" for value in origin.attrib["xyz"].split())
-    return ElementTree.tostring(robot, encoding="unicode", xml_declaration=True)
+    # No encoding is declared: it would be the locale's, and parsers of text refuse any.
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"

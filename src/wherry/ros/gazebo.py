@@ -15,6 +15,7 @@ import yaml
 from wherry.errors import InputError
 from wherry.files import read_text, write_atomically
 from wherry.floorplan import FloorPlan, find_world, place_boxes
+from wherry.ros.description import robot_description
 from wherry.ros.gazebo_sdf import (
     GENERATIONS,
     OPEN_LATCH,
@@ -22,12 +23,12 @@ from wherry.ros.gazebo_sdf import (
     classic_world,
     close_latch_topic,
     latch_state_topic,
-    robot_description,
     sim_world,
     world_name,
 )
 from wherry.simulation import build
 from wherry.simulation.lidar import LidarSpecification
+from wherry.simulation.model import robot_urdf
 from wherry.space.pose import Pose
 
 FORMAT_VERSION = 1
@@ -105,7 +106,7 @@ def contents(plan: FloorPlan, rng: np.random.Generator, gazebo: Gazebo) -> Mappi
     return {
         "world.sdf": sim_world(plan, robot, boxes, lidar, gazebo),
         "classic.world": classic_world(plan, robot, boxes, lidar),
-        "robot.urdf": robot_description(),
+        "robot.urdf": robot_description(robot_urdf()),
         "bridge.yaml": bridge(plan, gazebo),
         **{name: _template(name) for name in LAUNCH_FILES},
     }

@@ -147,18 +147,6 @@ def classic_world(plan: FloorPlan, robot: Pose, boxes: Floats, lidar: LidarSpeci
     return _written(sdf)
 
 
-def robot_description() -> str:
-    """The robot's URDF with base_link at its root, since odometry is base_link's parent and a frame has only one."""
-    urdf = ET.fromstring(robot_urdf())  # noqa: S314 - our own file
-    joint = next(joint for joint in urdf.iter("joint") if _of(joint, "parent").get("link") == ROOT_LINK)
-    base = _of(joint, "child").get("link", "")
-    _of(joint, "parent").set("link", base)
-    _of(joint, "child").set("link", ROOT_LINK)
-    origin = _of(joint, "origin")
-    origin.set("xyz", _numbers([0.0 - value for value in _floats(origin.get("xyz", "0 0 0"))]))
-    return _written(urdf)
-
-
 # ---- the building
 
 
