@@ -31,6 +31,15 @@ class Scene {
     this.instant = null;
   }
 
+  // m; our own robot's and boxes', where a trace does not say.
+  get robotRadius() {
+    return this.instant.began?.robot_radius || 0.2;
+  }
+
+  get boxRadius() {
+    return this.instant.began?.box_radius || 0.1;
+  }
+
   // Read the colours of the theme.
   theme() {
     const style = getComputedStyle(document.documentElement);
@@ -333,15 +342,15 @@ class Scene {
   }
 
   drawBoxes() {
-    const radius = Math.max(this.instant.began?.box_radius || 0.1, 4 * this.px);
+    const radius = Math.max(this.boxRadius, 4 * this.px);
     for (const [x, y] of this.boxes()) this.disc(x, y, radius, this.colours.box, this.colours["robot-edge"]);
   }
 
   // From above: two prongs with the wheels, the body with the lidar at the back, and the load between them.
   drawRobot() {
     const { context, px, colours, instant } = this;
-    const { pose, lidar, seen, began } = instant;
-    const radius = Math.max(began?.robot_radius || 0.2, 7 * px);
+    const { pose, lidar, seen } = instant;
+    const radius = Math.max(this.robotRadius, 7 * px);
     const [x, y, theta] = pose;
     context.save();
     context.translate(x, y);
@@ -366,7 +375,8 @@ class Scene {
     context.stroke();
     context.restore();
     if (seen.loaded) this.disc(x, y, radius * 0.5, colours.box, colours["robot-edge"]);
-    this.disc(x + (lidar[0] - x) * (radius / (began?.robot_radius || 0.2)), y + (lidar[1] - y) * (radius / (began?.robot_radius || 0.2)), radius * 0.17, colours.laser);
+    const larger = radius / this.robotRadius;
+    this.disc(x + (lidar[0] - x) * larger, y + (lidar[1] - y) * larger, radius * 0.17, colours.laser);
   }
 
   drawParticles() {
@@ -438,8 +448,8 @@ class Scene {
     const [x, y] = this.unproject(px, py);
     const slack = 6 / this.scale;
     const near = (ox, oy, radius) => Math.hypot(x - ox, y - oy) <= radius + slack;
-    if (instant.pose && near(instant.pose[0], instant.pose[1], instant.began?.robot_radius || 0.2)) return { kind: "robot" };
-    const box = this.boxes().find(([bx, by]) => near(bx, by, instant.began?.box_radius || 0.1));
+    if (instant.pose && near(instant.pose[0], instant.pose[1], this.robotRadius)) return { kind: "robot" };
+    const box = this.boxes().find(([bx, by]) => near(bx, by, this.boxRadius));
     if (box) return { kind: "box", name: this.nameOfBox(box), x: box[0], y: box[1] };
     if (instant.cells) {
       const [cx, cy] = this.cellAt(instant.cells, x, y);
@@ -489,8 +499,8 @@ class Scene {
   // Where what was picked is now, m; null if it is gone.
   placeOf(picked) {
     const { instant } = this;
-    const { cells, perceived, pose, began } = instant;
-    if (picked.kind === "robot") return pose && { x: pose[0], y: pose[1], radius: began?.robot_radius || 0.2 };
+    const { cells, perceived, pose } = instant;
+    if (picked.kind === "robot") return pose && { x: pose[0], y: pose[1], radius: this.robotRadius };
     if (picked.kind === "place") return { x: picked.x, y: picked.y, radius: 0 };
     if (picked.kind === "warehouse" && cells) {
       const [x, y] = this.inMap(cells, (picked.cell[0] + 0.5) * cells.size, (picked.cell[1] + 0.5) * cells.size);
@@ -498,9 +508,9 @@ class Scene {
     }
     if (picked.kind === "box") {
       const thing = perceived?.things.find((item) => item.name === picked.name);
-      if (thing?.values.in_bot) return pose && { x: pose[0], y: pose[1], radius: 0.1 };
+      if (thing?.values.in_bot) return pose && { x: pose[0], y: pose[1], radius: this.boxRadius };
       const nearest = this.boxes().find((box) => (picked.name ? this.nameOfBox(box) === picked.name : Math.hypot(box[0] - picked.x, box[1] - picked.y) < 0.3));
-      return nearest ? { x: nearest[0], y: nearest[1], radius: 0.1 } : null;
+      return nearest ? { x: nearest[0], y: nearest[1], radius: this.boxRadius } : null;
     }
     const thing = perceived?.things.find((item) => item.name === picked.name);
     if (!thing || !cells) return null;
