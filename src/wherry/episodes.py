@@ -23,6 +23,8 @@ from wherry.planning.policy import Planner
 from wherry.planning.search import Heuristic, Plan, Remaining, a_star, cheapest_experiment, no_heuristic
 from wherry.planning.successors import Successors
 
+PATIENCE = 3  # how often an action that fails is tried in one and the same state
+
 
 class ConditionalLearner(ConditionalModel, Learner, Protocol):
     """A learner whose predictions depend on conditions alone."""
@@ -149,7 +151,6 @@ class GoalAgent:
         remaining: How much of the job is left in a state; 0 when it is done.
         heuristic: Never more than the number of steps from a state to the end of the job; makes planning fast.
         detour: How much it gives for settling a doubt when it already knows enough to do the job, in steps.
-        patience: How often it tries an action that fails in one and the same state.
     """
 
     def __init__(
@@ -159,11 +160,9 @@ class GoalAgent:
         heuristic: Heuristic = no_heuristic,
         *,
         detour: float = 30.0,
-        patience: int = 3,
     ) -> None:
         self.learner = learner
         self.detour = detour
-        self.patience = patience
         self.remaining = remaining
         self.heuristic = heuristic
         self._successors = Successors(learner)
@@ -221,7 +220,7 @@ class GoalAgent:
         self._plan = Plan(self._plan.actions[1:], self._plan.states[1:], self._plan.cost)
         tried = transition.state, transition.action
         self._failed[tried] += transition.failed
-        if self._failed[tried] == self.patience:
+        if self._failed[tried] == PATIENCE:
             self._successors.bar(*tried)
             self._planned_with = {}
 
