@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 from wherry.kernels import kernel
 from wherry.space.pose import Floats
 
-ITERATIONS = 20
+ITERATIONS = 20  # at most, at each width of the robust loss
 CONVERGED = 1e-4  # m and rad, largest change of a pose
 LEAST_GAIN = 1e-4  # relative change of the cost that still is one
 ROBUST_SCALE = 2.0  # σ, an error that large counts half (Cauchy's loss)
@@ -44,7 +44,7 @@ class PoseGraph:
     robust: NDArray[np.bool_]
 
 
-def optimized(graph: PoseGraph, iterations: int = ITERATIONS) -> PoseGraph:
+def optimized(graph: PoseGraph) -> PoseGraph:
     """The same graph with the poses of least cost.
 
     Where an edge that might be wrong is far off at first, the robust loss is narrowed step by step (graduated
@@ -53,25 +53,24 @@ def optimized(graph: PoseGraph, iterations: int = ITERATIONS) -> PoseGraph:
 
     Args:
         graph: Its poses are the starting point.
-        iterations: At most so many steps at each width of the loss.
     """
     if len(graph.ends) == 0 or len(graph.poses) < 2:
         return graph
     poses = graph.poses
     width = float(edge_errors(graph)[graph.robust].max(initial=0.0))
     while width > FAR_OFF * ROBUST_SCALE:
-        poses = _solved(graph, poses, width, iterations)
+        poses = _solved(graph, poses, width)
         width /= NARROWING
-    poses = _solved(graph, poses, ROBUST_SCALE, iterations).copy()
+    poses = _solved(graph, poses, ROBUST_SCALE).copy()
     poses[:, 2] -= math.tau * np.round(poses[:, 2] / math.tau)
     return replace(graph, poses=poses)
 
 
-def _solved(graph: PoseGraph, poses: Floats, scale: float, iterations: int) -> Floats:
+def _solved(graph: PoseGraph, poses: Floats, scale: float) -> Floats:
     """[N, 3] the poses of least cost near given ones, with a robust loss of one width, σ."""
     damping = FIRST_DAMPING
     values, rows, columns, gradient, cost = _linearized(graph, poses, scale)
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         # The first pose is held: its rows and columns are left out.
         size = 3 * len(poses) - 3
         hessian = coo_array((values, (rows, columns)), shape=(size, size)).tocsc()
