@@ -38,6 +38,7 @@ def optimal_length(environment: TaxiGrid, start: State) -> int:
 
 def test_the_published_walls_and_places() -> None:
     small, large = taxi_grid(5).plan, taxi_grid(10).plan
+    assert not small.warehouse | large.warehouse
     assert small.marks == {"R": Cell(0, 4), "G": Cell(4, 4), "Y": Cell(0, 0), "B": Cell(3, 0)}
     assert small.walls == {Wall(Cell(x, y), False) for x, y in [(0, 0), (0, 1), (1, 3), (1, 4), (2, 0), (2, 1)]}
     assert large.marks == {

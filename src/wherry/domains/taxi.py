@@ -6,6 +6,8 @@ the 5×5 grid has 800 states: 25 cells, 4 places where the passenger was last, i
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from wherry.floorplan import Cell, Direction, FloorPlan, Wall, find_world
@@ -138,9 +140,9 @@ def taxi_parents(action: str, variable: tuple[str, str]) -> tuple[tuple[str, str
 
 
 def taxi_grid(size: int) -> TaxiGrid:
-    """One of the published grids, 5×5 or 10×10.
+    """One of the published grids, 5×5 or 10×10, without the warehouse that deliveries in that world have.
 
     Raises:
         KeyError: There is no published grid of that size.
     """
-    return TaxiGrid(find_world(SIZES[size]))
+    return TaxiGrid(replace(find_world(SIZES[size]), warehouse=frozenset()))

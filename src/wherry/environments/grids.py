@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -109,8 +108,7 @@ class TaxiEnvironment(ObjectEnvironment):
             grid = taxi_grid(size)
         except KeyError:
             raise InputError("wherry/Taxi-v0", "size", f"must be 5 or 10, not {size}") from None
-        plan = replace(grid.plan, warehouse=frozenset())  # which Taxi has none of
-        super().__init__(grid, plan, taxi_figures, render_mode=render_mode)
+        super().__init__(grid, grid.plan, taxi_figures, render_mode=render_mode)
 
 
 class DeliveryEnvironment(ObjectEnvironment):

@@ -6,7 +6,7 @@ What a person sees is what the learner sees: the state, its condition, and what 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -202,7 +202,7 @@ def _taxi(settings: Settings) -> Table:
     learner = _learner(settings, grid)
     curiosity = CURIOSITY if settings.learner == "bayes" else 0.0
     agent = PolicyAgent(learner, ValueIteration(learner, curiosity=curiosity))
-    return Table(grid, replace(grid.plan, warehouse=frozenset()), taxi_figures, learner, agent)
+    return Table(grid, grid.plan, taxi_figures, learner, agent)
 
 
 def _delivery(settings: Settings) -> Table:
