@@ -22,12 +22,13 @@ from wherry.experiments.delivery_page import page, pictures_of
 from wherry.experiments.robot_delivery import beginning, deliver, delivery_learner
 from wherry.experiments.scoring import Result, align, position_errors, root_mean_square, shortest_delivery
 from wherry.files import write_atomically
-from wherry.floorplan import Cell, FloorPlan, find_world, place_boxes
+from wherry.floorplan import Cell, FloorPlan, find_world
 from wherry.learning.learners import RuleLearner
 from wherry.learning.rules import save_rules
 from wherry.realization.mission import Mission, Order, Ready
 from wherry.robot import Robot
 from wherry.simulation import BoxPlace, Simulation, build
+from wherry.simulation.scenes import choose_scene
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
@@ -74,21 +75,17 @@ def prepare(settings: Settings) -> DeliveryRun:
     Raises:
         InputError: World, map, rules, learner or folder cannot be used.
     """
-    if settings.boxes is not None and settings.boxes < 0:
-        raise InputError("--boxes", "", f"{settings.boxes} is negative")
     plan = find_world(settings.world)
     if not plan.warehouse:
         raise InputError(settings.world, "drawing", "has no warehouse (w)")
-    places, physics, beliefs = np.random.default_rng(settings.seed).spawn(3)
-    if settings.boxes is not None or not plan.boxes:
-        plan = place_boxes(plan, plan.box_count if settings.boxes is None else settings.boxes, places)
+    scene = choose_scene(plan, settings.boxes, settings.seed)
     grid = None if settings.map_file is None else load_map(settings.map_file)
     if grid is not None and not grid.occupied.any():
         raise InputError(settings.map_file or "", "image", "shows no walls")
     learner = delivery_learner(settings.learner, settings.rules_file)
     out = settings.out or _free_folder(Path("runs") / f"{plan.name}-seed{settings.seed}")
     make_folder(out)
-    return DeliveryRun(settings, plan, grid, learner, out, build(plan, physics), beliefs)
+    return DeliveryRun(settings, scene.plan, grid, learner, out, build(scene.plan, scene.physics), scene.beliefs)
 
 
 def _free_folder(folder: Path) -> Path:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from wherry.errors import InputError
-from wherry.floorplan import find_world, place_boxes
+from wherry.floorplan import find_world
 from wherry.ros.names import Names
 from wherry.ros.simulator_node import Hardware, SimulatorNode
 from wherry.ros.transport import Transport
 from wherry.simulation import Simulation, build
+from wherry.simulation.scenes import choose_scene
 from wherry.simulation.simulator import ODOMETRY_RATE
 
 LASER_HEIGHT = 0.15  # m, above base_link: the URDF's
@@ -42,15 +41,10 @@ def prepare(settings: Settings) -> Simulation:
     Raises:
         InputError: A setting cannot be used.
     """
-    if settings.boxes is not None and settings.boxes < 0:
-        raise InputError("--boxes", "", f"{settings.boxes} is negative")
     if not 0.0 < settings.rate <= FASTEST:
         raise InputError("--rate", f"{settings.rate}", f"is not above 0 and at most {FASTEST:g}")
-    plan = find_world(settings.world)
-    places, physics, _ = np.random.default_rng(settings.seed).spawn(3)
-    if settings.boxes is not None or not plan.boxes:
-        plan = place_boxes(plan, plan.box_count if settings.boxes is None else settings.boxes, places)
-    return build(plan, physics)
+    scene = choose_scene(find_world(settings.world), settings.boxes, settings.seed)
+    return build(scene.plan, scene.physics)
 
 
 def node_of(simulation: Simulation, transport: Transport, names: Names, rate: float) -> SimulatorNode:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from wherry.experiments.delivery import order_of
 from wherry.experiments.results import markdown_table
-from wherry.floorplan import FloorPlan, find_world, place_boxes
+from wherry.floorplan import FloorPlan, find_world
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.realization.mission import Mission, SlamCorrector
 from wherry.realization.tracking import Corrector
 from wherry.robot import Odometry, Scan
 from wherry.simulation import build
+from wherry.simulation.scenes import choose_scene
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
 from wherry.trace import ignore
@@ -115,13 +116,11 @@ def explore(plan: FloorPlan, seed: int) -> Result:
         plan: The world.
         seed: Of all that is random.
     """
-    places, physics, beliefs = np.random.default_rng(seed).spawn(3)
-    if not plan.boxes:
-        plan = place_boxes(plan, plan.box_count, places)
-    simulation = build(plan, physics)
+    scene = choose_scene(plan, None, seed)
+    simulation = build(scene.plan, scene.physics)
     world_from_map = simulation.physics.robot_pose
     mapper = TimedMapper(simulation.robot.body.lidar)
-    ready = Mission(simulation.robot, order_of(plan), ignore, beliefs, mapper=lambda _: mapper).explore()
+    ready = Mission(simulation.robot, order_of(scene.plan), ignore, scene.beliefs, mapper=lambda _: mapper).explore()
     walls = world_from_map.transform(ready.grid.occupied_points())
     history = simulation.referee.history
     true = history[np.searchsorted(history[:, 0], np.array(mapper.times) - 1e-6), 1:]

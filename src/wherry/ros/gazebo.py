@@ -14,7 +14,7 @@ import yaml
 
 from wherry.errors import InputError
 from wherry.files import read_text, write_atomically
-from wherry.floorplan import FloorPlan, find_world, place_boxes
+from wherry.floorplan import FloorPlan, find_world
 from wherry.ros.description import robot_description
 from wherry.ros.gazebo_sdf import (
     GENERATIONS,
@@ -29,6 +29,7 @@ from wherry.ros.gazebo_sdf import (
 from wherry.simulation import build
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.model import robot_urdf
+from wherry.simulation.scenes import choose_scene
 from wherry.space.pose import Pose
 
 FORMAT_VERSION = 1
@@ -71,15 +72,10 @@ def export(settings: Settings) -> tuple[Path, ...]:
     """
     if settings.generation not in GENERATIONS:
         raise InputError("--generation", settings.generation, f"is none of {', '.join(GENERATIONS)}")
-    if settings.boxes is not None and settings.boxes < 0:
-        raise InputError("--boxes", "", f"{settings.boxes} is negative")
-    plan = find_world(settings.world)
-    places, physics, _ = np.random.default_rng(settings.seed).spawn(3)
-    if settings.boxes is not None or not plan.boxes:
-        plan = place_boxes(plan, plan.box_count if settings.boxes is None else settings.boxes, places)
-    files = contents(plan, physics, GENERATIONS[settings.generation])
+    scene = choose_scene(find_world(settings.world), settings.boxes, settings.seed)
+    files = contents(scene.plan, scene.physics, GENERATIONS[settings.generation])
     _prepare(settings.folder, force=settings.force)
-    what: dict[str, object] = {"wherry-export": FORMAT_VERSION, "world": plan.name}
+    what: dict[str, object] = {"wherry-export": FORMAT_VERSION, "world": scene.plan.name}
     what |= {"generation": settings.generation, "seed": settings.seed, "files": sorted(files)}
     files = {**files, MARK: json.dumps(what, indent=2) + "\n"}
     for name, text in files.items():

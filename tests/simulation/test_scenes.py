@@ -1,0 +1,31 @@
+"""Which boxes stand where in a simulated world."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wherry.errors import InputError
+from wherry.floorplan import Cell, find_world, place_boxes
+from wherry.simulation.scenes import choose_scene
+
+
+def test_the_same_seed_gives_the_same_scene_and_another_seed_another() -> None:
+    plan = find_world("rooms")
+    one, same, other = (choose_scene(plan, 4, seed) for seed in (3, 3, 4))
+    assert one.plan == same.plan == place_boxes(plan, 4, np.random.default_rng(3).spawn(1)[0])
+    assert one.plan != other.plan
+    assert one.physics.random() == same.physics.random() != other.physics.random()
+    assert one.beliefs.random() == same.beliefs.random() != one.physics.random()
+
+
+def test_a_plans_own_boxes_stay_unless_a_number_is_asked_for() -> None:
+    plan = find_world("rooms").with_boxes([Cell(0, 0)])
+    assert choose_scene(plan, None, 0).plan == plan
+    assert choose_scene(plan, 0, 0).plan.boxes == ()
+    assert len(choose_scene(plan.with_boxes([]), None, 0).plan.boxes) == plan.box_count > 0
+
+
+def test_a_negative_number_is_told() -> None:
+    with pytest.raises(InputError, match="--boxes: -1 is negative"):
+        choose_scene(find_world("rooms"), -1, 0)
