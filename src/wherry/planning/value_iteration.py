@@ -16,11 +16,11 @@ from wherry.kernels import kernel
 from wherry.oomdp.domain import Action
 from wherry.oomdp.objects import State
 from wherry.oomdp.outcomes import Answer, ConditionalModel
+from wherry.planning.lookahead import TIE
 from wherry.planning.state_space import END, MISSING, UNKNOWN, Floats, Integers, StateSpace
 
 NONE = -1  # in the table of branches: the group has no such action, or the answer no such branch
 NEVER = -1  # in the table of revisions: the model was not asked yet
-TIE = 1e-9  # actions this close are equally good
 
 
 class ValueIteration:
