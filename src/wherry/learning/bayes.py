@@ -190,7 +190,7 @@ class BayesianLearner:
         self.tried: dict[str, dict[int, bool]] = {action: {} for action in domain.actions}
         self._never_seen: dict[str, Concept] = {}
         self._violations: dict[str, None] = {}
-        self._answers: dict[str, dict[tuple[object, ...], Answer]] = {}
+        self._answers: dict[str, dict[tuple[tuple[str, ...], tuple[int, ...]], Answer]] = {}
         self._expectations: dict[Subject, dict[int, Expected]] = {}
         self._lawful: dict[tuple[str, str], list[Subject]] = {}  # by action and class: the subjects that have laws
 
