@@ -80,6 +80,10 @@ class Amcl:
         lidar: The lidar's pose on the base, base_link frame.
         parameters: As in nav2's amcl.
         rng: Where all randomness comes from; the same seed gives the same bytes.
+
+    Attributes:
+        parameters: As given.
+        field: Distances to the map's obstacles.
     """
 
     def __init__(self, grid: OccupancyGrid, lidar: Pose, parameters: AmclParameters, rng: np.random.Generator) -> None:
@@ -87,8 +91,8 @@ class Amcl:
         self._grid = grid
         self._lidar = lidar
         self._rng = rng
-        self._field = DistanceField.of(grid, parameters.laser_likelihood_max_dist)
-        self._sensor = SENSOR_MODELS[parameters.laser_model_type](self._field, parameters)
+        self.field = DistanceField.of(grid, parameters.laser_likelihood_max_dist)
+        self._sensor = SENSOR_MODELS[parameters.laser_model_type](self.field, parameters)
         self._move = MOTION_MODELS[parameters.robot_model_type]
         most = parameters.max_particles
         self._buffers = (np.empty((most, 3)), np.empty((most, 3)))
@@ -250,7 +254,7 @@ class Amcl:
         best = Pose.from_array(particles[int(increments.argmax())])
         repetition = max(1.0, len(beams) / self.parameters.independent_beams)
         sigma = self.parameters.sigma_hit
-        moved, weights = draw_around_match(particles, best, self._field, beams.ends, sigma, repetition, self._rng)
+        moved, weights = draw_around_match(particles, best, self.field, beams.ends, sigma, repetition, self._rng)
         again = np.zeros(len(moved))
         self._sensor.add_log_likelihood(particles[moved], beams, again)
         increments[moved] = again / repetition
@@ -324,7 +328,7 @@ class Amcl:
         for pose in supported:
             if most >= 0.0 and pose.is_near(best, NEAR, NEAR_HEADING):
                 continue  # a match from there would come to the same place
-            match = match_scan(self._field, ends, pose, estimate.covariance, sigma)
+            match = match_scan(self.field, ends, pose, estimate.covariance, sigma)
             if match.explained > most + BETTER:
                 best, most = match.pose, match.explained
         return replace(estimate, pose=best)

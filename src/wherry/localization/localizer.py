@@ -14,7 +14,6 @@ from wherry.localization.parameters import AmclParameters
 from wherry.localization.relocalization import Hypothesis, Relocalizer
 from wherry.localization.sensor import choose_beams
 from wherry.robot import Odometry, Scan
-from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
@@ -89,7 +88,6 @@ class Localizer:
     def __init__(self, grid: OccupancyGrid, lidar: Pose, parameters: AmclParameters, rng: np.random.Generator) -> None:
         self.amcl = Amcl(grid, lidar, parameters, rng)
         self._lidar = lidar
-        self._field = DistanceField.of(grid, parameters.laser_likelihood_max_dist)
         self._charted = ~grid.unknown
         self._relocalizer = Relocalizer(grid, lidar, parameters)
         self._detector = LostDetector()
@@ -119,7 +117,7 @@ class Localizer:
             hypotheses = self._start(scan)
         estimate = self.amcl.update(odometry, scan)
         ends = choose_beams(scan, self._lidar, self.amcl.parameters, COMPARED_BEAMS).ends
-        agreement = compare(self._field, self._charted, ends, self._lidar, estimate.pose)
+        agreement = compare(self.amcl.field, self._charted, ends, self._lidar, estimate.pose)
         if not estimate.problem:
             self._detector.observe(scan.time, agreement)
             kept = self._watch(scan.time, odometry.pose, ends, agreement, converged=estimate.is_at_one_place)
