@@ -148,3 +148,18 @@ def test_what_cannot_be_replayed_is_told(tmp_path: Path) -> None:
             prepare(Settings(tmp_path / name, tmp_path / "out"))
     with pytest.raises(InputError, match="--backend"):
         prepare(Settings(tmp_path / "scans.bag", tmp_path / "out", backend="magic"))
+
+
+@pytest.mark.parametrize("with_map", [False, True])
+def test_parameters_and_maps_that_cannot_be_are_told_before_anything_is_done(
+    ride: tuple[Path, Pose], tmp_path: Path, with_map: bool
+) -> None:
+    params = tmp_path / "amcl.yaml"
+    params.write_text("max_particles: many")
+    map_file = tmp_path / "missing.yaml" if with_map else None
+    with pytest.raises(InputError, match=r"amcl\.yaml"):
+        prepare(Settings(ride[0] / "run.bag", tmp_path / "out", map_file, params=params))
+    if with_map:
+        with pytest.raises(InputError, match=r"missing\.yaml"):
+            prepare(Settings(ride[0] / "run.bag", tmp_path / "out", map_file))
+    assert not (tmp_path / "out").exists()

@@ -115,8 +115,12 @@ class Located:
     seconds: float
 
 
-def prepare(settings: Settings) -> LocalizationRun:
+def prepare(settings: Settings, log: LidarLog | None = None) -> LocalizationRun:
     """Read and check everything that a user has given, before anything is done.
+
+    Args:
+        settings: What to run.
+        log: What the log's file holds, if it was read already.
 
     Raises:
         InputError: Log, map, parameters or reference cannot be used, or the log has scans without odometry.
@@ -125,8 +129,9 @@ def prepare(settings: Settings) -> LocalizationRun:
     own = GLOBAL_PARAMETERS if settings.everywhere else LOG_PARAMETERS
     parameters = own if loaded is None else loaded.parameters
     grid = load_any_map(settings.map_file)
-    read = read_bag if is_bag(settings.log) else read_log
-    log = read(settings.log, lenient=settings.lenient)
+    if log is None:
+        read = read_bag if is_bag(settings.log) else read_log
+        log = read(settings.log, lenient=settings.lenient)
     odometry = [now for now in log.scan_odometry if now is not None]
     if len(odometry) < len(log.scans):
         raise InputError(settings.log, "", "has scans without odometry, which localization needs")

@@ -9,6 +9,8 @@ from pathlib import Path
 from wherry.bags import is_bag
 from wherry.errors import InputError
 from wherry.experiments import localization, slam
+from wherry.experiments.localization import LocalizationRun
+from wherry.localization.parameter_files import load_parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,9 @@ def prepare(settings: Settings) -> ReplayRun:
     if not is_bag(settings.bag):
         raise InputError(settings.bag, "", "is no bag; wherry map and wherry localize take logs of other kinds")
     if settings.map_file is not None:
-        return ReplayRun(settings, None, settings.map_file)
+        return ReplayRun(settings, settings.map_file, localization.prepare(_to_localize(settings, settings.map_file)))
+    if settings.params is not None:
+        load_parameters(settings.params)  # whatever is wrong with them is told before the bag is mapped
     folder = settings.out / "mapping"
     mapping = slam.prepare(
         slam.Settings(
@@ -56,11 +60,29 @@ def prepare(settings: Settings) -> ReplayRun:
     )
     if any(odometry is None for odometry in mapping.log.scan_odometry):
         raise InputError(settings.bag, "", "has no odometry, which localization needs; wherry map can do without")
-    return ReplayRun(settings, mapping, folder / "map.yaml")
+    return ReplayRun(settings, folder / "map.yaml", mapping)
+
+
+def _to_localize(settings: Settings, map_file: Path, reference: Path | None = None) -> localization.Settings:
+    """What to localize, on which map, and the trajectory to compare it with."""
+    return localization.Settings(
+        log=settings.bag,
+        map_file=map_file,
+        params=settings.params,
+        reference=reference,
+        everywhere=settings.everywhere,
+        seed=settings.seed,
+        lenient=settings.lenient,
+    )
 
 
 class ReplayRun:
     """A bag that is being replayed: iterate `steps`, then look at the results.
+
+    Args:
+        settings: What was asked for.
+        map_file: The map that is localized on.
+        first: What is ready to run: mapping, which localization follows, or localization at once.
 
     Attributes:
         out: The folder for results.
@@ -71,32 +93,22 @@ class ReplayRun:
 
     localization: localization.Result
 
-    def __init__(self, settings: Settings, mapping: slam.MappingRun | None, map_file: Path) -> None:
+    def __init__(self, settings: Settings, map_file: Path, first: slam.MappingRun | LocalizationRun) -> None:
         self.out = settings.out
         self.map_file = map_file
         self.mapping: slam.Result | None = None
         self._settings = settings
-        self._mapping = mapping
+        self._first = first
 
     def steps(self) -> Iterator[tuple[str, int, int]]:
         """Run, yielding what is being done, how many scans are, and of how many."""
-        reference = None
-        if self._mapping is not None:
-            for done in self._mapping.steps():
-                yield "mapping", done, self._mapping.scans
-            self.mapping = self._mapping.result
+        run = self._first
+        if isinstance(run, slam.MappingRun):
+            for done in run.steps():
+                yield "mapping", done, run.scans
+            self.mapping = run.result
             reference = self.map_file.with_name("trajectory.tum")
-        run = localization.prepare(
-            localization.Settings(
-                log=self._settings.bag,
-                map_file=self.map_file,
-                params=self._settings.params,
-                reference=reference,
-                everywhere=self._settings.everywhere,
-                seed=self._settings.seed,
-                lenient=self._settings.lenient,
-            )
-        )
+            run = localization.prepare(_to_localize(self._settings, self.map_file, reference), run.log)
         for located in run.steps():
             yield "localizing", located.index + 1, len(run)
         self.localization = run.result()
