@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from bus import Bus
 from perfect_worlds import frame_of, perfect_map
+from wherry.cli import app
 from wherry.errors import InputError
 from wherry.experiments.delivery import order_of
-from wherry.experiments.ros_delivery import Stack, order_from
+from wherry.experiments.ros_delivery import Stack, is_own, order_from
 from wherry.experiments.ros_simulation import node_of
 from wherry.realization.mission import Ready
 from wherry.robot import Odometry, Scan, Velocity
@@ -183,7 +185,8 @@ def robot(other: OtherStack) -> Iterator[RosRobot]:
 
 
 def get_ready(other: OtherStack, robot: RosRobot, mapping: str, localization: str) -> Ready:
-    stack = Stack(robot, other.bus.node(), NAMES, mapping, localization, 10.0)
+    own = {"owns_map": is_own("--mapping", mapping), "owns_pose": is_own("--localization", localization)}
+    stack = Stack(robot, other.bus.node(), NAMES, 10.0, **own)
     if mapping == "ros":
         other.tell_map()
     return stack.get_ready(order_of(other.simulation.plan), None, ignore, np.random.default_rng(0))
@@ -217,9 +220,13 @@ def test_ready_on_the_own_map_by_somebody_elses_pose(other: OtherStack, robot: R
 
 
 def test_a_stack_that_says_nothing_is_named(other: OtherStack, robot: RosRobot) -> None:
-    stack = Stack(robot, other.bus.node(), NAMES, "ros", "own", 0.2)
+    stack = Stack(robot, other.bus.node(), NAMES, 0.2, owns_map=False, owns_pose=True)
     with pytest.raises(InputError, match=r"/map: not heard within 0\.2 s"):
         stack.get_ready(order_of(other.simulation.plan), None, ignore, np.random.default_rng(0))
-    for mapping, localization in (("mine", "own"), ("own", "theirs")):
-        with pytest.raises(InputError, match="is neither own nor ros"):
-            Stack(robot, other.bus.node(), NAMES, mapping, localization, 0.2)
+
+
+@pytest.mark.parametrize("option", ["--mapping", "--localization"])
+def test_a_side_that_there_is_not_is_told_before_any_robot_is_waited_for(option: str) -> None:
+    result = CliRunner().invoke(app, ["ros2", "deliver", "--warehouse", "1,0", option, "theirs"])
+    assert str(result.exception) == f"{option}: theirs: is neither own nor ros"
+    assert "Waiting for the robot" not in result.output

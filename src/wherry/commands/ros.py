@@ -156,6 +156,8 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
 
         name, remappings = from_launch(arguments, "wherry_agent", remap)
         called = load_names(names, namespace=namespace, frame_prefix=frame_prefix, remappings=remappings)
+        owns_map = ros_delivery.is_own("--mapping", mapping)
+        owns_pose = ros_delivery.is_own("--localization", localization)
         order = ros_delivery.order_from(warehouse or (), cell_size)
         knowledge = delivery_learner(learner, rules)
         grid = None if map_file is None else load_map(map_file)
@@ -173,16 +175,9 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         ):
             console.print("Waiting for the robot.")
             robot.wait_until_ready(wait, use_sim_time=use_sim_time)
-            stack = ros_delivery.Stack(robot, transport, called, mapping, localization, wait)
-            teller = AgentNode(
-                robot,
-                transport,
-                called,
-                owns_map=mapping == ros_delivery.OWN,
-                owns_pose=localization == ros_delivery.OWN,
-            )
+            stack = ros_delivery.Stack(robot, transport, called, wait, owns_map=owns_map, owns_pose=owns_pose)
             with (
-                teller as node,
+                AgentNode(robot, transport, called, owns_map=owns_map, owns_pose=owns_pose) as node,
                 watched("wherry: ROS", out, console, view=view, host=host, port=port) as sink,
                 DeliveryProgress(console, 0) as progress,
             ):

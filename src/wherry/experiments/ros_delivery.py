@@ -71,6 +71,17 @@ def _place(text: str) -> Floats:
     return place
 
 
+def is_own(option: str, value: str) -> bool:
+    """Whether something is ours to do: `OWN`, else `OUTSIDE`.
+
+    Raises:
+        InputError: It is neither.
+    """
+    if value not in (OWN, OUTSIDE):
+        raise InputError(option, value, f"is neither {OWN} nor {OUTSIDE}")
+    return value == OWN
+
+
 class Stack:
     """Who maps and who localizes: we, or an outside stack.
 
@@ -78,26 +89,27 @@ class Stack:
         robot: Ready.
         transport: ROS.
         names: What everything is called.
-        mapping: `OWN` or `OUTSIDE`.
-        localization: `OWN` or `OUTSIDE`.
         patience: s to wait for an outside map or pose.
-
-    Raises:
-        InputError: Mapping or localization is neither.
+        owns_map: Whether we map.
+        owns_pose: Whether we localize.
     """
 
     def __init__(
-        self, robot: RosRobot, transport: Transport, names: Names, mapping: str, localization: str, patience: float
+        self,
+        robot: RosRobot,
+        transport: Transport,
+        names: Names,
+        patience: float,
+        *,
+        owns_map: bool,
+        owns_pose: bool,
     ) -> None:
-        for option, value in (("--mapping", mapping), ("--localization", localization)):
-            if value not in (OWN, OUTSIDE):
-                raise InputError(option, value, f"is neither {OWN} nor {OUTSIDE}")
         self._robot = robot
         self._transport = transport
         self._names = names
         self._patience = patience
-        self._map = OutsideMap(transport, names) if mapping == OUTSIDE else None
-        self._pose = OutsidePose(transport, names, lambda: robot.odometry) if localization == OUTSIDE else None
+        self._map = None if owns_map else OutsideMap(transport, names)
+        self._pose = None if owns_pose else OutsidePose(transport, names, lambda: robot.odometry)
 
     def get_ready(self, order: Order, grid: OccupancyGrid | None, sink: Sink, rng: np.random.Generator) -> Ready:
         """Map, or take a map; localize, or be told; find the boxes.
