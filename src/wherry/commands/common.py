@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,6 +16,17 @@ if TYPE_CHECKING:
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, as the last line.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors, and what --json prints.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]
+
+WorldArgument = Annotated[str, typer.Argument(help="A built-in world's name, or a world file.")]
+BoxesOption = Annotated[int | None, typer.Option(help="How many boxes; without it, what the world says.")]
+MapOption = Annotated[Path | None, typer.Option("--map", help="A map.yaml to use instead of exploring.")]
+RulesOption = Annotated[Path | None, typer.Option(help="Learnt rules to start with.")]
+LearnerOption = Annotated[str, typer.Option(help="How the robot learns: bayes or doormax.")]
+LogArgument = Annotated[
+    Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped, or a ROS bag.")
+]
+LenientOption = Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")]
+ParamsOption = Annotated[Path | None, typer.Option(help="An amcl.yaml, of nav2 or of ROS 1.")]
 
 
 def console_for(*, as_json: bool, quiet: bool = False) -> Console:

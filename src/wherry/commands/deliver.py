@@ -7,18 +7,28 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json
+from wherry.commands.common import (
+    BoxesOption,
+    JsonOption,
+    LearnerOption,
+    MapOption,
+    QuietOption,
+    RulesOption,
+    SeedOption,
+    console_for,
+    print_json,
+)
 from wherry.commands.recording import RecordOption, recorded
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, films, watched
 
 
 def deliver(
     world: Annotated[str, typer.Option(help="A built-in world's name, or a world file.")] = "rooms",
-    boxes: Annotated[int | None, typer.Option(help="How many boxes; without it, what the world says.")] = None,
+    boxes: BoxesOption = None,
     seed: SeedOption = 0,
-    map_file: Annotated[Path | None, typer.Option("--map", help="A map.yaml to use instead of exploring.")] = None,
-    rules: Annotated[Path | None, typer.Option(help="Learnt rules to start with.")] = None,
-    learner: Annotated[str, typer.Option(help="How the robot learns: bayes or doormax.")] = "bayes",
+    map_file: MapOption = None,
+    rules: RulesOption = None,
+    learner: LearnerOption = "bayes",
     out: Annotated[
         Path | None, typer.Option(help="Where to write report, map and rules; without it, runs/WORLD-seedN.")
     ] = None,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, SeedOption, console_for, print_json
+from wherry.commands.common import BoxesOption, JsonOption, SeedOption, WorldArgument, console_for, print_json
 
 export_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Write a world for another simulator.")
 
@@ -19,12 +19,12 @@ def export() -> None:
 
 @export_app.command()
 def gazebo(
-    world: Annotated[str, typer.Argument(help="A built-in world's name, or a world file.")],
+    world: WorldArgument,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where to write; new, empty, or an earlier export.")],
     generation: Annotated[
         str, typer.Option(help="Of Gazebo Sim: fortress, or harmonic, which is for Garden and all later ones.")
     ] = "fortress",
-    boxes: Annotated[int | None, typer.Option(help="How many boxes; without it, what the world says.")] = None,
+    boxes: BoxesOption = None,
     seed: SeedOption = 0,
     force: Annotated[bool, typer.Option("--force", help="Write even if the folder holds something else.")] = False,
     as_json: JsonOption = False,

@@ -7,19 +7,30 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
+from wherry.commands.common import (
+    JsonOption,
+    LenientOption,
+    LogArgument,
+    ParamsOption,
+    QuietOption,
+    SeedOption,
+    console_for,
+    print_json,
+    progress_bar,
+    shown,
+)
 from wherry.commands.recording import RecordOption, recorded_log
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 
 
 def localize(
-    log: Annotated[Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped, or a ROS bag.")],
+    log: LogArgument,
     map_file: Annotated[Path, typer.Option("--map", help="A map.yaml, a saved pose graph, or Wean Hall's wean.dat.")],
-    params: Annotated[Path | None, typer.Option(help="An amcl.yaml, of nav2 or of ROS 1.")] = None,
+    params: ParamsOption = None,
     reference: Annotated[Path | None, typer.Option(help="A trajectory in TUM format to compare with.")] = None,
     everywhere: Annotated[bool, typer.Option("--global", help="Begin without knowing where the robot is.")] = False,
     seed: SeedOption = 0,
-    lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")] = False,
+    lenient: LenientOption = False,
     record: RecordOption = None,
     out: Annotated[Path | None, typer.Option(help="Where to write trajectory and picture.")] = None,
     view: ViewOption = False,

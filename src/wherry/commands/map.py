@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
+from wherry.commands.common import (
+    JsonOption,
+    LenientOption,
+    LogArgument,
+    QuietOption,
+    SeedOption,
+    console_for,
+    print_json,
+    progress_bar,
+    shown,
+)
 from wherry.commands.recording import RecordOption, recorded_log
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 from wherry.errors import InputError
@@ -25,7 +35,7 @@ FIRST_MAP = 10  # scans after which it is drawn for the first time
 
 
 def map_log(
-    log: Annotated[Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped, or a ROS bag.")],
+    log: LogArgument,
     odometry: Annotated[
         Path | None, typer.Option(help="Denser odometry, t x y θ a line, to interpolate poses with.")
     ] = None,
@@ -34,7 +44,7 @@ def map_log(
     out: Annotated[Path | None, typer.Option(help="Where to write map, picture, trajectory and pose graph.")] = None,
     seed: SeedOption = 0,
     resolution: Annotated[float, typer.Option(help="m, a grid cell's side.")] = 0.05,
-    lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")] = False,
+    lenient: LenientOption = False,
     graph: Annotated[
         Path | None, typer.Option("--continue", metavar="GRAPH", help="Go on with the map of a graph.npz of --out.")
     ] = None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, SeedOption, console_for, one_of, print_json
+from wherry.commands.common import BoxesOption, JsonOption, SeedOption, console_for, one_of, print_json
 
 if TYPE_CHECKING:
     from wherry.experiments.play import Game
@@ -29,7 +29,7 @@ def play(
     domain: Annotated[str, typer.Argument(help=f"{' or '.join(DOMAINS)}.", autocompletion=one_of(DOMAINS))],
     size: Annotated[int, typer.Option(help="The Taxi grid's side: 5 or 10.")] = 5,
     world: Annotated[str, typer.Option(help="Where to deliver: a built-in world's name, or a world file.")] = "small",
-    boxes: Annotated[int | None, typer.Option(help="How many boxes; without it, what the world says.")] = None,
+    boxes: BoxesOption = None,
     seed: SeedOption = 0,
     learner: Annotated[str, typer.Option(help=f"{', '.join(LEARNERS)}.", autocompletion=one_of(LEARNERS))] = "bayes",
     rules: Annotated[Path | None, typer.Option(help="Learnt rules that the learner begins with.")] = None,

@@ -8,7 +8,16 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, print_json, progress_bar, shown
+from wherry.commands.common import (
+    JsonOption,
+    ParamsOption,
+    QuietOption,
+    SeedOption,
+    console_for,
+    print_json,
+    progress_bar,
+    shown,
+)
 
 
 def replay(
@@ -17,7 +26,7 @@ def replay(
         Path | None, typer.Option("--map", help="A map.yaml to localize on; without it, the bag is mapped first.")
     ] = None,
     backend: Annotated[str, typer.Option(help="The method of mapping: graph or particles.")] = "graph",
-    params: Annotated[Path | None, typer.Option(help="An amcl.yaml, of nav2 or of ROS 1.")] = None,
+    params: ParamsOption = None,
     everywhere: Annotated[bool, typer.Option("--global", help="Localize without knowing where it begins.")] = False,
     out: Annotated[Path | None, typer.Option(help="Where to write; without it, runs/NAME-replay.")] = None,
     seed: SeedOption = 0,

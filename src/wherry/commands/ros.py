@@ -9,7 +9,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, QuietOption, SeedOption, console_for, one_of, print_json
+from wherry.commands.common import (
+    BoxesOption,
+    JsonOption,
+    LearnerOption,
+    MapOption,
+    QuietOption,
+    RulesOption,
+    SeedOption,
+    WorldArgument,
+    console_for,
+    one_of,
+    print_json,
+)
 from wherry.commands.recording import RecordOption, recorded_transport
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 
@@ -52,9 +64,9 @@ def ros_app(generation: int) -> typer.Typer:
 def _add_simulate(app: typer.Typer, generation: int) -> None:
     @app.command()
     def simulate(
-        world: Annotated[str, typer.Argument(help="A built-in world's name, or a world file.")],
+        world: WorldArgument,
         arguments: LaunchArguments = None,
-        boxes: Annotated[int | None, typer.Option(help="How many boxes; without it, what the world says.")] = None,
+        boxes: BoxesOption = None,
         rate: Annotated[float, typer.Option(help="Simulated seconds a second.")] = 1.0,
         duration: Annotated[float | None, typer.Option(min=0, help="Simulated seconds after which to end.")] = None,
         seed: SeedOption = 0,
@@ -108,9 +120,9 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
             typer.Option(help="X,Y of a cell of the warehouse, m, as seen from the start, x ahead; may be repeated."),
         ] = None,
         cell_size: Annotated[float, typer.Option(help="The cells' side, m.")] = 0.6,
-        map_file: Annotated[Path | None, typer.Option("--map", help="A map.yaml to use instead of exploring.")] = None,
-        rules: Annotated[Path | None, typer.Option(help="Learnt rules to start with.")] = None,
-        learner: Annotated[str, typer.Option(help="How the robot learns: bayes or doormax.")] = "bayes",
+        map_file: MapOption = None,
+        rules: RulesOption = None,
+        learner: LearnerOption = "bayes",
         body: Annotated[Path | None, typer.Option(help="A YAML file with the robot's shape and limits.")] = None,
         mapping: Annotated[
             str, typer.Option(help="Whose map: own, or ros for /map.", autocompletion=one_of(("own", "ros")))

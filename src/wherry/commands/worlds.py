@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import console_for
+from wherry.commands.common import WorldArgument, console_for
 from wherry.commands.watching import LOOPBACK, PORT, PageHostOption, PagePortOption, show
 
 worlds = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="List, show and draw worlds.")
@@ -26,7 +26,7 @@ def list_worlds() -> None:
 
 
 @worlds.command("show")
-def show_world(world: Annotated[str, typer.Argument(help="A built-in world's name, or a world file.")]) -> None:
+def show_world(world: WorldArgument) -> None:
     """Print a world as text, the way it can be saved and changed."""
     from wherry.floorplan import find_world, format_world
 
