@@ -11,7 +11,7 @@ import pytest
 
 from bus import Bus
 from wherry.errors import InputError
-from wherry.experiments.ros_simulation import LASER_HEIGHT, WHEEL_JOINTS, Settings, node_of, prepare
+from wherry.experiments.ros_simulation import WHEEL_JOINTS, Settings, node_of, prepare
 from wherry.robot import Velocity
 from wherry.ros import messages as ros
 from wherry.ros.conversion import from_laser_scan, from_odometry, from_transform, header_of, seconds_of, to_twist
@@ -19,7 +19,7 @@ from wherry.ros.latch import LatchCommand, LatchState, from_latch_state, to_latc
 from wherry.ros.names import Names, load_names
 from wherry.ros.transport import Topic
 from wherry.simulation import Simulation
-from wherry.simulation.model import robot_urdf
+from wherry.simulation.model import LASER_HEIGHT, robot_urdf
 from wherry.space.pose import Pose
 from worlds import HALL, hall
 

@@ -44,8 +44,7 @@ def deliver(
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
     from wherry.experiments import delivery
     from wherry.kernels import are_compiled
-    from wherry.simulation.drive import WHEEL_RADIUS
-    from wherry.simulation.model import LIDAR_HEIGHT
+    from wherry.simulation.model import LASER_HEIGHT
     from wherry.trace import both
     from wherry.views.terminal import DeliveryProgress, print_rules, print_table
 
@@ -61,7 +60,7 @@ def deliver(
     for cell in run.unreachable:
         console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from below cannot be reached by any robot.")
     with (
-        recorded(record, laser_height=LIDAR_HEIGHT - WHEEL_RADIUS) as (recording, recorded_robot),
+        recorded(record, laser_height=LASER_HEIGHT) as (recording, recorded_robot),
         films(run.simulation, rerun=rerun, video=video) as film,
         watched(f"wherry: {run.plan.name}", run.out, console, view=view, host=host, port=port) as sink,
     ):

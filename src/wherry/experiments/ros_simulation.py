@@ -10,10 +10,10 @@ from wherry.ros.names import Names
 from wherry.ros.simulator_node import Hardware, SimulatorNode
 from wherry.ros.transport import Transport
 from wherry.simulation import Simulation, build
+from wherry.simulation.model import LASER_HEIGHT
 from wherry.simulation.scenes import choose_scene
 from wherry.simulation.simulator import ODOMETRY_RATE
 
-LASER_HEIGHT = 0.15  # m, above base_link: the URDF's
 WHEEL_JOINTS = ("left_wheel_joint", "right_wheel_joint")
 FASTEST = 20.0  # simulated seconds a second
 

@@ -16,6 +16,7 @@ from wherry.space.pose import Floats, Pose
 TIMESTEP = 0.005  # s
 WALL_HEIGHT = 0.5  # m
 LIDAR_HEIGHT = 0.20  # m, over the floor
+LASER_HEIGHT = round(LIDAR_HEIGHT - WHEEL_RADIUS, 6)  # m, of the frame laser over base_link, as the URDF has it
 BOX_RADIUS, BOX_HEIGHT, BOX_MASS = 0.10, 0.30, 1.5  # m, m, kg
 WHEEL_GRIP, FLOOR_GRIP = 1.0, 0.3  # coefficients of friction: rubber on the floor, a box on the floor
 MOTOR_GAIN, MOTOR_TORQUE = 1.0, 2.0  # N·m for each rad/s that a wheel is too slow; N·m at most
