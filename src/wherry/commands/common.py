@@ -78,12 +78,3 @@ def progress_bar(console: Console, unit: str) -> Progress:
         console=console,
         disable=not console.is_terminal or console.quiet,
     )
-
-
-def shown(value: object) -> str:
-    """A figure for people."""
-    if value is None:
-        return "not measured"
-    if isinstance(value, list | tuple):
-        return ", ".join(shown(item) for item in value) or "none"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -15,7 +15,6 @@ from wherry.commands.common import (
     one_of,
     print_json,
     progress_bar,
-    shown,
 )
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 from wherry.errors import InputError
@@ -55,7 +54,8 @@ def learn(
     from wherry.experiments.taxi import Settings, TaxiExperiment
     from wherry.files import write_atomically
     from wherry.learning.rules import save_rules
-    from wherry.views.terminal import print_rules, print_table
+    from wherry.views.figures import LEARNING
+    from wherry.views.terminal import print_figures, print_rules
 
     experiment = TaxiExperiment(
         Settings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
@@ -73,7 +73,7 @@ def learn(
         if rules_out is not None:
             save_rules(experiment.learner, rules_out)
     figures = result.as_json()
-    print_table(console, experiment.arena.title, {name: shown(value) for name, value in figures.items()})
+    print_figures(console, experiment.arena.title, figures, LEARNING)
     if out is not None:
         from wherry.views.learning_curve import as_bytes, learning_curves
 

@@ -17,7 +17,6 @@ from wherry.commands.common import (
     console_for,
     print_json,
     progress_bar,
-    shown,
 )
 from wherry.commands.recording import RecordOption, recorded_log
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
@@ -42,7 +41,8 @@ def localize(
     """Find the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
     from wherry.experiments import localization
     from wherry.experiments.log_trace import LogTrace
-    from wherry.views.terminal import print_table
+    from wherry.views.figures import LOCALIZATION
+    from wherry.views.terminal import print_figures
 
     run = localization.prepare(
         localization.Settings(
@@ -73,7 +73,7 @@ def localize(
         if result.unknown_parameters:
             console.print(f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")
         figures = result.as_dict()
-        print_table(console, f"{log.name} on {map_file.name}", {name: shown(value) for name, value in figures.items()})
+        print_figures(console, f"{log.name} on {map_file.name}", figures, LOCALIZATION)
         if out is None:
             console.print("Nothing was saved; --out DIR saves trajectory and picture.")
         else:

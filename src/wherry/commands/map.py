@@ -19,7 +19,6 @@ from wherry.commands.common import (
     console_for,
     print_json,
     progress_bar,
-    shown,
 )
 from wherry.commands.recording import RecordOption, recorded_log
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
@@ -65,7 +64,8 @@ def map_log(
     from wherry.experiments import slam
     from wherry.experiments.log_trace import LogTrace
     from wherry.mapping.closures import refusals
-    from wherry.views.terminal import print_table
+    from wherry.views.figures import MAPPING, REFUSALS
+    from wherry.views.terminal import print_figures, print_table
 
     run = slam.prepare(
         slam.Settings(
@@ -102,10 +102,10 @@ def map_log(
             trace.closures(run.scans - 1, _closures(run.slam))
         assert run.result is not None  # noqa: S101 - steps() ends by setting it
         figures = asdict(run.result)
-        print_table(console, f"Map of {log.name}", {name: shown(value) for name, value in figures.items()})
-        refused = refusals(_closures(run.slam))
+        print_figures(console, f"Map of {log.name}", figures, MAPPING)
+        refused = {REFUSALS.get(gate, gate): str(number) for gate, number in refusals(_closures(run.slam)).items()}
         if refused:
-            print_table(console, "Refused for", {gate: str(number) for gate, number in refused.items()})
+            print_table(console, "Loops refused because", refused)
         if out is None:
             console.print("Nothing was saved; --out DIR saves map, picture, trajectory and pose graph.")
         else:

@@ -16,7 +16,6 @@ from wherry.commands.common import (
     console_for,
     print_json,
     progress_bar,
-    shown,
 )
 
 
@@ -39,7 +38,8 @@ def replay(
     Localization is then compared with mapping's own trajectory.
     """
     from wherry.experiments import replay as experiment
-    from wherry.views.terminal import print_table
+    from wherry.views.figures import LOCALIZATION, MAPPING
+    from wherry.views.terminal import print_figures
 
     run = experiment.prepare(
         experiment.Settings(
@@ -62,10 +62,10 @@ def replay(
     figures: dict[str, object] = {"bag": str(bag), "mapping": None}
     if run.mapping is not None:
         figures["mapping"] = asdict(run.mapping)
-        print_table(console, f"Map of {bag.name}", {name: shown(value) for name, value in asdict(run.mapping).items()})
+        print_figures(console, f"Map of {bag.name}", asdict(run.mapping), MAPPING)
     found = run.localization.as_dict()
     figures["localization"] = found
-    print_table(console, f"{bag.name} on {run.map_file.name}", {name: shown(value) for name, value in found.items()})
+    print_figures(console, f"{bag.name} on {run.map_file.name}", found, LOCALIZATION)
     console.print(f"Written to {run.out}", highlight=False)
     if as_json:
         print_json(figures)

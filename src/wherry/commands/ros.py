@@ -223,10 +223,10 @@ def _add_monitor(app: typer.Typer, generation: int) -> None:
         """Listen to a robot and its agent: messages that are missing, and the time from a scan to a velocity."""
         import time
 
-        from wherry.commands.common import shown
         from wherry.ros.monitor import Monitor
         from wherry.ros.names import load_names
-        from wherry.views.terminal import print_table
+        from wherry.views.figures import HEARD
+        from wherry.views.terminal import print_figures
 
         called = load_names(names, namespace=namespace, remappings=remap or ())
         console = console_for(as_json=as_json, quiet=quiet)
@@ -236,7 +236,7 @@ def _add_monitor(app: typer.Typer, generation: int) -> None:
             with contextlib.suppress(KeyboardInterrupt):
                 time.sleep(duration)
             figures = listener.figures()
-        print_table(console, f"ROS {generation}, heard", {name: shown(value) for name, value in figures.items()})
+        print_figures(console, f"ROS {generation}, heard", figures, HEARD)
         if as_json:
             print_json(figures)
         raise typer.Exit(0 if figures["scans"] else 1)

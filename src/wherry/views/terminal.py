@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
@@ -12,6 +12,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from wherry.trace import Explored, Record, Said, Stepped
+from wherry.views.figures import Words, in_words, not_measured
 
 
 class DeliveryProgress:
@@ -79,12 +80,31 @@ class DeliveryProgress:
         )
 
 
+def print_figures(console: Console, title: str, figures: Mapping[str, object], words: Words) -> None:
+    """Print what was measured as a closing table, in words and with units, and below it what was not.
+
+    Args:
+        console: Where to print.
+        title: Of the table.
+        figures: By their names in JSON.
+        words: What people call them, of `wherry.views.figures`.
+    """
+    _print_rows(console, title, in_words(figures, words))
+    lacking = not_measured(figures, words)
+    if lacking:
+        console.print(f"Not measured: {', '.join(lacking)}.", highlight=False)
+
+
 def print_table(console: Console, title: str, figures: Mapping[str, str]) -> None:
     """Print figures, name and value, as a closing table."""
+    _print_rows(console, title, figures.items())
+
+
+def _print_rows(console: Console, title: str, rows: Iterable[tuple[str, str]]) -> None:
     table = Table(title=escape(title), show_header=False, title_justify="left")
     table.add_column(style="dim")
     table.add_column(justify="right")
-    for name, value in figures.items():
+    for name, value in rows:
         table.add_row(escape(name), escape(value))
     console.print(table)
 
