@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import sys
 import webbrowser
@@ -32,6 +31,7 @@ PagePortOption = Annotated[int, typer.Option("--port", min=0, max=65535, help="T
 
 LOOPBACK, PORT = "127.0.0.1", 8642
 FIRST_VISITOR = 10.0  # s that a run which is over waits for one where no browser could be opened
+OPENED_VISITOR = 60.0  # s where one was opened, which may never get there
 
 
 @contextlib.contextmanager
@@ -44,7 +44,8 @@ def watched(
         title: Of the page.
         out: The folder for trace.wherry; None to record nothing.
         console: Where to say where the page is.
-        view: Whether to show the run. The page then stays until everybody has closed it, or until Ctrl-C.
+        view: Whether to show the run. The page then stays until everybody has closed it, or until Ctrl-C; where nobody
+            opens it, for `OPENED_VISITOR` or `FIRST_VISITOR`.
         host: The address to serve on.
         port: The port.
 
@@ -78,10 +79,23 @@ def watched(
         yield both(*sinks) if sinks else ignore
         if view:
             broadcast.end()
-            console.print(f"The run is over. Close the page, or press Ctrl-C: {server.url}", highlight=False)
-            with contextlib.suppress(KeyboardInterrupt):
-                if not server.wait_until_nobody_watches(math.inf if opened else FIRST_VISITOR):
-                    console.print("Nobody has opened the page, so that it ends here.")
+            _wait_for_visitors(server, OPENED_VISITOR if opened else FIRST_VISITOR, console)
+
+
+def _wait_for_visitors(server: Server, patience: float, console: Console) -> None:
+    """Let people look at a run that is over, until they have closed the page or press Ctrl-C.
+
+    Args:
+        server: The page's.
+        patience: S to wait for the first page, if there was none yet.
+        console: Where to say what is waited for.
+    """
+    console.print(f"The run is over. Close the page, or press Ctrl-C: {server.url}", highlight=False, soft_wrap=True)
+    if not server.had_pages:
+        console.print(f"Nobody has opened it yet: it waits for {patience:g} s.", highlight=False)
+    with contextlib.suppress(KeyboardInterrupt):
+        if not server.wait_until_nobody_watches(patience):
+            console.print("Nobody has opened the page, so that it ends here.")
 
 
 @contextlib.contextmanager
