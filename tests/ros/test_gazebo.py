@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ET
@@ -307,7 +308,7 @@ def test_every_box_has_a_latch_that_the_world_opens_at_first(exported: tuple[dic
         assert box.find(f"link[@name='{latch.findtext('child_link')}']") is not None
         assert world.find(f"model[@name='wherry']/link[@name='{latch.findtext('parent_link')}']") is not None
         assert latch.findtext("initial_attach") == "false"
-    openers = [element for element in world.findall("plugin") if "triggered-publisher" in element.get("filename")]
+    openers = [element for element in world.findall("plugin") if element.find("input/match") is not None]
     for opener in openers:
         assert opener.find("output").get("topic") == latches[0].findtext("detach_topic")
         assert opener.find("input").get("topic") == f"/world/{world.get('name')}/clock"
@@ -330,7 +331,10 @@ def test_the_bridge_carries_every_topic_that_gazebo_has_and_no_other() -> None:
     world = parsed(contents(plan, np.random.default_rng(0), FORTRESS)["world.sdf"])
     tags = ("topic", "odom_topic", "tf_topic", "attach_topic", "detach_topic", "output_topic")
     topics = {element.text for element in world.find(".//model[@name='wherry']").iter() if element.tag in tags}
-    assert {entry["gz_topic_name"] for entry in entries} == topics | {"/world/small/clock"}
+    poses = {f"/model/{model}/pose" for model in tellers(world)}
+    triggers = {element.get("topic") for element in world.iter("input")}  # the clock, and what the warehouse takes in
+    assert {entry["gz_topic_name"] for entry in entries} == topics | poses | triggers
+    assert "/world/small/clock" in triggers
     assert {entry["ros_topic_name"] for entry in entries} >= {
         "/scan",
         "/odom",
@@ -340,7 +344,51 @@ def test_the_bridge_carries_every_topic_that_gazebo_has_and_no_other() -> None:
         "/joint_states",
     }
     inwards = {entry["ros_topic_name"] for entry in entries if entry["direction"] == "ROS_TO_GZ"}
-    assert inwards == {"/cmd_vel", "/latch/open", "/latch/close/box_0", "/latch/close/box_1"}
+    latch = {f"/latch/{verb}/box_{box}" for verb in ("close", "take_in") for box in range(2)}
+    assert inwards == {"/cmd_vel", "/latch/open", *latch}
+    types = {(entry["ros_topic_name"], entry["ros_type_name"], entry["gz_type_name"]) for entry in entries}
+    assert ("/model/box_1/pose", "geometry_msgs/msg/PoseStamped", "ignition.msgs.Pose") in types
+    assert ("/latch/state/box_1", "std_msgs/msg/String", "ignition.msgs.StringMsg") in types
+    assert ("/latch/take_in/box_1", "std_msgs/msg/Empty", "ignition.msgs.Empty") in types
+
+
+def tellers(world: ET.Element) -> set[str]:
+    """The models that tell their own pose, one message each, and none of their links'."""
+    told = set()
+    for model in world.iter("model"):
+        for element in model.findall("plugin"):
+            if "pose-publisher" in element.get("filename"):
+                told.add(model.get("name"))
+                assert element.findtext("publish_model_pose") == element.findtext("publish_nested_model_pose") == "true"
+                assert element.findtext("publish_link_pose") == element.findtext("use_pose_vector_msg") == "false"
+    return told
+
+
+def test_the_warehouse_puts_what_it_takes_in_down_outside_the_building(
+    exported: tuple[dict[str, ET.Element], Any],
+) -> None:
+    world = exported[0]["world.sdf"]
+    assert tellers(world) == {"wherry", "box_0", "box_1", "box_2"}
+    walls = [shape for shape in world.findall("model[@name='building']//collision") if "wall" in shape.get("name")]
+    south = min(numbers(wall.find("pose"))[1] - sizes(wall)[1][1] for wall in walls)
+    places = []
+    for box in range(3):
+        (conveyor,) = [
+            element
+            for element in world.findall("plugin")
+            if element.find("input") is not None and element.find("input").get("topic") == f"/latch/take_in/box_{box}"
+        ]
+        service = conveyor.find("service")
+        assert service.get("name") == f"/world/{world.get('name')}/set_pose"
+        assert (service.get("reqType"), service.get("repType")) == ("ignition.msgs.Pose", "ignition.msgs.Boolean")
+        name, x, y, z = re.fullmatch(
+            r"name: '(\w+)', position: \{x: (.+), y: (.+), z: (.+)\}, orientation: \{w: 1\}", service.get("reqMsg")
+        ).groups()
+        assert name == f"box_{box}"
+        assert float(z) == numbers(world.find(f"model[@name='{name}']/pose"))[2]  # it stands on the floor
+        places.append((float(x), float(y)))
+    assert all(y + 2 * BODY.box_radius < south for _, y in places)
+    assert all(math.dist(a, b) > 2 * BODY.box_radius for i, a in enumerate(places) for b in places[:i])
 
 
 def test_no_frame_of_the_description_has_two_parents_beside_odometrys() -> None:

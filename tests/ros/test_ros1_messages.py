@@ -28,8 +28,8 @@ def installed() -> None:
 
 def example(message_type: type[Message], rng: np.random.Generator) -> Message:
     """A message in which every field differs from its default, but for those that ROS 1 lacks."""
-    skipped = ros1_messages.ROS2_ONLY if message_type is ros.Marker else set()
-    values = {field.name: example_value(field, rng) for field in fields_of(message_type) if field.name not in skipped}
+    shared = [field for field in fields_of(message_type) if field.name not in ros1_messages.ROS2_ONLY]
+    values = {field.name: example_value(field, rng) for field in shared}
     return message_type(**values)
 
 

@@ -58,6 +58,8 @@ def ros_app(generation: int) -> typer.Typer:
     _add_simulate(app, generation)
     _add_deliver(app, generation)
     _add_monitor(app, generation)
+    if generation == 2:
+        _add_gazebo_latch(app)
     return app
 
 
@@ -240,6 +242,28 @@ def _add_monitor(app: typer.Typer, generation: int) -> None:
         if as_json:
             print_json(figures)
         raise typer.Exit(0 if figures["scans"] else 1)
+
+
+def _add_gazebo_latch(app: typer.Typer) -> None:
+    @app.command()
+    def gazebo_latch(
+        site: Annotated[Path, typer.Argument(metavar="LATCH.YAML", help="Of an export; its launch file starts this.")],
+        names: NamesOption = None,
+        namespace: NamespaceOption = "",
+        remap: RemapOption = None,
+        interface: InterfaceOption = "",
+        quiet: QuietOption = False,
+    ) -> None:
+        """Make Gazebo's detachable joints the latch that the agent works; until Ctrl-C."""
+        from wherry.ros.gazebo_latch import GazeboLatch, load_site
+        from wherry.ros.names import load_names
+
+        world = load_site(site)
+        called = load_names(names, namespace=namespace, remappings=remap or ())
+        console = console_for(as_json=False, quiet=quiet)
+        with open_transport(2, "wherry_gazebo_latch", namespace, interface) as transport, _asked_to_end() as asked:
+            console.print(f"A latch for {world.boxes} boxes, once Gazebo runs; Ctrl-C ends it.", highlight=False)
+            GazeboLatch(world, transport, called).run(asked.is_set)
 
 
 def from_launch(arguments: list[str] | None, name: str, remap: list[str] | None) -> tuple[str, list[str]]:

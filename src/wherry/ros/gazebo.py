@@ -16,13 +16,21 @@ from wherry.errors import InputError
 from wherry.files import read_text, write_atomically
 from wherry.floorplan import FloorPlan, find_world
 from wherry.ros.description import robot_description
+from wherry.ros.gazebo_latch import (
+    OPEN,
+    ROBOT,
+    Site,
+    box_name,
+    close_topic,
+    format_site,
+    pose_topic,
+    state_topic,
+    take_in_topic,
+)
 from wherry.ros.gazebo_sdf import (
     GENERATIONS,
-    OPEN_LATCH,
     Gazebo,
     classic_world,
-    close_latch_topic,
-    latch_state_topic,
     sim_world,
     world_name,
 )
@@ -30,11 +38,13 @@ from wherry.simulation import build
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.model import robot_urdf
 from wherry.simulation.scenes import choose_scene
+from wherry.simulation.simulator import LATCH_REACH
 from wherry.space.pose import Pose
 
 FORMAT_VERSION = 1
 MARK = "wherry-export.json"  # says that a folder is an export, and of what
 LARGEST_MARK = 64_000  # bytes
+LATCH_FILE = "latch.yaml"
 LAUNCH_FILES = ("gazebo.launch.py", "classic.launch")
 
 
@@ -104,6 +114,7 @@ def contents(plan: FloorPlan, rng: np.random.Generator, gazebo: Gazebo) -> Mappi
         "classic.world": classic_world(plan, robot, boxes, lidar),
         "robot.urdf": robot_description(robot_urdf()),
         "bridge.yaml": bridge(plan, gazebo),
+        LATCH_FILE: format_site(Site(len(plan.boxes), LATCH_REACH, plan.cell_size, plan.warehouse)),
         **{name: _template(name) for name in LAUNCH_FILES},
     }
 
@@ -119,12 +130,15 @@ def bridge(plan: FloorPlan, gazebo: Gazebo) -> str:
         _bridged("/joint_states", "sensor_msgs/msg/JointState", f"{gazebo.messages}.Model"),
         _bridged("/cmd_vel", "geometry_msgs/msg/Twist", f"{gazebo.messages}.Twist", to_ros=False),
     ]
+    boxes = range(len(plan.boxes))
+    for model in (ROBOT, *map(box_name, boxes)):
+        entries.append(_bridged(pose_topic(model).name, "geometry_msgs/msg/PoseStamped", f"{gazebo.messages}.Pose"))
     empty = ("std_msgs/msg/Empty", f"{gazebo.messages}.Empty")
-    if plan.boxes:
-        entries.append(_bridged(OPEN_LATCH, *empty, to_ros=False))
-    for box in range(len(plan.boxes)):
-        entries.append(_bridged(close_latch_topic(box), *empty, to_ros=False))
-        entries.append(_bridged(latch_state_topic(box), "std_msgs/msg/String", f"{gazebo.messages}.StringMsg"))
+    entries.append(_bridged(OPEN.name, *empty, to_ros=False))
+    for box in boxes:
+        entries.append(_bridged(close_topic(box).name, *empty, to_ros=False))
+        entries.append(_bridged(take_in_topic(box).name, *empty, to_ros=False))
+        entries.append(_bridged(state_topic(box).name, "std_msgs/msg/String", f"{gazebo.messages}.StringMsg"))
     return yaml.safe_dump(entries, sort_keys=False)
 
 

@@ -8,6 +8,8 @@ what MuJoCo and Gazebo do differently:
 - A wheel's edge touches the floor along a line and scrubs when the robot turns on the spot. The simulator's wheels are
   ellipsoids, which Gazebo's engines do not have; here a thin disc of the wheel's radius touches.
 - A detachable joint begins attached. Publishers that the world brings along open the latch during the first 2 s.
+- There is no conveyor. What the warehouse takes in is put down outside the building, by a service that a message on
+  `take_in_topic` calls.
 - A lidar that sees pictures would see its own housing from inside; the housing is invisible to it.
 """
 
@@ -22,6 +24,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from wherry.floorplan import FloorPlan
+from wherry.ros.gazebo_latch import (
+    OPEN,
+    OPENING,
+    ROBOT,
+    box_name,
+    close_topic,
+    state_topic,
+    take_in_topic,
+)
 from wherry.simulation.drive import TRACK, WHEEL_RADIUS
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.model import (
@@ -41,7 +52,6 @@ from wherry.simulation.simulator import ODOMETRY_RATE
 from wherry.simulation.solids import OBSTACLE, WALL, Solids
 from wherry.space.pose import Floats, Pose
 
-ROBOT = "wherry"
 ROOT_LINK = "base_footprint"  # massless, which no SDF link can be: a frame here
 TREAD = 0.002  # m, how wide the disc is that touches the floor for a wheel
 STEP = 0.001  # s, Gazebo's usual time step; at the simulator's 5 ms its contacts jitter
@@ -55,8 +65,8 @@ SURROUNDINGS = 2.0  # m of floor around the building
 
 SIM_SDF, CLASSIC_SDF = "1.9", "1.6"  # versions that Fortress, and every classic Gazebo since Kinetic, reads
 WORLD_SYSTEMS = (("physics", "Physics"), ("user-commands", "UserCommands"), ("scene-broadcaster", "SceneBroadcaster"))
-OPEN_LATCH = "/latch/open"
-OPENING = (0, 1)  # s of the world's clock
+STORE_SPACING, STORE_DISTANCE = 0.3, 1.0  # m, between boxes that were taken in, and from the building to them
+PATIENCE = 3000  # ms that Gazebo waits for its own service
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,16 +92,6 @@ GENERATIONS = {"fortress": FORTRESS, "harmonic": HARMONIC}
 """By name; Garden, Ionic and later call things as Harmonic does."""
 
 
-def close_latch_topic(box: int) -> str:
-    """Where an empty message makes the latch hold a box as it stands."""
-    return f"/latch/close/box_{box}"
-
-
-def latch_state_topic(box: int) -> str:
-    """Where "attached" and "detached" are told."""
-    return f"/latch/state/box_{box}"
-
-
 def world_name(plan: FloorPlan) -> str:
     """The plan's name as topics can have it."""
     return re.sub(r"[^A-Za-z0-9]+", "_", plan.name).strip("_") or "world"
@@ -115,8 +115,10 @@ def sim_world(plan: FloorPlan, robot: Pose, boxes: Floats, lidar: LidarSpecifica
         _open_latch_at_first(world, gazebo)
     _add_building(world, plan)
     for index, (x, y) in enumerate(boxes):
-        _add_box(world, index, float(x), float(y))
+        _tell_pose(_add_box(world, index, float(x), float(y)), gazebo)
+        _add_conveyor(world, index, gazebo)
     model = _add_robot(world, robot, {"canonical_link": "base_link"})
+    _tell_pose(model, gazebo)
     _text(_child(model, "frame", name=ROOT_LINK, attached_to="base_link"), pose=_pose([0, 0, -_heights()["base_link"]]))
     laser = model.find("link[@name='laser']")
     assert laser is not None  # noqa: S101 - a test of the URDF says so
@@ -196,9 +198,9 @@ def _add_building(world: ET.Element, plan: FloorPlan) -> None:
         _shape(link, "visual", f"warehouse_{cell.x}_{cell.y}_visual", place, "box", COLOURS["warehouse"], size=size)
 
 
-def _add_box(world: ET.Element, index: int, x: float, y: float) -> None:
+def _add_box(world: ET.Element, index: int, x: float, y: float) -> ET.Element:
     """A box to be delivered."""
-    model = _child(world, "model", name=f"box_{index}")
+    model = _child(world, "model", name=box_name(index))
     _text(model, pose=_pose([x, y, BOX_HEIGHT / 2]))
     link = _child(model, "link", name="box")
     across = BOX_MASS * (3 * BOX_RADIUS**2 + BOX_HEIGHT**2) / 12  # a solid cylinder's
@@ -210,6 +212,7 @@ def _add_box(world: ET.Element, index: int, x: float, y: float) -> None:
         _shape(link, kind, name, [0, 0, 0], "cylinder", radius=BOX_RADIUS, length=BOX_HEIGHT)
     _grip(_of(link, "collision"), FLOOR_GRIP)
     _paint(_of(link, "visual"), BOX_COLOUR)
+    return model
 
 
 # ---- the robot
@@ -372,12 +375,12 @@ def _add_sim_plugins(model: ET.Element, boxes: int, gazebo: Gazebo) -> None:
             "detachable-joint",
             "DetachableJoint",
             parent_link="base_link",
-            child_model=f"box_{box}",
+            child_model=box_name(box),
             child_link="box",
-            topic=OPEN_LATCH,  # what releases before 6.14 call the next one
-            detach_topic=OPEN_LATCH,
-            attach_topic=close_latch_topic(box),
-            output_topic=latch_state_topic(box),
+            topic=OPEN.name,  # what releases before 6.15 call the next one; they know none of the two after it
+            detach_topic=OPEN.name,
+            attach_topic=close_topic(box).name,
+            output_topic=state_topic(box).name,
             initial_attach="false",  # which releases so far do not know yet: see `_open_latch_at_first`
         )
 
@@ -388,7 +391,38 @@ def _open_latch_at_first(world: ET.Element, gazebo: Gazebo) -> None:
         plugin = _plugin(world, gazebo, "triggered-publisher", "TriggeredPublisher")
         clock = _child(plugin, "input", type=f"{gazebo.messages}.Clock", topic=f"/world/{world.get('name')}/clock")
         _child(clock, "match", field="sim.sec").text = str(second)
-        _child(plugin, "output", type=f"{gazebo.messages}.Empty", topic=OPEN_LATCH)
+        _child(plugin, "output", type=f"{gazebo.messages}.Empty", topic=OPEN.name)
+
+
+def _add_conveyor(world: ET.Element, box: int, gazebo: Gazebo) -> None:
+    """Put a box down outside the building, south of it, when a message asks to (Gazebo 6.13 and later)."""
+    place = f"x: {STORE_SPACING * (box + 0.5):.12g}, y: {-STORE_DISTANCE:.12g}, z: {BOX_HEIGHT / 2:.12g}"
+    plugin = _plugin(world, gazebo, "triggered-publisher", "TriggeredPublisher")
+    _child(plugin, "input", type=f"{gazebo.messages}.Empty", topic=take_in_topic(box).name)
+    _child(
+        plugin,
+        "service",
+        name=f"/world/{world.get('name')}/set_pose",
+        reqType=f"{gazebo.messages}.Pose",
+        repType=f"{gazebo.messages}.Boolean",
+        timeout=str(PATIENCE),
+        reqMsg=f"name: '{box_name(box)}', position: {{{place}}}, orientation: {{w: 1}}",
+    )
+
+
+def _tell_pose(model: ET.Element, gazebo: Gazebo) -> None:
+    """Have a model tell where it is in the world, and nothing of its links."""
+    _plugin(
+        model,
+        gazebo,
+        "pose-publisher",
+        "PosePublisher",
+        publish_link_pose="false",
+        publish_model_pose="true",
+        publish_nested_model_pose="true",  # older releases know only this one
+        use_pose_vector_msg="false",
+        update_frequency=ODOMETRY_RATE,
+    )
 
 
 def _add_classic_drive(model: ET.Element) -> None:

@@ -32,6 +32,7 @@ class Wire:
 
 Int32 = Annotated[int, Wire("int32")]
 UInt32 = Annotated[int, Wire("uint32")]
+UInt8 = Annotated[int, Wire("uint8")]
 Byte = Annotated[int, Wire("byte")]
 Float32 = Annotated[float, Wire("float32")]
 Float64 = Annotated[float, Wire("float64")]
@@ -172,6 +173,14 @@ class Bool(Message):
 
     type_name = "std_msgs/msg/Bool"
     data: Flag = False
+
+
+@dataclass(frozen=True)
+class Empty(Message):
+    """A signal; the wire's one byte says nothing, and ROS 1 has none."""
+
+    type_name = "std_msgs/msg/Empty"
+    structure_needs_at_least_one_member: UInt8 = 0
 
 
 @dataclass(frozen=True)

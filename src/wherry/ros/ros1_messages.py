@@ -26,7 +26,10 @@ PACKAGES = (
     "python3-visualization-msgs python3-diagnostic-msgs"
 )
 TIMES = {Time: "Time", Duration: "Duration"}  # primitives in ROS 1, of the module genpy
-ROS2_ONLY = {"texture_resource", "texture", "uv_coordinates", "mesh_file"}  # fields of a marker
+ROS2_ONLY = {
+    *("texture_resource", "texture", "uv_coordinates", "mesh_file"),  # of a marker
+    "structure_needs_at_least_one_member",  # of an empty message
+}
 
 Convert = Callable[[Any], Any]
 

@@ -1,12 +1,14 @@
-"""Gazebo Sim with the world of this folder, the bridge to ROS 2, and the robot's fixed transforms."""
+"""Gazebo Sim with the world of this folder, the bridge to ROS 2, the robot's fixed transforms, and its latch."""
 
 # ros2 launch gazebo.launch.py                                       with a window
 # ros2 launch gazebo.launch.py options:="-s --headless-rendering"    without one
+# ros2 launch gazebo.launch.py latch:=false                          and work the latch yourself
 
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription
+from launch.conditions import IfCondition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -21,6 +23,7 @@ def generate_launch_description():
     return LaunchDescription(
         [
             DeclareLaunchArgument("options", default_value="", description="More options for Gazebo, such as -s."),
+            DeclareLaunchArgument("latch", default_value="true", description="Whether wherry works the latch."),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(gazebo),
                 launch_arguments={
@@ -39,6 +42,11 @@ def generate_launch_description():
                 parameters=[
                     {"robot_description": (HERE / "robot.urdf").read_text(encoding="utf-8"), "use_sim_time": True}
                 ],
+            ),
+            ExecuteProcess(
+                cmd=["wherry", "ros2", "gazebo-latch", str(HERE / "latch.yaml")],
+                condition=IfCondition(LaunchConfiguration("latch")),
+                output="screen",
             ),
         ]
     )
