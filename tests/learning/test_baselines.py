@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from wherry.domains.taxi import taxi_grid, taxi_parents
+from wherry.domains.taxi import minimal_parents, taxi_grid
 from wherry.episodes import PolicyAgent, run
 from wherry.learning.factored_rmax import FactoredRmax
 from wherry.learning.q_learning import QLearning
@@ -88,7 +88,7 @@ def test_rmax_knows_what_it_saw_and_nothing_else() -> None:
 
 def test_factored_rmax_knows_a_step_when_it_knows_all_its_parts() -> None:
     environment = taxi_grid(5)
-    learner = FactoredRmax(environment.domain, taxi_parents)
+    learner = FactoredRmax(environment.domain, minimal_parents)
     first = environment.state_of((2, 2), "Y", "R")
     learner.add_experience(environment.transition(first, Action("N")))
     other = environment.state_of((2, 2), "Y", "G")  # the same cell; only the destination is new

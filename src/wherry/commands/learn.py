@@ -20,7 +20,16 @@ from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, Vie
 from wherry.errors import InputError
 
 DOMAINS = ("taxi", "delivery", "gymnasium-taxi")
-LEARNERS = ("bayes", "doormax", "doormax-letter", "factored-rmax", "rmax", "q-learning", "q-learning-optimistic")
+LEARNERS = (
+    "bayes",
+    "doormax",
+    "doormax-letter",
+    "factored-rmax",
+    "factored-rmax-minimal",
+    "rmax",
+    "q-learning",
+    "q-learning-optimistic",
+)
 INFERENCES = ("memorise", "near-miss")
 
 

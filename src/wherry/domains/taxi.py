@@ -6,6 +6,7 @@ the 5×5 grid has 800 states: 25 cells, 4 places where the passenger was last, i
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 
 import numpy as np
@@ -121,22 +122,52 @@ class TaxiGrid(DeterministicMdp):
         raise ValueError(f"Taxi has no action {action}")
 
 
-def taxi_parents(action: str, variable: tuple[str, str]) -> tuple[tuple[str, str], ...]:
-    """The dynamic Bayesian network of Taxi, which Factored R-max is given: what a variable's next value depends on.
+Variable = tuple[str, str]
+"""An attribute of an object, by the object's name and the attribute's."""
+
+TAXI: tuple[Variable, ...] = (("taxi", "x"), ("taxi", "y"))
+PASSENGER: tuple[Variable, ...] = (("passenger", "x"), ("passenger", "y"), ("passenger", "in_taxi"))
+DESTINATION: tuple[Variable, ...] = (("destination", "x"), ("destination", "y"))
+
+
+def passenger_location(state: State) -> Hashable:
+    """Where the passenger is, as one variable: at a mark, or in the taxi (Dietterich 2000)."""
+    passenger = state["passenger"]
+    return None if passenger.in_taxi else (passenger.x, passenger.y)
+
+
+def published_parents(action: str, variable: Variable) -> tuple[Variable | Callable[[State], Hashable], ...]:
+    """The network over Dietterich's variables: the taxi's cell, the passenger's location, the destination.
+
+    What PICKUP does depends on the first two, and what DROPOFF does on all of them. With it Factored R-max needs as
+    many steps as Diuk et al. (2008) published.
 
     Args:
         action: The action's name.
-        variable: An object's name and an attribute's; anything else stands for the reward and the episode's end.
+        variable: What is to be foretold; what is no attribute stands for the reward and the episode's end.
     """
-    taxi, passenger = (("taxi", "x"), ("taxi", "y")), (("passenger", "x"), ("passenger", "y"), ("passenger", "in_taxi"))
-    destination = (("destination", "x"), ("destination", "y"))
-    if variable[0] == "taxi":
-        return taxi if action in DIRECTIONS else (variable,)
-    if variable[0] == "destination" or variable in passenger[:2]:
+    if variable == PASSENGER[2] or variable[0] not in ("taxi", "passenger", "destination"):
+        if action == "PICKUP":
+            return (*TAXI, passenger_location)
+        if action == "DROPOFF":
+            return (*TAXI, passenger_location, *DESTINATION)
+    return minimal_parents(action, variable)
+
+
+def minimal_parents(action: str, variable: Variable) -> tuple[Variable, ...]:
+    """The smallest network: where a passenger in the taxi once waited makes no difference to DROPOFF.
+
+    Args:
+        action: The action's name.
+        variable: What is to be foretold; what is no attribute stands for the reward and the episode's end.
+    """
+    if variable in TAXI:
+        return TAXI if action in DIRECTIONS else (variable,)
+    if variable in DESTINATION or variable in PASSENGER[:2]:
         return (variable,)
     if action in DIRECTIONS:
-        return (variable,) if variable in passenger else ()
-    return (*taxi, *passenger) if action == "PICKUP" else (*taxi, ("passenger", "in_taxi"), *destination)
+        return (variable,) if variable in PASSENGER else ()
+    return (*TAXI, *PASSENGER) if action == "PICKUP" else (*TAXI, PASSENGER[2], *DESTINATION)
 
 
 def taxi_grid(size: int) -> TaxiGrid:

@@ -18,9 +18,10 @@ from gymnasium.envs.toy_text.taxi import TaxiEnv
 
 from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi
 from wherry.domains.delivery import Box, DeliverySteps, Site, delivery_grid, transition
-from wherry.domains.taxi import PROBES, SIZES, taxi_grid, taxi_parents
+from wherry.domains.taxi import PROBES, SIZES, minimal_parents, published_parents, taxi_grid
 from wherry.errors import InputError
-from wherry.experiments.tabular_q_learning import Tables
+from wherry.experiments.tabular import Tables
+from wherry.experiments.tabular_rmax import Entries
 from wherry.floorplan import find_world
 from wherry.learning.factored_rmax import Parents
 from wherry.oomdp.domain import Action
@@ -32,6 +33,7 @@ from wherry.planning.value_iteration import ValueIteration
 
 LONGEST_EPISODE = 100  # steps
 PROBE_SEED = 2008
+TAXI_NETWORKS: Mapping[str, Parents] = {"published": published_parents, "minimal": minimal_parents}
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ class Arena:
         truth: What is true of it; used for tests alone.
         probes: The states to test from, each with the fewest steps that solve it.
         starts: All states in which an episode may begin.
-        parents: What depends on what, which Factored R-max is given; None where nobody has written that down.
+        networks: What depends on what, which Factored R-max is given: one way to say it or more, or none where nobody
+            has written that down.
         acting: States as planners number them for acting.
         testing: The same for testing.
     """
@@ -54,7 +57,7 @@ class Arena:
     truth: DeterministicMdp
     probes: tuple[tuple[State, int], ...]
     starts: tuple[State, ...]
-    parents: Parents | None = None
+    networks: Mapping[str, Parents] = field(default_factory=dict)
     acting: StateSpace = field(default_factory=StateSpace)
     testing: StateSpace = field(default_factory=StateSpace)
 
@@ -74,7 +77,7 @@ class Arena:
             for passenger, destination in permutations(sorted(grid.plan.marks), 2)
         )
         probes = [grid.state_of(*probe) for probe in PROBES]
-        return cls(f"Taxi {size}×{size}", grid, grid, _with_lengths(grid, probes), starts, taxi_parents)
+        return cls(f"Taxi {size}×{size}", grid, grid, _with_lengths(grid, probes), starts, TAXI_NETWORKS)
 
     @classmethod
     def of_world(cls, world: str) -> Arena:
@@ -112,6 +115,13 @@ class Arena:
     def tables(self) -> Tables:
         """The states as numbers, for learners that need very many steps."""
         return Tables.of(self.truth, list(self.starts))
+
+    @cached_property
+    def entries(self) -> Mapping[str, Entries]:
+        """What there is to learn for R-max, and for Factored R-max with every network."""
+        domain = self.truth.domain
+        factored = {name: Entries.of_network(self.tables, domain, parents) for name, parents in self.networks.items()}
+        return {"rmax": Entries.of_steps(self.tables), **factored}
 
     def solved(self, policy: Callable[[State], Action]) -> int:
         """How many of the probes a policy solves in the fewest steps."""

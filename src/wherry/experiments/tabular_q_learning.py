@@ -1,8 +1,6 @@
 """Q-learning's experiment on numbered states, compiled.
 
-It is `wherry.learning.q_learning` under the same protocol as the other learners, but for its speed: Q-learning needs
-up to a million steps for what others learn in hundreds, and nearly all of that time would go into making and hashing
-states.
+It is `wherry.learning.q_learning` under the same protocol as the other learners, but for its speed.
 """
 
 from __future__ import annotations
@@ -11,54 +9,12 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wherry.experiments.tabular import Booleans, Curve, Floats, Integers, Tables
 from wherry.kernels import kernel
-from wherry.oomdp.mdp import DeterministicMdp
 from wherry.oomdp.objects import State
 
-Integers = NDArray[np.int32]
-Floats = NDArray[np.float64]
-
 BLOCK = 64  # episodes whose random numbers are drawn at once
-
-
-@dataclass(frozen=True, slots=True)
-class Tables:
-    """What is true of all states that can be reached, by number.
-
-    Attributes:
-        numbers: The number of every state; episodes begin in the first ones, each as likely as the others.
-        starts: How many these are.
-        successor: [S, A] s'.
-        reward: [S, A] r.
-        ends: [S, A] whether the episode is over.
-    """
-
-    numbers: dict[State, int]
-    starts: int
-    successor: Integers
-    reward: Floats
-    ends: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, environment: DeterministicMdp, starts: list[State]) -> Tables:
-        """Number the states that can be reached from all first ones; actions are in the domain's order."""
-        actions = environment.domain.ground_actions(starts[0])
-        states = list(starts)
-        numbers = {state: number for number, state in enumerate(states)}
-        rows = []
-        for state in states:  # which grows while it is gone through
-            done = [environment.transition(state, action) for action in actions]
-            for transition in done:
-                if transition.next_state not in numbers:
-                    numbers[transition.next_state] = len(states)
-                    states.append(transition.next_state)
-            rows.append([(numbers[each.next_state], each.reward, each.terminated) for each in done])
-        table = np.array(rows)
-        return cls(
-            numbers, len(starts), table[:, :, 0].astype(np.int32), table[:, :, 1], table[:, :, 2].astype(np.bool_)
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,22 +41,10 @@ class TabularQLearning:
         *,
         longest: int,
         patience: int,
-    ) -> tuple[tuple[tuple[int, int], ...], float]:
-        """Learn until the greedy policy solves all probes in the fewest steps, or patience ends.
-
-        Args:
-            tables: The world.
-            probes: The states to test from after every episode, with the fewest steps that solve each.
-            rng: Of first states and of exploring.
-            longest: The most steps of an episode.
-            patience: How many steps it may take; the block of episodes in which it ends is finished.
-
-        Returns:
-            After every episode the steps so far and how many probes were solved then; and the seconds that all this
-            took, the environment's steps and the tests included, which are not told apart here.
-        """
+    ) -> tuple[Curve, float]:
+        """Learn until the greedy policy solves all probes, or patience ends (see `TabularLearner`)."""
         values = np.full(tables.successor.shape, self.first_value)
-        tests = np.array([(tables.numbers[state], fewest) for state, fewest in probes], np.int32)
+        tests = tables.tests(probes)
         curve = list[tuple[int, int]]()
         steps, solved, seconds = 0, 0, 0.0
         while solved < len(probes) and steps < patience:
@@ -121,7 +65,7 @@ class TabularQLearning:
 
 @kernel
 def _episodes(
-    starts: Integers, draws: Floats, successor: Integers, reward: Floats, ends: NDArray[np.bool_], values: Floats,
+    starts: Integers, draws: Floats, successor: Integers, reward: Floats, ends: Booleans, values: Floats,
     tests: Integers, discount: float, learning_rate: float, exploration: float,
 ) -> tuple[Integers, Integers]:  # fmt: skip
     """Some episodes, each followed by the test, until all probes are solved.

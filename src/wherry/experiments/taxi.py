@@ -18,13 +18,13 @@ from wherry.episodes import Decision, PolicyAgent, run
 from wherry.errors import InputError
 from wherry.experiments.arenas import ARENAS, LONGEST_EPISODE, Arena
 from wherry.experiments.grid_trace import GridTrace
+from wherry.experiments.tabular import TabularLearner
 from wherry.experiments.tabular_q_learning import TabularQLearning
+from wherry.experiments.tabular_rmax import TabularRmax
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.bounds import UnknownAnswers
 from wherry.learning.doormax import Doormax
-from wherry.learning.factored_rmax import FactoredRmax
 from wherry.learning.learners import RuleLearner
-from wherry.learning.rmax import Rmax
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import State
@@ -166,31 +166,43 @@ def _bayes(arena: Arena, rng: np.random.Generator) -> Contender:
     )
 
 
-def _rmax(arena: Arena, rng: np.random.Generator) -> Contender:
-    learner = Rmax(arena.environment.domain)
-    planner = ValueIteration(learner)  # nothing that this learner says of a state holds for the next repetition's
-    return Contender(PolicyAgent(learner, planner), planner.policy)
+def _rmax(arena: Arena, rng: np.random.Generator) -> TabularRmax:
+    return TabularRmax(arena.entries["rmax"])
 
 
-def _factored_rmax(arena: Arena, rng: np.random.Generator) -> Contender:
-    if arena.parents is None:
+def _factored_rmax(arena: Arena, rng: np.random.Generator, network: str = "published") -> TabularRmax:
+    if network not in arena.networks:
         raise InputError("--learner", "factored-rmax", f"needs to be told what depends on what in {arena.title}")
-    learner = FactoredRmax(arena.environment.domain, arena.parents)
-    planner = ValueIteration(learner)  # nothing that this learner says of a state holds for the next repetition's
-    return Contender(PolicyAgent(learner, planner), planner.policy)
+    return TabularRmax(arena.entries[network])
 
 
-LEARNERS: Mapping[str, Callable[[Arena, np.random.Generator], Contender] | TabularQLearning] = {
+def _minimal_factored_rmax(arena: Arena, rng: np.random.Generator) -> TabularRmax:
+    return _factored_rmax(arena, rng, "minimal")
+
+
+def _q_learning(arena: Arena, rng: np.random.Generator) -> TabularQLearning:
+    return TabularQLearning()
+
+
+def _optimistic_q_learning(arena: Arena, rng: np.random.Generator) -> TabularQLearning:
+    return TabularQLearning(exploration=0.0, first_value=OPTIMISTIC_VALUE)
+
+
+LEARNERS: Mapping[str, Callable[[Arena, np.random.Generator], Contender | TabularLearner]] = {
     "bayes": _bayes,
     "doormax": _doormax,
     "doormax-near-miss": _near_miss,
     LETTER: _letter,
     "factored-rmax": _factored_rmax,
+    "factored-rmax-minimal": _minimal_factored_rmax,
     "rmax": _rmax,
-    "q-learning": TabularQLearning(),
-    "q-learning-optimistic": TabularQLearning(exploration=0.0, first_value=OPTIMISTIC_VALUE),
+    "q-learning": _q_learning,
+    "q-learning-optimistic": _optimistic_q_learning,
 }
-"""The learners that can be compared; doormax-letter is the paper's own, without refutation."""
+"""The learners that can be compared.
+
+doormax-letter is the paper's own, without refutation; factored-rmax-minimal is given the smallest network that is true.
+"""
 
 
 class TaxiExperiment:
@@ -233,12 +245,13 @@ class TaxiExperiment:
 
     def _repeat(self, arena: Arena, rng: np.random.Generator, patience: int) -> Repetition:
         """Let a contender learn until it solves all probes, or patience ends."""
-        begin = LEARNERS[self.settings.learner]
-        if isinstance(begin, TabularQLearning):
-            curve, seconds = begin.learn(arena.tables, arena.probes, rng, longest=LONGEST_EPISODE, patience=patience)
+        contender = LEARNERS[self.settings.learner](arena, rng)
+        if not isinstance(contender, Contender):
+            curve, seconds = contender.learn(
+                arena.tables, arena.probes, rng, longest=LONGEST_EPISODE, patience=patience
+            )
             steps, solved = curve[-1]
             return Repetition(steps, solved == len(arena.probes), seconds, curve, unknown_answers=None)
-        contender = begin(arena, rng)
         agent = _Stopwatch(contender.agent)
         self.learner = agent.learner if isinstance(agent.learner, Doormax | BayesianLearner) else None
         trace = None

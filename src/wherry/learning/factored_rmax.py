@@ -7,7 +7,7 @@ reward and the episode's end do. What is learnt is one table for each of them; a
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator
-from typing import Any
+from typing import Any, cast
 
 from wherry.learning.rmax import NOT_KNOWN
 from wherry.oomdp.domain import Action, Domain
@@ -21,8 +21,11 @@ Variable = tuple[str, str]
 WORTH: Variable = ("", "reward and end")
 """The variable for what a step is worth and whether it ends the episode."""
 
-Parents = Callable[[str, Variable], tuple[Variable, ...]]
-"""The variables that a variable's next value depends on, for an action's name: the network, which is given."""
+Parent = Variable | Callable[[State], Hashable]
+"""A variable, or something that is worked out from several of them: where a passenger is, on the street or inside."""
+
+Parents = Callable[[str, Variable], tuple[Parent, ...]]
+"""What a variable's next value depends on, for an action's name: the network, which is given."""
 
 
 class FactoredRmax:
@@ -39,7 +42,7 @@ class FactoredRmax:
         self.domain = domain
         self.parents = parents
         self.revisions = dict.fromkeys(domain.actions, 0)
-        self._tables: dict[tuple[Action, Variable], dict[tuple[Value, ...], Hashable]] = {}
+        self._tables: dict[tuple[Action, Variable], dict[tuple[Hashable, ...], Hashable]] = {}
         self._violations: dict[str, None] = {}
 
     @property
@@ -80,8 +83,8 @@ class FactoredRmax:
     def _look_up(self, state: State, action: Action, variable: Variable) -> Any:
         return self._tables.get((action, variable), {}).get(self._parent_values(state, action, variable))
 
-    def _parent_values(self, state: State, action: Action, variable: Variable) -> tuple[Value, ...]:
-        return tuple(getattr(state[name], attribute) for name, attribute in self.parents(action.name, variable))
+    def _parent_values(self, state: State, action: Action, variable: Variable) -> tuple[Hashable, ...]:
+        return tuple(parent_value(state, parent) for parent in self.parents(action.name, variable))
 
     def add_experience(self, transition: Transition) -> None:
         """Remember one experience in all tables."""
@@ -94,6 +97,14 @@ class FactoredRmax:
             elif table[key] != value:
                 name = ".".join(filter(None, variable))
                 self._violations[f"{transition.action}, {name}: depends on more than the network says"] = None
+
+
+def parent_value(state: State, parent: Parent) -> Hashable:
+    """What a parent is in a state."""
+    if callable(parent):
+        return parent(state)
+    name, attribute = parent
+    return cast("Value", getattr(state[name], attribute))
 
 
 def _next_values(transition: Transition) -> Iterator[tuple[Variable, Hashable]]:
