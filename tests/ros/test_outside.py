@@ -140,6 +140,7 @@ class OtherStack:
     bus: Bus
     simulation: Simulation
     localizing: bool = True
+    deaf: int = 0
     asked: Pose | None = None
     map_frame: Pose = Pose()  # noqa: RUF009 - frozen
 
@@ -152,6 +153,9 @@ class OtherStack:
         self.bus.say(TOPICS.map, to_grid(perfect_map(self.simulation.plan), 0.0, "map"))
 
     def _begin(self, message: ros.PoseWithCovarianceStamped) -> None:
+        if self.deaf > 0:
+            self.deaf -= 1
+            return
         self.asked = from_estimate(message, "map")[1]
         self.map_frame = self.simulation.referee.pose @ self.asked.inverse
         self.localizing = True
@@ -184,9 +188,9 @@ def robot(other: OtherStack) -> Iterator[RosRobot]:
             thread.join()
 
 
-def get_ready(other: OtherStack, robot: RosRobot, mapping: str, localization: str) -> Ready:
+def get_ready(other: OtherStack, robot: RosRobot, mapping: str, localization: str, patience: float = 10.0) -> Ready:
     own = {"owns_map": is_own("--mapping", mapping), "owns_pose": is_own("--localization", localization)}
-    stack = Stack(robot, other.bus.node(), NAMES, 10.0, **own)
+    stack = Stack(robot, other.bus.node(), NAMES, patience, **own)
     if mapping == "ros":
         other.tell_map()
     return stack.get_ready(order_of(other.simulation.plan), None, ignore, np.random.default_rng(0))
@@ -217,6 +221,21 @@ def test_ready_on_the_own_map_by_somebody_elses_pose(other: OtherStack, robot: R
     ready = get_ready(other, robot, "own", "ros")
     assert other.asked is not None  # it was told where to begin
     check_ready(ready, other, other.map_frame)
+
+
+def test_a_localization_that_was_elsewhere_and_misses_what_it_is_told_is_told_again(
+    other: OtherStack, robot: RosRobot
+) -> None:
+    other.localizing, other.deaf, other.map_frame = True, 2, Pose(1.0, 1.0, 1.0)
+    ready = get_ready(other, robot, "own", "ros")
+    assert other.deaf == 0
+    check_ready(ready, other, other.map_frame)
+
+
+def test_a_localization_that_does_not_take_what_it_is_told_is_named(other: OtherStack, robot: RosRobot) -> None:
+    other.deaf, other.map_frame = 1000, Pose(1.0, 1.0, 1.0)
+    with pytest.raises(InputError, match=r"/initialpose: told where the robot is, .* within 1 s"):
+        get_ready(other, robot, "own", "ros", patience=1.0)
 
 
 def test_a_stack_that_says_nothing_is_named(other: OtherStack, robot: RosRobot) -> None:

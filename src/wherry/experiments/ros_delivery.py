@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ from wherry.trace import Sink
 
 OWN, OUTSIDE = "own", "ros"
 FARTHEST = 1000.0  # m
+TELL_AGAIN = 1.0  # s until a localization that does not follow is told again
 INITIAL_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.0, 0.0, 0.0, 0.02**2]).ravel()  # m², rad²: the pose is known well
 
 
@@ -110,6 +112,8 @@ class Stack:
         self._patience = patience
         self._map = None if owns_map else OutsideMap(transport, names)
         self._pose = None if owns_pose else OutsidePose(transport, names, lambda: robot.odometry)
+        if owns_map and not owns_pose:
+            transport.advertise(names.topics.initialpose)
 
     def get_ready(self, order: Order, grid: OccupancyGrid | None, sink: Sink, rng: np.random.Generator) -> Ready:
         """Map, or take a map; localize, or be told; find the boxes.
@@ -141,15 +145,30 @@ class Stack:
         return Mission(self._robot, order, sink, rng, mapper=lambda _: mapper, localizer=lambda *_: pose).explore()
 
     def _hand_over(self, grid: OccupancyGrid, pose: Pose) -> OutsidePose:
-        """Tell the outside localization where the robot is on our map, which it has been given, and wait for it."""
+        """Tell the outside localization where the robot is on our map, again and again until it has it there.
+
+        It may have been somewhere else before, it may need time to take the map in, and who comes late hears nothing of
+        what was told on ``/initialpose``.
+
+        Raises:
+            InputError: It does not take what it is told.
+        """
         del grid
-        if self._pose is None:
-            raise RuntimeError("nobody else localizes")
-        header = header_of(self._robot.time, self._names.frames.map)
+        odometry, topic = self._robot.odometry, self._names.topics.initialpose
+        if self._pose is None or odometry is None:
+            raise RuntimeError("nobody else localizes, or the robot is not ready")
         estimate = PoseWithCovariance(to_pose(pose), INITIAL_COVARIANCE)
-        self._transport.publish(self._names.topics.initialpose, PoseWithCovarianceStamped(header, estimate))
-        self._pose.wait(self._patience)
-        return self._pose
+        deadline = time.monotonic() + self._patience
+        while time.monotonic() < deadline:
+            header = header_of(self._robot.time, self._names.frames.map)
+            self._transport.publish(topic, PoseWithCovarianceStamped(header, estimate))
+            if self._pose.wait_until_near(pose, odometry, TELL_AGAIN):
+                return self._pose
+        raise InputError(
+            "ROS",
+            topic.name,
+            f"told where the robot is, the localization has not put it there within {self._patience:g} s",
+        )
 
 
 def _always(grid: OccupancyGrid) -> Callable[[], OccupancyGrid]:

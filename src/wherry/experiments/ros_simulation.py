@@ -10,6 +10,7 @@ from wherry.ros.names import Names
 from wherry.ros.simulator_node import Hardware, SimulatorNode
 from wherry.ros.transport import Transport
 from wherry.simulation import Simulation, build
+from wherry.simulation.drive import WHEEL_RADIUS
 from wherry.simulation.model import LASER_HEIGHT
 from wherry.simulation.scenes import choose_scene
 from wherry.simulation.simulator import ODOMETRY_RATE
@@ -52,6 +53,7 @@ def node_of(simulation: Simulation, transport: Transport, names: Names, rate: fl
     hardware = Hardware(
         period=1 / ODOMETRY_RATE,
         scan_period=1 / simulation.lidar.specification.rate,
+        base_height=WHEEL_RADIUS,
         laser_height=LASER_HEIGHT,
         wheel_joints=WHEEL_JOINTS,
         wheel_angles=lambda: simulation.physics.wheel_angles,

@@ -60,11 +60,12 @@ class Topics:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """The frames of REP 105, and the lidar's."""
+    """The frames of REP 105 and REP 120, and the lidar's; nav2 and slam_toolbox look for base_footprint by default."""
 
     map: str = "map"
     odom: str = "odom"
     base_link: str = "base_link"
+    base_footprint: str = "base_footprint"
     laser: str = "laser"
 
 

@@ -21,6 +21,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
 POLL = 0.05  # s
+NEAR = 0.3  # m and rad; a pose that is farther from what was told has not come of it
 OLDEST = 2.0  # s; a pose that nobody has confirmed for so long is not relied upon
 
 
@@ -92,6 +93,16 @@ class OutsidePose:
         """
         what = f"{self._frames.map} → {self._frames.odom} on {self._topics.tf.name}, or {self._topics.amcl_pose.name}"
         _wait(self._news, lambda: self._map_from_odom is not None, patience, what, self.refusals)
+
+    def wait_until_near(self, pose: Pose, odometry: Odometry, patience: float) -> bool:
+        """Wait up to ``patience`` seconds; returns whether it has the robot about there."""
+        deadline = time.monotonic() + patience
+        with self._news:
+            while not (self._map_from_odom is not None and self.pose(odometry).is_near(pose, NEAR, NEAR)):
+                if time.monotonic() > deadline:
+                    return False
+                self._news.wait(POLL)
+            return True
 
     def pose(self, odometry: Odometry) -> Pose:
         """base_link in the map frame; call `wait` before."""

@@ -31,7 +31,7 @@ from wherry.ros.diagnostics import OK, WARN, Refusals, diagnostics_of, status_of
 from wherry.ros.latch import LatchCommand, LatchState, from_latch_command, to_latch_state
 from wherry.ros.names import Names
 from wherry.ros.transport import Topic, Transport
-from wherry.space.pose import Floats
+from wherry.space.pose import IDENTITY, Floats
 
 OLDEST_COMMAND = 0.5  # s; what was commanded earlier no longer holds
 LARGEST_LAG = 0.25  # s that the simulation may catch up; beyond that, time is given up
@@ -69,6 +69,7 @@ class Hardware:
     Attributes:
         period: s, from one odometry to the next.
         scan_period: s, from one scan to the next.
+        base_height: m, of base_link above the floor.
         laser_height: m, of the lidar above base_link.
         wheel_joints: Their names.
         wheel_angles: [W] rad, how far they have turned.
@@ -76,6 +77,7 @@ class Hardware:
 
     period: float
     scan_period: float
+    base_height: float
     laser_height: float
     wheel_joints: tuple[str, ...]
     wheel_angles: Callable[[], Floats]
@@ -124,13 +126,21 @@ class SimulatorNode:
         own: tuple[Topic[Any], ...] = (topics.clock, topics.tf, topics.odom, topics.scan, topics.joint_states)
         for topic in own:
             self._transport.advertise(topic)
-        mount = Link(self._frames.base_link, self._frames.laser, self._world.time, self._world.robot.body.lidar)
-        static = ros.TFMessage((to_transform(mount, self._hardware.laser_height),))
-        self._transport.publish(topics.tf_static, static)
+        self._transport.publish(topics.tf_static, self._fixed_links())
         self._transport.subscribe(topics.cmd_vel, self._hear_twist)
         if self._transport.generation == 2:
             self._transport.subscribe(topics.cmd_vel_stamped, self._hear_stamped_twist)
         self._transport.subscribe(topics.latch_command, self._hear_latch_command)
+
+    def _fixed_links(self) -> ros.TFMessage:
+        """Where the lidar is on the robot, and where the robot stands."""
+        frames, now = self._frames, self._world.time
+        mount = Link(frames.base_link, frames.laser, now, self._world.robot.body.lidar)
+        footprint = Link(frames.base_link, frames.base_footprint, now, IDENTITY)
+        hardware = self._hardware
+        return ros.TFMessage(
+            (to_transform(mount, hardware.laser_height), to_transform(footprint, -hardware.base_height))
+        )
 
     # ---- in: on the transport's thread
 
