@@ -16,8 +16,13 @@ def test_a_page_that_never_comes_is_waited_for_as_long_as_is_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], opened: bool, constant: str
 ) -> None:
     asked: list[str] = []
+
+    def open_page(url: str) -> bool:
+        asked.append(url)
+        return opened
+
     monkeypatch.setenv("BROWSER", "one that starts, and never gets there")
-    monkeypatch.setattr(webbrowser, "open", lambda url: asked.append(url) or opened)
+    monkeypatch.setattr(webbrowser, "open", open_page)
     monkeypatch.setattr(watching, constant, 0.4)
     with watching.watched("A run", None, Console(width=120), view=True, port=0) as sink:
         sink(Said(0.0, "explore", "I begin."))

@@ -105,3 +105,38 @@ def short_run(particles: int = 50) -> list[Record]:
         Said(10.0, "done", "Everything is delivered."),
     ]
     return records
+
+
+TAXI_TERMS = tuple(
+    term.replace("robot", "taxi").replace("box", "passenger").replace("in_bot", "in_taxi") for term in TERMS
+)
+
+
+def taxi_ride() -> list[Record]:
+    """A learner on a grid of 4 by 3 cells: the taxi is in (1, 1), then with the passenger in (2, 1)."""
+
+    def at(time: float, x: int, *, in_taxi: bool) -> Perceived:
+        things = (
+            Thing("Destination", "destination", (("x", 3), ("y", 2))),
+            Thing("Passenger", "passenger", (("x", 0), ("y", 0), ("in_taxi", in_taxi))),
+            Thing("Taxi", "taxi", (("x", x), ("y", 1))),
+        )
+        return Perceived(time, "0000000", things)
+
+    def acted(time: float, action: str, *, learning: bool) -> Stepped:
+        return Stepped(time, "0000000", action, learning, True, 2, 0, 0, np.empty((0, 2), np.float32))
+
+    edges = [[x, y, 1] for x in range(4) for y in (-1, 2)] + [[x, y, 0] for x in (-1, 3) for y in range(3)]
+    return [
+        Began("learn", "Taxi", "Doormax", TAXI_TERMS, ACTIONS),
+        CellsLaid(0.0, CellFrame(Pose(), 1.0), np.empty((0, 2), np.int32), np.array(edges, np.int32)),
+        Said(0.0, "learn", "I know nothing of what my actions do."),
+        acted(1.0, "E", learning=True),
+        at(1.0, 1, in_taxi=False),
+        Learnt(1.0, (LearntRule("E", "**0****", "taxi.x += 1"),), ()),
+        acted(1.5, "N", learning=True),
+        acted(2.0, "E", learning=True),
+        at(2.0, 2, in_taxi=True),
+        acted(3.0, "E", learning=False),
+        at(3.0, 3, in_taxi=True),
+    ]

@@ -18,7 +18,7 @@ import pytest
 from playwright import sync_api as playwright
 
 from browsing import DESK, PHONE, SCREENSHOTS, until
-from runs import BOX, LASER, TERMS, room, seen, short_run
+from runs import BOX, LASER, TERMS, room, seen, short_run, taxi_ride
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.trace import Began, Explored, Record, Said, Seen
@@ -36,6 +36,16 @@ def carried(tmp_path_factory: pytest.TempPathFactory) -> str:
     frames = b"".join(encoder.encode(record) for record in short_run())
     path = tmp_path_factory.mktemp("page") / "page.html"
     path.write_text(player_page("A run", {"source": "file"}, frames), encoding="utf-8")
+    return path.as_uri()
+
+
+@pytest.fixture(scope="session")
+def taxi(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The page as a file with a learner on a grid in it."""
+    encoder = Encoder()
+    frames = b"".join(encoder.encode(record) for record in taxi_ride())
+    path = tmp_path_factory.mktemp("taxi") / "page.html"
+    path.write_text(player_page("A ride", {"source": "file"}, frames), encoding="utf-8")
     return path.as_uri()
 
 
@@ -189,6 +199,103 @@ def test_arrows_step_while_the_timeline_has_the_focus(page: playwright.Page, car
         assert page.evaluate("[player.time, Number(document.getElementById('seek').value)]") == [moment, moment]
     page.keyboard.press("Space")
     assert page.evaluate("player.playing") is True
+
+
+def test_arrows_go_from_line_to_line_of_the_log(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=5.0)
+    page.locator("#log").focus()
+    lines = page.locator("#log li").all_inner_texts()
+    here = lines.index(page.inner_text("#log li.here"))
+    for key, line in (("ArrowDown", here + 1), ("ArrowDown", here + 2), ("ArrowUp", here + 1)):
+        page.keyboard.press(key)
+        settle(page)
+        assert page.inner_text("#log li.here") == lines[line]
+
+
+def legend(page: playwright.Page) -> list[str]:
+    return page.locator("#legend label:visible, #legend p:visible").all_inner_texts()
+
+
+def test_whatever_is_drawn_stands_in_the_legend(page: playwright.Page, carried: str, taxi: str) -> None:
+    opened(page, carried, at=10.0)
+    layers = [
+        "Laser",
+        "Particle cloud",
+        "Path ahead",
+        "Plan, cell by cell",
+        "Way driven",
+        "Boxes",
+        "Warehouse",
+        "Cells",
+    ]
+    drawn = ["Robot, fork ahead", "Wall", "Free", "Unknown"]
+    assert legend(page) == [*layers, *drawn, "Explores", "Learns", "Delivers", "Done", "Box delivered"]
+    opened(page, taxi, at=3.0)
+    assert legend(page) == ["Cells", "Destination", "Passenger", "Taxi", "Wall", "Learns", "Uses its rules"]
+
+
+def test_things_of_a_grid_are_drawn_by_their_class(page: playwright.Page, taxi: str) -> None:
+    opened(page, taxi, at=1.0)
+    assert is_near(colour_at(page, 1.5, 1.5), "#222a35")  # the taxi
+    assert is_near(colour_at(page, 0.5, 0.5), BROWN)  # the passenger
+    assert is_near(colour_at(page, 3.5, 2.5), "#f5e2b8")  # where it wants to go
+    go_to(page, 2.0)
+    assert is_near(colour_at(page, 2.5, 1.5), BROWN)  # in the taxi, though its own x and y do not ride along
+    assert is_near(colour_at(page, 2.25, 1.5), "#222a35")
+    assert is_near(colour_at(page, 0.5, 0.5), WHITE)
+
+
+def test_an_experiment_is_told_from_the_way_to_one(page: playwright.Page, taxi: str) -> None:
+    opened(page, taxi, at=1.2)
+    for moment, words in (
+        (1.2, "An experiment: "),
+        (1.7, "On the way to an experiment: "),
+        (2.5, "Part of its plan: "),
+    ):
+        go_to(page, moment)
+        assert page.inner_text("#why").startswith(words)
+    acted = page.locator("#log .act span").all_inner_texts()
+    tags = {"E": [" · experiment", " · to an experiment", ""], "N": [" · experiment"]}
+    for action, told in tags.items():
+        assert [line for line in acted if line[0] == action] == [f"{action} · no term holds{tag}" for tag in told]
+
+
+def test_the_page_explains_itself_and_its_keys(page: playwright.Page, carried: str) -> None:
+    opened(page, carried, at=4.5)
+    page.get_by_role("button", name="What is what").click()
+    explained = page.locator("#help dt").all_inner_texts()
+    assert {"Condition", "Learnt rules", "Unknown", "Delivered", "Log"} <= set(explained)
+    page.keyboard.press("Space")  # presses what has the focus, which closes it, and plays nothing
+    until(page, "!document.getElementById('help').open")
+    assert page.evaluate("player.playing") is False
+    page.keyboard.press("?")
+    assert page.locator("#help").is_visible()
+    page.keyboard.press("f")
+    assert page.evaluate("scene.mode") == "fit"
+    page.keyboard.press("Escape")
+    assert page.locator("#help").is_hidden()
+
+
+def test_where_a_log_puts_the_robot_stands_beside_the_map(page: playwright.Page, tmp_path: Path) -> None:
+    encoder = Encoder()
+    cloud = np.array([[1.3, 0.0, 0.0], [0.7, 0.0, 0.0], [1.0, 0.4, 0.0], [1.0, -0.4, 0.0]], np.float32)
+    records = [
+        Began("localize", "walk.log"),
+        Explored(0.0, room(30), 1.0, 0.0),
+        replace(seen(0.0, 1.0), particles=cloud),
+    ]
+    path = tmp_path / "page.html"
+    frames = b"".join(encoder.encode(record) for record in records)
+    path.write_text(player_page("A walk", {"source": "file"}, frames), encoding="utf-8")
+    opened(page, path.as_uri(), at=0.0)
+    told = dict(zip(*(page.locator(f"#estimated {tag}").all_inner_texts() for tag in ("dt", "dd")), strict=True))
+    assert told == {
+        "x": "1.00 m",
+        "y": "0.00 m",
+        "heading": "0°",
+        "particles": "4",
+        "their spread (rms)": "0.35 m",  # √((0.3² + 0.3² + 0.4² + 0.4²) ÷ 4)
+    }
 
 
 def test_what_is_not_known_yet_is_not_told_as_false(page: playwright.Page, carried: str) -> None:

@@ -33,24 +33,51 @@ function switchTheme() {
 }
 element("theme").addEventListener("click", switchTheme);
 
-// Layers, which are their own legend.
+// The legend: layers, which can be hidden, the other symbols, and the colours of the timeline.
+function swatch(colour, shape = "") {
+  const mark = make("i", shape);
+  mark.style.setProperty("--c", colour);
+  return mark;
+}
 for (const [layer, [words, colour]] of Object.entries(LAYERS)) {
   const box = make("input");
   box.type = "checkbox";
   box.checked = true;
   box.addEventListener("change", () => (box.checked ? scene.hidden.delete(layer) : scene.hidden.add(layer)));
-  const mark = make("i");
-  mark.style.setProperty("--c", `var(${colour})`);
-  const label = make("label", "", box, mark, make("span", "", words));
+  const label = make("label", "", box, swatch(`var(${colour})`, layer === "plan" ? "dashed" : ""), make("span", "", words));
   label.id = `layer-${layer}`;
   element("layers").append(label);
 }
 // A log has neither boxes nor cells, and a learner on a grid no laser.
-const LAYERS_OF = { map: ["laser", "trail"], localize: ["laser", "particles", "trail"], learn: [] };
-function updateLayers() {
-  const layers = LAYERS_OF[trace.records.Began[0]?.task] ?? Object.keys(LAYERS);
+const LAYERS_OF = { map: ["laser", "trail"], localize: ["laser", "particles", "trail"], learn: ["cells"] };
+// [words, colour, shape] of what else is drawn.
+function symbolsOf({ task }) {
+  if (task !== "learn") return SYMBOLS;
+  const kinds = new Set((trace.records.Perceived[0]?.things ?? []).map(({ kind }) => kind));
+  if (trace.records.CellsLaid[0]?.warehouse.length) kinds.add("Warehouse");
+  const things = [...kinds].map((kind) => {
+    const role = KINDS[kind] ?? "load";
+    return [kind, `--${KIND_COLOURS[role]}`, role === "place" ? "plain" : "disc"];
+  });
+  return [...things, SYMBOLS.find(([words]) => words === "Wall")];
+}
+let legendOf = "";
+function updateLegend() {
+  const began = trace.records.Began[0];
+  if (!began) return;
+  const phases = [...new Set(trace.phases().map(({ phase }) => phase))];
+  const boxes = trace.records.Stepped.at(-1)?.delivered;
+  const key = JSON.stringify([began, phases, Boolean(boxes), trace.records.Perceived.length > 0]);
+  if (key === legendOf) return;
+  legendOf = key;
+  const layers = LAYERS_OF[began.task] ?? Object.keys(LAYERS);
   for (const layer of Object.keys(LAYERS)) element(`layer-${layer}`).hidden = !layers.includes(layer);
-  element("legend").hidden = element("scale").hidden = !layers.length;
+  element("scale").hidden = began.task === "learn";
+  const entry = (words, colour, shape) => make("p", "", swatch(colour, shape), make("span", "", words));
+  element("symbols-drawn").replaceChildren(...symbolsOf(began).map(([words, colour, shape]) => entry(words, `var(${colour})`, shape)));
+  const bands = phases.map((phase) => entry(phaseName(phase, began), `var(--${phase}-phase)`, "plain"));
+  if (boxes) bands.push(entry(began.task === "learn" ? "Episode over" : "Box delivered", "var(--card)", "notch"));
+  element("bands").replaceChildren(...bands);
 }
 if (matchMedia("(max-width: 720px)").matches) element("legend").open = false;
 
@@ -73,6 +100,7 @@ function beginAnew() {
   const fresh = new Trace();
   trace.records = fresh.records;
   Object.assign(trace, { moments: [], end: 0, begin: null, over: false });
+  trace.phasesOf = undefined;
   scene.map.forget();
   scene.selected = null;
   panels.forget();
@@ -155,14 +183,20 @@ const KEYS = {
   t: switchTheme,
   o: () => scene.pickNext(),
   Escape: () => (scene.selected = null),
+  "?": () => element("help").showModal(),
 };
+press("help-open", () => element("help").showModal());
+press("help-close", () => element("help").close());
+element("help").addEventListener("click", (event) => event.target === element("help") && element("help").close()); // beside it
 const PANS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("select")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("select, dialog")) return;
   if (event.key === " " && event.target.closest("button, summary, input:not([type=range])")) return; // space presses what has the focus
+  const line = event.target === element("log") && { ArrowUp: -1, ArrowDown: 1 }[event.key];
   const pan = event.target === canvas && PANS[event.key];
   const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-  if (pan) scene.pan(pan[0] * PAN_STEP, pan[1] * PAN_STEP);
+  if (line) panels.stepInLog(line);
+  else if (pan) scene.pan(pan[0] * PAN_STEP, pan[1] * PAN_STEP);
   else if (step) player.step(step);
   else if (KEYS[event.key]) KEYS[event.key]();
   else return;
@@ -229,10 +263,11 @@ function frame(now) {
   scene.draw();
   panels.update(player.time);
   panels.inspect(scene.selected, scene);
+  if (trace.records.Began[0]) panels.updateEstimate(trace.records.Began[0], scene.instant.seen, scene.instant.pose);
   updateControls();
   updatePhases();
   updateScale();
-  updateLayers();
+  updateLegend();
   requestAnimationFrame(frame);
 }
 new ResizeObserver(() => scene.resize()).observe(canvas);

@@ -23,7 +23,14 @@ function holding(condition, terms) {
 }
 
 const PHASES = { explore: "Explores", localize: "Localizes", survey: "Looks for boxes", learn: "Learns", deliver: "Delivers", map: "Maps", done: "Done" };
+const phaseName = (phase, began) => (phase === "deliver" && began.task === "learn" ? "Uses its rules" : PHASES[phase]) ?? phase ?? "";
 const FEW_TERMS = 3; // that a rule's condition may name to be told in words in the log
+const WHYS = {
+  plan: "Part of its plan: it knows what this does.",
+  experiment: "An experiment: it does not know yet what this does here.",
+  way: "On the way to an experiment: it goes where it can find something out.",
+};
+const TAGS = { plan: "", experiment: " · experiment", way: " · to an experiment" };
 const SVG = "http://www.w3.org/2000/svg";
 
 function clockText(seconds) {
@@ -94,7 +101,7 @@ class Panels {
     const phase = phases[lastBefore(phases, time, (band) => band.time)]?.phase;
     if (this.changed("phase", phase)) {
       element("phase").hidden = !phase;
-      element("phase").textContent = (phase === "deliver" && began.task === "learn" ? "Uses its rules" : PHASES[phase]) ?? phase ?? "";
+      element("phase").textContent = phaseName(phase, began);
       element("phase").style.setProperty("--phase", `var(--${phase}-phase)`);
     }
   }
@@ -112,9 +119,16 @@ class Panels {
     if (acting) {
       action.textContent = next.action;
       action.dataset.learning = next.learning;
-      const why = next.learning ? "An experiment: it does not know yet what this does here." : "Part of its plan: it knows what this does.";
-      element("why").textContent = why;
+      element("why").textContent = WHYS[this.reason(next)];
     } else element("why").textContent = said?.text ?? "";
+  }
+
+  // Why a step was made: "plan"; "experiment" where no rule and no failure told what it would do; else "way" to one.
+  reason(step) {
+    if (!step.learning) return "plan";
+    const known = this.trace.records.Learnt[lastBefore(this.trace.records.Learnt, step.time - 1e-3, (learnt) => learnt.time)];
+    const told = [...(known?.rules ?? []), ...(known?.failures[step.action] ?? []).map((condition) => [step.action, condition])];
+    return told.some(([action, condition]) => action === step.action && covers(condition, step.condition)) ? "way" : "experiment";
   }
 
   isDone(time) {
@@ -292,7 +306,7 @@ class Panels {
     for (; this.logged.Stepped < records.Stepped.length; this.logged.Stepped++) {
       const step = records.Stepped[this.logged.Stepped];
       const outcome = step.moved ? "" : " · no effect";
-      const words = `${step.action} · ${holding(step.condition, terms)}${step.learning ? " · experiment" : ""}${outcome}`;
+      const words = `${step.action} · ${holding(step.condition, terms)}${TAGS[this.reason(step)]}${outcome}`;
       lines.push([step.time, 0, "act", words, `In condition ${step.condition}: ${inWords(step.condition, terms).slice(3)}`]);
     }
     for (; this.logged.Learnt < records.Learnt.length; this.logged.Learnt++) {
@@ -322,6 +336,26 @@ class Panels {
       made.append(node);
     }
     element("log").append(made);
+  }
+
+  // Go to the line of the log before or after the present one.
+  stepInLog(by) {
+    const here = this.chosen >= 0 ? this.chosen : this.marked;
+    const next = Math.min(Math.max(here + by, 0), this.entries.length - 1);
+    if (next < 0) return;
+    this.seek(this.entries[next].time);
+    this.chosen = next;
+    this.entries[next].node.scrollIntoView({ block: "nearest" });
+  }
+
+  // Where a robot without terms, one of a log, takes itself to be, and how sure it is.
+  updateEstimate(began, seen, pose) {
+    element("estimate").hidden = Boolean(began.terms.length) || !seen;
+    if (!seen || !this.changed("estimate", `${seen.time} ${pose}`)) return;
+    const rows = [["x", metres(pose[0])], ["y", metres(pose[1])], ["heading", degrees(pose[2])]];
+    const count = seen.particles.length / 3;
+    if (count) rows.push(["particles", count], ["their spread (rms)", metres(spreadOf(seen.particles))]);
+    element("estimated").replaceChildren(...rows.flatMap(([name, value]) => [make("dt", "", name), make("dd", "", String(value))]));
   }
 
   // The attributes of what was clicked on.
@@ -358,6 +392,16 @@ function newRules(before, now, terms) {
       const all = `${condition}${was ? `, was ${was}` : ""}: ${inWords(condition, terms)}`;
       return [`${action}: ${effect} ${when}`, all];
     });
+}
+
+// m: how far particles lie from their middle, root mean square.
+function spreadOf(particles) {
+  const count = particles.length / 3;
+  const mean = [0, 0];
+  for (let n = 0; n < particles.length; n += 3) for (const axis of [0, 1]) mean[axis] += particles[n + axis] / count;
+  let square = 0;
+  for (let n = 0; n < particles.length; n += 3) square += ((particles[n] - mean[0]) ** 2 + (particles[n + 1] - mean[1]) ** 2) / count;
+  return Math.sqrt(square) * POSITION_STEP;
 }
 
 const metres = (value) => `${value.toFixed(2)} m`;

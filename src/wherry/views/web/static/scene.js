@@ -5,17 +5,27 @@ const LAYERS = {
   laser: ["Laser", "--laser"],
   particles: ["Particle cloud", "--particle"],
   path: ["Path ahead", "--path"],
+  plan: ["Plan, cell by cell", "--plan"],
   trail: ["Way driven", "--trail"],
   boxes: ["Boxes", "--box"],
   warehouse: ["Warehouse", "--warehouse"],
   cells: ["Cells", "--soft"],
 };
+// What is drawn without being a layer. Of a world without metres, things are drawn by their class.
+const SYMBOLS = [["Robot, fork ahead", "--robot", "fork"], ["Wall", "--wall", "plain"], ["Free", "--free", "plain"], ["Unknown", "--unknown", "plain"]];
+const KINDS = { Robot: "carrier", Taxi: "carrier", Box: "load", Passenger: "load", Destination: "place", Warehouse: "place" };
+const KIND_COLOURS = { carrier: "robot", load: "box", place: "warehouse" };
+const LABELLED = 70; // px of a cell's side from which on things have their names beside them
 const TRAIL = 90; // s; of a log, all of it is shown
 const MARGIN = 0.6; // m around the map
 const SMALLEST = 4; // m that are shown across, however little there is
-const COVERED = [136, 56]; // px on the left and on the right that legend and tools take, where there is room for all
+const COVERED = [156, 56]; // px on the left and on the right that legend and tools take, where there is room for all
+const COVERED_TOP = 50; // px above that they take where there is not
 const CLOSEST = 2000; // px a metre
 const FARTHEST = 1; // px a metre
+
+// Whether something is in what carries things.
+const isCarried = ({ values }) => Boolean(values.in_bot || values.in_taxi);
 
 class Scene {
   constructor(canvas, trace) {
@@ -87,10 +97,10 @@ class Scene {
     const box = joinedBoxes(this.map.extent() ?? this.cellsExtent() ?? this.laserExtent(), this.instant?.seen?.reach);
     if (!box || !this.width) return;
     const [west, south, east, north] = box;
-    const [left, right] = this.width > 640 ? COVERED : [0, 0];
-    const across = Math.min((this.width - left - right) / Math.max(east - west + 2 * MARGIN, SMALLEST), this.height / Math.max(north - south + 2 * MARGIN, SMALLEST));
+    const [left, right, top] = this.width > 640 ? [...COVERED, 0] : [0, 0, COVERED_TOP];
+    const across = Math.min((this.width - left - right) / Math.max(east - west + 2 * MARGIN, SMALLEST), (this.height - top) / Math.max(north - south + 2 * MARGIN, SMALLEST));
     this.scale = Math.min(Math.max(across, FARTHEST), CLOSEST);
-    this.centre = [(west + east) / 2 + (right - left) / 2 / this.scale, (south + north) / 2];
+    this.centre = [(west + east) / 2 + (right - left) / 2 / this.scale, (south + north) / 2 + top / 2 / this.scale];
   }
 
   laserExtent() {
@@ -168,7 +178,8 @@ class Scene {
       return;
     }
     if (this.shows("laser")) this.drawLaser();
-    if (this.shows("path")) this.drawPaths();
+    if (this.shows("plan")) this.drawPlans();
+    if (this.shows("path")) this.drawPath();
     if (this.shows("boxes")) this.drawBoxes();
     this.drawRobot();
     if (this.shows("particles")) this.drawParticles();
@@ -283,23 +294,25 @@ class Scene {
     context.fill();
   }
 
-  drawPaths() {
+  drawPlans() {
+    const { step, pose } = this.instant;
+    if (!step || step.plan.length <= 2) return;
+    const plan = aheadOf(pose, step.plan);
+    const end = legEnd(plan);
+    this.drawPlan(plan.subarray(end), 0.25);
+    this.drawPlan(plan.subarray(0, end + 2), 0.9);
+  }
+
+  drawPath() {
     const { context, px, colours } = this;
-    const { seen, step, pose } = this.instant;
-    if (step && step.plan.length > 2) {
-      const plan = aheadOf(pose, step.plan);
-      const end = legEnd(plan);
-      this.drawPlan(plan.subarray(end), 0.25);
-      this.drawPlan(plan.subarray(0, end + 2), 0.9);
-    }
-    if (seen.path.length > 2) {
-      context.beginPath();
-      for (let n = 0; n < seen.path.length; n += 2)
-        context.lineTo(seen.pose[0] + seen.path[n] * POSITION_STEP, seen.pose[1] + seen.path[n + 1] * POSITION_STEP);
-      context.strokeStyle = colours.path;
-      context.lineWidth = Math.max(0.05, 2.5 * px);
-      context.stroke();
-    }
+    const { seen } = this.instant;
+    if (seen.path.length <= 2) return;
+    context.beginPath();
+    for (let n = 0; n < seen.path.length; n += 2)
+      context.lineTo(seen.pose[0] + seen.path[n] * POSITION_STEP, seen.pose[1] + seen.path[n + 1] * POSITION_STEP);
+    context.strokeStyle = colours.path;
+    context.lineWidth = Math.max(0.05, 2.5 * px);
+    context.stroke();
   }
 
   // Cells to drive through, dashed, and a disc where they end.
@@ -399,18 +412,45 @@ class Scene {
     context.globalAlpha = 1;
   }
 
-  // Objects of a world without metres: a disc for what moves, in its cell.
+  // Objects of a world without metres, each in its cell: a frame for where things are to go, a disc for what carries,
+  // a smaller one for what is carried, which is drawn where its carrier is.
   drawThings() {
     const { perceived, cells } = this.instant;
     if (!perceived || !cells) return;
-    const fills = [this.colours.robot, this.colours.box, this.colours.warehouse, this.colours.path];
-    perceived.things.forEach((thing, at) => {
-      if (thing.values.x === undefined) return;
-      const [x, y] = this.inMap(cells, (thing.values.x + 0.5) * cells.size, (thing.values.y + 0.5) * cells.size);
-      this.disc(x, y, cells.size * (0.34 - 0.07 * at), fills[at % fills.length], this.colours["robot-edge"]);
-      this.label(thing.name, x, y - cells.size * (0.47 - 0.12 * at), fills[at % fills.length]);
-    });
+    const things = perceived.things.filter(({ values }) => values.x !== undefined);
+    const order = ["place", "carrier", "load"];
+    things.sort((a, b) => order.indexOf(KINDS[a.kind]) - order.indexOf(KINDS[b.kind]));
+    for (const thing of things) {
+      const role = KINDS[thing.kind] ?? "load";
+      const [x, y] = this.inMap(cells, ...this.cellOf(thing).map((at) => (at + 0.5) * cells.size));
+      const fill = this.colours[KIND_COLOURS[role]];
+      if (role === "place") this.frame(x, y, 0.42 * cells.size, fill);
+      else this.disc(x, y, (role === "carrier" ? 0.3 : 0.17) * cells.size, fill, this.colours["robot-edge"]);
+      const below = { carrier: -0.34, load: 0.28, place: 0.39 }[role];
+      if (cells.size * this.scale >= LABELLED) this.label(thing.name, x, y - below * cells.size, role === "carrier" ? fill : this.colours.ink);
+    }
     this.drawSelection();
+  }
+
+  // The cell of a thing; of what is carried, its carrier's, for its own coordinates stay where it was picked up.
+  cellOf(thing) {
+    const carrier = isCarried(thing) && this.instant.perceived.things.find(({ kind }) => KINDS[kind] === "carrier");
+    const { x, y } = (carrier || thing).values;
+    return [x, y];
+  }
+
+  // A square around a cell's middle, as warehouses have it.
+  frame(x, y, half, colour) {
+    const { context, px } = this;
+    context.beginPath();
+    context.rect(x - half, y - half, 2 * half, 2 * half);
+    context.globalAlpha = 0.28;
+    context.fillStyle = colour;
+    context.fill();
+    context.globalAlpha = 1;
+    context.strokeStyle = colour;
+    context.lineWidth = 2 * px;
+    context.stroke();
   }
 
   // Words under a place of the map.
@@ -453,7 +493,7 @@ class Scene {
     if (box) return { kind: "box", name: this.nameOfBox(box), x: box[0], y: box[1] };
     if (instant.cells) {
       const [cx, cy] = this.cellAt(instant.cells, x, y);
-      const thing = !instant.seen && instant.perceived?.things.find((item) => item.values.x === cx && item.values.y === cy);
+      const thing = !instant.seen && instant.perceived?.things.find((item) => this.cellOf(item).join() === `${cx},${cy}`);
       if (thing) return { kind: "thing", name: thing.name };
       const { warehouse } = instant.cells;
       for (let n = 0; n < warehouse.length; n += 2)
@@ -514,7 +554,7 @@ class Scene {
     }
     const thing = perceived?.things.find((item) => item.name === picked.name);
     if (!thing || !cells) return null;
-    const [x, y] = this.inMap(cells, (thing.values.x + 0.5) * cells.size, (thing.values.y + 0.5) * cells.size);
+    const [x, y] = this.inMap(cells, ...this.cellOf(thing).map((at) => (at + 0.5) * cells.size));
     return { x, y, radius: cells.size / 3 };
   }
 }
