@@ -13,9 +13,9 @@ SCREENSHOTS = Path("build/screenshots")
 DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 
 
-def until(page: playwright.Page, expression: str) -> None:
+def until(page: playwright.Page, expression: str, *, seconds: float = 10.0) -> None:
     """Wait until something holds on the page; asked from outside, as the page lets nobody evaluate text."""
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + seconds
     while not page.evaluate(expression):
         assert time.monotonic() < deadline, f"never came true: {expression}"
         page.wait_for_timeout(20)

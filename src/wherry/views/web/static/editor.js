@@ -8,6 +8,7 @@ const COLUMNS = 4; // characters from one cell's wall to the next one's
 const ROWS = 2; // lines likewise
 const CHECK_AFTER = 120; // ms
 const LONGEST_HISTORY = 300;
+const SMALLEST_CELL = 14; // px of its side; a plan that is larger then is scrolled
 const WALL_REACH = 0.26; // of a cell, from its edge, where a wall is meant
 
 const TOOLS = [
@@ -251,7 +252,7 @@ function draw() {
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(`--${name}`).trim();
   const room = canvas.parentElement;
-  side = Math.max(22, Math.min(64, Math.floor((room.clientWidth - 32) / plan.width), Math.floor((room.clientHeight - 32) / plan.height)));
+  side = Math.max(SMALLEST_CELL, Math.min(64, Math.floor((room.clientWidth - 32) / plan.width), Math.floor((room.clientHeight - 32) / plan.height)));
   const ratio = window.devicePixelRatio || 1;
   const [wide, high] = [plan.width * side + 32, plan.height * side + 32];
   canvas.style.width = `${wide}px`;
