@@ -279,7 +279,7 @@ def test_the_page_explains_itself_and_its_keys(page: playwright.Page, carried: s
 def test_where_a_log_puts_the_robot_stands_beside_the_map(page: playwright.Page, tmp_path: Path) -> None:
     encoder = Encoder()
     cloud = np.array([[1.3, 0.0, 0.0], [0.7, 0.0, 0.0], [1.0, 0.4, 0.0], [1.0, -0.4, 0.0]], np.float32)
-    records = [
+    records: list[Record] = [
         Began("localize", "walk.log"),
         Explored(0.0, room(30), 1.0, 0.0),
         replace(seen(0.0, 1.0), particles=cloud),
