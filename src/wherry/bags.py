@@ -51,7 +51,7 @@ def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
     if not path.exists():
         raise InputError(path, "", "No such file or directory")
     if path.suffix == UNFINISHED:
-        raise InputError(path, "", "is a recording that was cut off; of an MCAP file in it, mcap recover makes a bag")
+        raise InputError(path, "", f"is a recording that was cut off; {_rescue(path)}")
     try:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
@@ -68,6 +68,17 @@ def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
         return _read(_Bag(path, reader), lenient)
     finally:
         reader.close()
+
+
+def _rescue(path: Path) -> str:
+    """How a bag is made of a recording that was cut off."""
+    files = sorted(path.glob("*/*")) if path.is_dir() else [path]
+    for file in files:
+        if file.suffix == ".db3":
+            return f"{file} can be read, and ros2 bag reindex makes a bag of its folder"
+        if file.suffix == ".mcap":
+            return f"mcap recover makes a bag of {file}"
+    return "rosbag reindex makes a bag of it"
 
 
 @dataclass(frozen=True)

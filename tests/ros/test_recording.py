@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from mcap.reader import make_reader
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader, make_reader
 from mcap_ros2.decoder import DecoderFactory
 from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.highlevel import AnyReader
@@ -42,7 +43,7 @@ from wherry.space.trajectory import Trajectory
 from wherry.trace import Explored, Said, Seen, Stepped
 
 NAMES = ("run.bag", "run.mcap", "run")
-ROS2_ONLY = {"texture_resource", "texture", "uv_coordinates", "mesh_file"}
+ROS2_ONLY = {"texture_resource", "texture", "uv_coordinates", "mesh_file", "structure_needs_at_least_one_member"}
 TOPICS = load_names().topics
 
 
@@ -293,11 +294,15 @@ def test_a_log_becomes_a_bag_with_what_was_found_out(tmp_path: Path) -> None:
 # ---- others open them
 
 
-def test_debians_rosbag_opens_ours(tmp_path: Path) -> None:
+def require_rosbag() -> None:
     if shutil.which("rosbag") is None:
         if os.environ.get("CI") == "true":
             pytest.fail("rosbag is not installed")
         pytest.skip("rosbag is not installed: apt install python3-rosbag")
+
+
+def test_debians_rosbag_opens_ours(tmp_path: Path) -> None:
+    require_rosbag()
     path = tmp_path / "run.bag"
     measured = record_drive(path)
     environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
@@ -312,6 +317,17 @@ def test_debians_rosbag_opens_ours(tmp_path: Path) -> None:
     sums = {entry["type"]: entry["md5"] for entry in info["types"]}
     assert sums["tf2_msgs/TFMessage"] == "94810edda583a504dfda3829e70d7eec"  # ROS's own
     assert sums["sensor_msgs/LaserScan"] == "90c7ef2dc6895d81024acba2ac42f369"
+
+
+def test_debians_rosbag_leaves_a_whole_bag_whole_when_it_writes_the_index_anew(tmp_path: Path) -> None:
+    """It writes over the first record, which therefore has to be as long as its own."""
+    require_rosbag()
+    path = tmp_path / "run.bag"
+    measured = record_drive(path)
+    environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+    subprocess.run(["rosbag", "reindex", str(path)], capture_output=True, timeout=60, check=True, env=environment)
+    assert (tmp_path / "run.orig.bag").exists()
+    assert sum(1 for _ in messages(path)) == count(measured)
 
 
 def test_mcaps_own_reader_opens_ours(tmp_path: Path) -> None:
@@ -394,10 +410,58 @@ def test_a_killed_recording_is_called_unfinished(tmp_path: Path, name: str) -> N
     assert not path.exists()
     unfinished = path.with_name(path.name + ".active")
     assert unfinished.exists()
-    with pytest.raises(InputError, match="cut off"):
+    rescue = {"run.bag": "rosbag reindex", "run.mcap": "mcap recover", "run": "ros2 bag reindex"}[name]
+    with pytest.raises(InputError, match=f"cut off; .*{rescue}"):
         read_bag(unfinished)
     with pytest.raises(InputError, match="cut off"):
         Bag(path)
+
+
+def kill_while_recording(path: Path) -> Path:
+    """Kill a process by force that has recorded 3.9 s of driving, and goes on; returns what is left."""
+    program = (
+        "import sys; import numpy as np; from test_recording import drive; from wherry.floorplan import find_world; "
+        "from wherry.ros.recording import Bag, Recording; from wherry.simulation import build; "
+        "robot = Recording(Bag(sys.argv[1])).robot(build(find_world('taxi'), np.random.default_rng(0)).robot); "
+        "drive(robot, 3.9); print('ready', flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", program, str(path)]
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "cwd": Path(__file__).parent}
+    with subprocess.Popen(command, **pipes) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        process.kill()
+    return path.with_name(path.name + ".active")
+
+
+def check_rescued(times: list[float]) -> None:
+    """All scans but those of the last second."""
+    assert times == [number / 10 for number in range(len(times))]
+    assert len(times) >= 29
+
+
+def test_debians_rosbag_rescues_what_a_killed_process_recorded(tmp_path: Path) -> None:
+    require_rosbag()
+    unfinished = kill_while_recording(tmp_path / "run.bag")
+    environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+    subprocess.run(["rosbag", "reindex", str(unfinished)], capture_output=True, timeout=60, check=True, env=environment)
+    unfinished.rename(tmp_path / "run.bag")
+    check_rescued([scan.time for scan in read_bag(tmp_path / "run.bag").scans])
+
+
+def test_mcap_reads_what_a_killed_process_recorded(tmp_path: Path) -> None:
+    file = kill_while_recording(tmp_path / "run.mcap") / "run" / "run.mcap"
+    times = []
+    with file.open("rb") as stream, pytest.raises(EndOfFile):  # noqa: PT012 - everything up to the end counts
+        for _, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
+            if channel.topic == "/scan":
+                times.append(message.log_time / 1e9)
+    check_rescued(times)
+
+
+def test_what_a_killed_process_recorded_with_sqlite_is_read_as_it_is(tmp_path: Path) -> None:
+    file = kill_while_recording(tmp_path / "run") / "run" / "run.db3"
+    check_rescued([scan.time for scan in read_bag(file).scans])
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import shutil
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from os import SEEK_CUR, SEEK_END
 from pathlib import Path
+from struct import Struct
 from threading import Lock
 from types import SimpleNamespace, TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, BinaryIO, Protocol, Self
 
 import numpy as np
 
@@ -44,8 +47,12 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace import Explored, Record, Seen, Stepped
 
+SAFE_EVERY = 1.0  # s of what is recorded: no more than that is lost if the process is killed by force
 MAP_EVERY = 5.0  # s between two maps of a growing one, as with gmapping
 NO_COVARIANCE = np.zeros(36)
+ROS1_MAGIC = b"#ROSBAG V2.0\n"
+NUMBER = Struct("<L")
+HEADER_SHORTAGE = 8  # bytes
 TF2_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"  # rosbags' types of ROS 1 lack it
 
 
@@ -58,6 +65,10 @@ class _Storage(Protocol):
 
     def write(self, connection: Any, message: Message, nanoseconds: int) -> None:
         """Add a message."""
+        ...
+
+    def save(self) -> None:
+        """Hand over to the system what was added; not to the disk, for nothing waits until that has it."""
         ...
 
     def close(self) -> None:
@@ -82,7 +93,17 @@ class _Ros1Bag:
         self._numbers: dict[Any, int] = {}
         self._writer = Writer(unfinished)
         self._writer.open()
+        self._file.flush()
+        _lengthen_header(unfinished)
+        self._file.seek(0, SEEK_END)
         self.finished = unfinished
+
+    @property
+    def _file(self) -> BinaryIO:
+        """What rosbags writes to."""
+        file: BinaryIO | None = self._writer.bio
+        assert file is not None  # noqa: S101 - it is open
+        return file
 
     def connect(self, topic: Topic[Any]) -> Any:
         latching = int(topic.quality is Quality.LATCHED)
@@ -95,8 +116,13 @@ class _Ros1Bag:
         numbered = self._numbered(message, number)
         self._writer.write(connection, nanoseconds, self._types.serialize_ros1(numbered, message.type_name))
 
+    def save(self) -> None:
+        self._writer.write_chunk(self._writer.chunks[-1])
+        self._file.flush()
+
     def close(self) -> None:
         self._writer.close()
+        _lengthen_header(self.finished)
 
     def _numbered(self, message: Any, number: int) -> Any:
         """The message with ROS 1's sequence numbers in its headers."""
@@ -110,6 +136,27 @@ class _Ros1Bag:
         return SimpleNamespace(**{name: self._numbered(getattr(message, name), number) for name in names})
 
 
+def _lengthen_header(path: Path) -> None:
+    """Make a bag's first record as long as rosbag's own; rosbags' is 8 bytes shorter.
+
+    ``rosbag reindex`` writes that record anew, and would write over the beginning of what comes next.
+    """
+    with path.open("r+b") as file:
+        file.seek(len(ROS1_MAGIC))
+        file.seek(_number(file), SEEK_CUR)  # past the record's header
+        padding = _number(file)
+        file.seek(-NUMBER.size, SEEK_CUR)
+        file.write(NUMBER.pack(padding + HEADER_SHORTAGE))
+        file.seek(padding, SEEK_CUR)
+        file.write(b" " * HEADER_SHORTAGE)
+
+
+def _number(file: BinaryIO) -> int:
+    """The next number in a ROS 1 bag."""
+    number: int = NUMBER.unpack(file.read(NUMBER.size))[0]
+    return number
+
+
 @cached
 def _has_header(message_type: type[Message]) -> bool:
     """Whether there is a header anywhere in messages of a type."""
@@ -117,19 +164,24 @@ def _has_header(message_type: type[Message]) -> bool:
     return any(kind is Header or _has_header(kind) for kind in kinds)
 
 
-class _Ros2Bag:
-    """A folder as rosbag2 writes it, or the one MCAP file out of it; message definitions are in it."""
+class _Ros2Bag(ABC):
+    """A bag as rosbag2 writes it; message definitions are in it.
 
-    def __init__(self, path: Path, unfinished: Path, *, mcap: bool) -> None:
+    Args:
+        folder: Where to.
+        plugin: The kind of storage, of rosbags' `StoragePlugin`.
+    """
+
+    finished: Path
+
+    def __init__(self, folder: Path, plugin: str) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415 - optional
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
         self._types = get_typestore(Stores.ROS2_JAZZY)
-        folder = unfinished / path.stem if mcap else unfinished / path.name
-        plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
-        self._writer = Writer(folder, version=9, storage_plugin=plugin)
+        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin[plugin])
         self._writer.open()
-        self.finished = folder / f"{folder.name}.mcap" if mcap else folder
+        self._file: Any = self._writer.storage
 
     def connect(self, topic: Topic[Any]) -> Any:
         kind = topic.message_type.type_name
@@ -138,8 +190,38 @@ class _Ros2Bag:
     def write(self, connection: Any, message: Message, nanoseconds: int) -> None:
         self._writer.write(connection, nanoseconds, self._types.serialize_cdr(message, message.type_name))
 
+    @abstractmethod
+    def save(self) -> None:
+        """As `_Storage.save`."""
+
     def close(self) -> None:
         self._writer.close()
+
+
+class _McapFile(_Ros2Bag):
+    """The one MCAP file out of a ROS 2 bag's folder."""
+
+    def __init__(self, path: Path, unfinished: Path) -> None:
+        folder = unfinished / path.stem
+        super().__init__(folder, "MCAP")
+        self.finished = folder / f"{folder.name}.mcap"
+
+    def save(self) -> None:
+        if self._file.chunk.bio.tell():
+            self._file.close_chunk()
+        self._file.bio.flush()
+
+
+class _SqliteFolder(_Ros2Bag):
+    """A ROS 2 bag's folder with SQLite in it."""
+
+    def __init__(self, path: Path, unfinished: Path) -> None:
+        self.finished = unfinished / path.name
+        super().__init__(self.finished, "SQLITE3")
+        self._file.conn.execute("PRAGMA synchronous = OFF")
+
+    def save(self) -> None:
+        self._file.conn.commit()
 
 
 def _qos(topic: Topic[Any]) -> Any:
@@ -168,23 +250,19 @@ def _qos(topic: Topic[Any]) -> Any:
     )
 
 
-def _mcap(path: Path, unfinished: Path) -> _Storage:
-    return _Ros2Bag(path, unfinished, mcap=True)
-
-
-def _folder(path: Path, unfinished: Path) -> _Storage:
-    return _Ros2Bag(path, unfinished, mcap=False)
-
-
-FORMATS: Mapping[str, Callable[[Path, Path], _Storage]] = {".bag": _Ros1Bag, ".mcap": _mcap, "": _folder}
+FORMATS: Mapping[str, Callable[[Path, Path], _Storage]] = {
+    ".bag": _Ros1Bag,
+    ".mcap": _McapFile,
+    "": _SqliteFolder,
+}
 """By the path's suffix: ROS 1, ROS 2 as one MCAP file, ROS 2 as a folder with SQLite, which every ROS 2 reads."""
 
 
 class Bag:
     """A bag that is being recorded; a context manager.
 
-    Until it is closed it is called PATH.active, and so is what is left of it if the process is killed by force. Of an
-    MCAP file, ``mcap recover`` then makes a bag of every chunk that was written; the other kinds are lost.
+    Until it is closed it is called PATH.active, and so is what is left of it if the process is killed by force: all but
+    the last second (`SAFE_EVERY`). ``rosbag reindex``, ``mcap recover`` and ``ros2 bag reindex`` then make a bag of it.
 
     Args:
         path: Its name; the suffix says which kind, see `FORMATS`.
@@ -198,6 +276,7 @@ class Bag:
         self.path = Path(path)
         self._unfinished = self.path.with_name(self.path.name + UNFINISHED)
         self._connections: dict[tuple[str, type[Message]], Any] = {}
+        self._next_save = -np.inf  # s
         self._lock = Lock()
         self._check()
         try:
@@ -247,6 +326,9 @@ class Bag:
                 if key not in self._connections:
                     self._connections[key] = self._storage.connect(topic)
                 self._storage.write(self._connections[key], message, round(seconds * NANOSECONDS))
+                if seconds >= self._next_save:
+                    self._next_save = seconds + SAFE_EVERY
+                    self._storage.save()
             except OSError as error:
                 raise InputError(self._unfinished, "", f"cannot be written any further: {error.strerror}") from error
 
