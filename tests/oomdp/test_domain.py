@@ -63,6 +63,20 @@ def test_actions_with_parameters() -> None:
     assert str(domain.cond(STATE, STATE["near"])) == "11100"
 
 
+def test_terms_about_two_of_one_class_mean_this_object_and_another() -> None:
+    domain = Domain("stack", DOMAIN.classes, (related(TOUCH["N"], "Lamp", "Lamp"), related(ON, "Lamp", "Lamp")), {})
+    state = STATE.replace("far", x=1, y=2)  # which is north of the near one
+    assert str(domain.cond(state)) == "10"
+    assert str(domain.cond(state, state["near"])) == "10"
+    assert str(domain.cond(state, state["far"])) == "00"
+    assert str(domain.cond(state.without("near"))) == "00"  # nothing is on itself
+
+
+def test_actions_on_two_of_one_class_are_refused() -> None:
+    with pytest.raises(ValueError, match="SWAP takes two of one class"):
+        Domain("lamps", DOMAIN.classes, TERMS, {"SWAP": ("Lamp", "Lamp")})
+
+
 @pytest.mark.parametrize(
     ("terms", "actions"), [((related(ON, "Robot", "Cat"),), {"N": ()}), (TERMS, {"SWITCH": ("Cat",)})]
 )

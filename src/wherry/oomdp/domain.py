@@ -37,6 +37,9 @@ class Domain:
         classes: Its classes of objects.
         terms: T, in the order in which conditions are printed.
         actions: The classes of each action's parameters, by the action's name; () for an action without any.
+
+    Raises:
+        ValueError: A term or an action speaks of a class that there is not, or an action of one class twice.
     """
 
     name: str
@@ -52,6 +55,8 @@ class Domain:
         for action, parameters in self.actions.items():
             if unknown := set(parameters) - known:
                 raise ValueError(f"action {action} takes {', '.join(sorted(unknown))}, which is no class")
+            if len(set(parameters)) < len(parameters):
+                raise ValueError(f"action {action} takes two of one class, which no term could tell apart")
 
     @cached_property
     def classes_by_name(self) -> Mapping[str, ObjectClass]:

@@ -33,7 +33,10 @@ class Term:
 
 
 def related(relation: Relation, first: str, second: str) -> Term:
-    """The term that a relation holds between objects of two classes."""
+    """The term that a relation holds between objects of two classes.
+
+    Of one class, such as ``on(block, block)``, it holds between an object, "this" one, and some other.
+    """
 
     def holds(state: State, bound: Bound) -> bool:
         for item in candidates(first, state, bound):  # noqa: SIM110  `any` takes twice the time, in every new state
@@ -69,6 +72,8 @@ def candidates(class_name: str, state: State, bound: Bound) -> tuple[Object, ...
 
 def _relates(relation: Relation, item: Object, second: str, state: State, bound: Bound) -> bool:
     """Whether the relation holds between an object and some candidate of a class, static ones included."""
+    if second == item.object_class.name:
+        return any(relation.holds(item, other) for other in state.of_class(second) if other is not item)
     for other in candidates(second, state, bound):
         if relation.holds(item, other):
             return True
