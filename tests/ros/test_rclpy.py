@@ -26,7 +26,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from worlds import hall
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 TOPICS = load_names().topics
 DOMAIN = free_domain()

@@ -215,6 +215,7 @@ def test_it_stops_while_it_waits_for_a_lidar_that_fell_silent(bus: Bus, driver: 
     assert driver.commands[1] == ros.Twist()
 
 
+@pytest.mark.realtime
 def test_stop_comes_within_half_a_second(bus: Bus, driver: Driver) -> None:
     robot = RosRobot(bus.node(), NAMES, load_body())
     driver.mount()

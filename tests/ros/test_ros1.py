@@ -14,6 +14,8 @@ from ros1_system import Peer, Program, Roscore, require, wait_until
 from wherry.errors import InputError
 from wherry.ros.ros1_master import Master, MasterError, choose_interface, wait_for_master
 
+pytestmark = pytest.mark.realtime
+
 SCAN, STRING = "sensor_msgs/LaserScan", "std_msgs/String"
 ECHO = """
 import sys

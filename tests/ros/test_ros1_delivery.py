@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import pytest
 
+from robots_clock import GRANULARITY, STANDING, Heard, stopped_after
 from ros1_system import Roscore, require, stamp, values_of, wait_until
 
 SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--json")
@@ -19,9 +20,8 @@ SCAN, ODOMETRY, TWIST = "sensor_msgs/LaserScan", "nav_msgs/Odometry", "geometry_
 MAP, DIAGNOSTICS = "nav_msgs/OccupancyGrid", "diagnostic_msgs/DiagnosticArray"
 STARTED = 90.0  # s, wall clock, that two processes may take until the robot drives
 WITHIN = 0.5  # s
-ODOMETRY_PERIOD = 0.05  # s, after which at the latest it shows that a robot stands
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 
 @pytest.fixture(scope="module")
@@ -98,15 +98,23 @@ class Ride:
 
     def stops_after(self, begin: float) -> float:
         """s on the robot's clock, which a busy machine does not hurry, until the robot stood, from an instant on."""
-        wait_until(lambda: self.speed() < 0.01, 10.0, "the robot stands")
-        told = [(news["at"], news["message"]) for news in self.peer.heard["/odom"]]
-        first = max(stamp(message) for at, message in told if at <= begin)
-        return min(stamp(message) for at, message in told if at > begin and speed_of(message) < 0.01) - first
+        wait_until(lambda: self.speed() < STANDING, 10.0, "the robot stands")
+        news = list(self.peer.heard["/odom"])
+        return stopped_after([Heard(one["at"], stamp(one["message"]), speed_of(one["message"])) for one in news], begin)
+
+    @contextmanager
+    def spoilt(self, mode: str) -> Iterator[float]:
+        """Scans that are not passed on as they are; since when, s on the monotonic clock."""
+        self.peer.relay("/raw_scan", "/scan", mode)
+        try:
+            yield time.monotonic()
+        finally:
+            self.peer.relay("/raw_scan", "/scan", "pass")
 
     def stands_for(self, seconds: float) -> None:
         begin, heard = self.now(), len(self.peer.heard["/odom"])
         wait_until(lambda: self.now() - begin >= seconds, 30.0, "time passes")
-        assert max(speed_of(news["message"]) for news in self.peer.heard["/odom"][heard:]) < 0.01
+        assert max(speed_of(news["message"]) for news in self.peer.heard["/odom"][heard:]) < STANDING
 
     def status(self, name: str) -> dict[str, str]:
         for news in reversed(self.peer.heard["/diagnostics"]):
@@ -130,9 +138,13 @@ def ride(ridden: Ride) -> Ride:
 
 @pytest.mark.parametrize("mode", ["silent", "nan", "frame"])
 def test_without_a_scan_to_trust_the_agent_commands_standstill(ride: Ride, mode: str) -> None:
-    begin = time.monotonic()
-    ride.peer.relay("/raw_scan", "/scan", mode)
-    ride.stops_after(begin)
+    with ride.spoilt(mode) as begin:
+        check_standstill(ride, mode, begin)
+    ride.wait_until_it_drives()
+
+
+def check_standstill(ride: Ride, mode: str, begin: float) -> None:
+    wait_until(lambda: ride.speed() < STANDING, 10.0, "the robot stands")
     ride.stands_for(1.0)
     commands = ride.commands(begin)
     last_motion = max((at for at, linear, angular in commands if linear or angular), default=begin)
@@ -141,8 +153,6 @@ def test_without_a_scan_to_trust_the_agent_commands_standstill(ride: Ride, mode:
     if mode != "silent":
         words = {"nan": "no number", "frame": "'camera' instead of 'laser'"}[mode]
         wait_until(lambda: words in ride.status("wherry: robot").get("last refused", ""), 5.0, "diagnostics say why")
-    ride.peer.relay("/raw_scan", "/scan", "pass")
-    ride.wait_until_it_drives()
 
 
 def test_the_agent_gives_way_to_whoever_else_drives(roscore: Roscore, ride: Ride) -> None:
@@ -174,5 +184,5 @@ def test_a_master_that_dies_does_not_stop_the_ride(roscore: Roscore, ride: Ride)
 def test_the_robot_stands_when_the_agent_is_killed(ride: Ride) -> None:
     ride.agent.kill()
     last_command = ride.peer.heard["/cmd_vel"][-1]["at"]
-    assert ride.stops_after(last_command) <= WITHIN + ODOMETRY_PERIOD
+    assert ride.stops_after(last_command) <= WITHIN + GRANULARITY
     ride.stands_for(1.0)

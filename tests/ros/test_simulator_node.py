@@ -228,6 +228,7 @@ def test_a_command_that_comes_twice_or_late_is_carried_out_once() -> None:
     assert stage.ask_latch(close=True).loaded
 
 
+@pytest.mark.realtime
 def test_it_keeps_real_time_times_the_rate() -> None:
     stage = Stage(hall(), rate=4.0)
     started = time.monotonic()
@@ -235,6 +236,7 @@ def test_it_keeps_real_time_times_the_rate() -> None:
     assert time.monotonic() - started == pytest.approx(0.5, abs=0.2)
 
 
+@pytest.mark.realtime
 def test_a_pause_is_not_caught_up_with() -> None:
     """After the machine slept, time goes on from there: nobody wants ten seconds of scans at once."""
     stage = Stage(hall(), rate=2.0)
