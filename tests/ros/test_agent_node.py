@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ class Robot:
     def __init__(self) -> None:
         self.odometry = Odometry(5.0, Pose(1.0, 0.0, 0.5), Velocity())
         self.time = 5.0
+        self.in_spare_time: Callable[[], None] = lambda: None
 
     def status(self) -> ros.DiagnosticStatus:
         return status_of("wherry: robot", OK, "well", {})
@@ -38,6 +40,11 @@ class Stage:
         self.bus, self.robot = Bus(), Robot()
         self.node = AgentNode(self.robot, self.bus.node(), NAMES, **options)  # type: ignore[arg-type]
         self.node(Began("deliver", "ROS", "Bayes", TERMS, ("N",), 0.2, 0.1))
+
+    def see(self, record: Seen) -> None:
+        """As when the agent then waits for the robot."""
+        self.node(record)
+        self.robot.in_spare_time()
 
     def heard(self, name: str) -> list[Any]:
         return self.bus.heard[f"/{name}"]
@@ -68,7 +75,7 @@ def test_the_map_is_told_if_it_is_ours(stage: Stage) -> None:
 
 
 def test_paths_and_particles_are_told(stage: Stage) -> None:
-    stage.node(seen(particles=2000))
+    stage.see(seen(particles=2000))
     assert len(stage.heard("particlecloud")[0].poses) == MOST_PARTICLES
     assert from_pose(stage.heard("predicted_path")[0].poses[1].pose).x == 1.0
     plan = np.array([[0.3, 0.3], [0.9, 0.3], [0.9, 0.9]], np.float32)
@@ -76,11 +83,21 @@ def test_paths_and_particles_are_told(stage: Stage) -> None:
     assert [from_pose(pose.pose).x for pose in stage.heard("plan")[0].poses] == pytest.approx([0.3, 0.9, 0.9])
 
 
+def test_what_is_seen_is_drawn_in_spare_time_and_only_the_last_of_it(stage: Stage) -> None:
+    """After the velocity that came of it; the transform does not wait."""
+    stage.node(seen(particles=3))
+    stage.node(seen(particles=4))
+    assert not stage.heard("particlecloud")
+    stage.robot.in_spare_time()
+    stage.robot.in_spare_time()
+    assert [len(cloud.poses) for cloud in stage.heard("particlecloud")] == [4]
+
+
 def test_boxes_come_and_go(stage: Stage) -> None:
-    stage.node(seen(boxes=3))
+    stage.see(seen(boxes=3))
     assert [marker.action for marker in stage.markers("boxes")] == [ros.Marker.ADD] * 3
     assert stage.markers("boxes")[1].scale == ros.Vector3(0.2, 0.2, 0.3)
-    stage.node(seen(boxes=1, loaded=True))
+    stage.see(seen(boxes=1, loaded=True))
     first, load, gone = stage.markers("boxes")
     assert (first.id, load.id, gone.id) == (0, 1, 2)
     assert load.pose.position == ros.Point(3.0, 4.0, 0.15)
@@ -88,10 +105,10 @@ def test_boxes_come_and_go(stage: Stage) -> None:
 
 
 def test_the_condition_is_shown_term_by_term(stage: Stage) -> None:
-    stage.node(seen())
+    stage.see(seen())
     assert stage.heard("markers") == []
     stage.node(Perceived(5.0, "101", ()))
-    stage.node(seen())
+    stage.see(seen())
     text, bits = stage.markers("condition")
     assert text.text.split("\n") == ["101", "touch_N", "on_box"]
     assert len(bits.points) == len(bits.colors) == 3
@@ -110,7 +127,7 @@ def test_warehouse_and_walls_are_where_the_cells_are(stage: Stage) -> None:
 
 
 def test_the_heartbeat_keeps_the_transform_young_and_tells_each_instant_once(stage: Stage) -> None:
-    stage.node(seen())
+    stage.see(seen())
     with stage.node:
         wait_for(lambda: len(stage.heard("tf")) == 1)
         time.sleep(0.2)
@@ -125,7 +142,7 @@ def test_the_heartbeat_keeps_the_transform_young_and_tells_each_instant_once(sta
 
 def test_somebody_elses_transform_is_left_to_them() -> None:
     stage = Stage(owns_pose=False)
-    stage.node(seen())
+    stage.see(seen())
     with stage.node:
         time.sleep(0.15)
     assert stage.heard("tf") == []

@@ -2,7 +2,8 @@
 
 ``/map`` (latched), ``/particlecloud``, ``/plan``, ``/predicted_path``, ``/markers``, ``/diagnostics``, and on ``/tf``
 the transform from map to odom. A heartbeat repeats the transform, so that it never grows old while the agent thinks,
-and what was drawn once, for those who come later.
+and what was drawn once, for those who come later. What is seen and believed is drawn once the velocity that came of it
+has been sent: hundreds of particles take longer to put into a message than the robot takes to decide.
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ class AgentNode:
         self._shown_boxes = 0
         self._lasting: tuple[ros.Marker, ...] = ()
         self._dated = 0.0  # s, of the last transform
+        self._undrawn: Seen | None = None
+        robot.in_spare_time = self._draw_seen
         self._stopped = threading.Event()
         self._heart = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
 
@@ -76,6 +79,7 @@ class AgentNode:
     ) -> None:
         self._stopped.set()
         self._heart.join()
+        self._robot.in_spare_time = lambda: None
 
     def __call__(self, record: Record) -> None:
         """Publish what a record tells."""
@@ -88,7 +92,10 @@ class AgentNode:
             case Explored():
                 self.tell_map(record.grid)
             case Seen():
-                self._tell_seen(record)
+                odometry = self._robot.odometry
+                if odometry is not None:
+                    self._map_from_odom = record.pose @ odometry.pose.inverse
+                self._undrawn = record
             case CellsLaid():
                 self._lasting = tuple(self._cells(record))
                 self._draw(self._lasting)
@@ -135,10 +142,11 @@ class AgentNode:
 
     # ---- what is seen and believed
 
-    def _tell_seen(self, seen: Seen) -> None:
-        odometry = self._robot.odometry
-        if odometry is not None:
-            self._map_from_odom = seen.pose @ odometry.pose.inverse
+    def _draw_seen(self) -> None:
+        """Publish what was seen last, unless it has been; what came too fast for that is left out."""
+        seen, self._undrawn = self._undrawn, None
+        if seen is None:
+            return
         frame, topics = self._frames.map, self._topics
         cloud = to_pose_array(_some(seen.particles, MOST_PARTICLES), seen.time, frame)
         self._transport.publish(topics.particlecloud, cloud)

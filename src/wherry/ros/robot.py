@@ -59,6 +59,10 @@ class RosRobot:
         names: What everything is called.
         parameters: The robot's shape and limits.
         stamped: Whether it wants its velocities with stamps (ROS 2 only).
+
+    Attributes:
+        in_spare_time: Called in the agent's thread whenever there is nothing to do but to wait for a measurement: where
+            whatever takes long and is not needed for driving has its place.
     """
 
     def __init__(
@@ -88,6 +92,7 @@ class RosRobot:
         self._yield_until = -math.inf  # s, monotonic clock
         self._stood_at = -math.inf  # s, monotonic clock: when zero was last sent of its own accord
         self._simulated = False
+        self.in_spare_time: Callable[[], None] = lambda: None
         self._connect()
 
     def __enter__(self) -> Self:
@@ -168,6 +173,8 @@ class RosRobot:
         Raises:
             RobotLostError: Nothing has come for long, or the robot's clock went back.
         """
+        if not self._ready:
+            self.in_spare_time()
         with self._news:
             while not self._ready:
                 self._check()
