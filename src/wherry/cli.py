@@ -14,6 +14,7 @@ from typer.exceptions import TyperException
 
 from wherry import __version__
 from wherry.commands.bench import bench
+from wherry.commands.common import help_without_command
 from wherry.commands.deliver import deliver
 from wherry.commands.doctor import doctor
 from wherry.commands.export import export_app
@@ -101,5 +102,4 @@ def common(
     ] = False,
 ) -> None:
     """Robots that find out by themselves how their world works, and then deliver."""
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+    help_without_command(context)

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+from wherry.errors import InputError
 from wherry.experiments import installation
 from wherry.experiments.installation import CHECKS, Finding, failed
+from wherry.ros import ros1_messages
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -46,6 +49,16 @@ def test_what_is_broken_and_required_is_the_exit_status(call: Call, monkeypatch:
     assert status == 1
     assert "Broken: packages" in out
     assert "OSError: gone" in out
+
+
+def test_ros_1_is_there_where_wherry_can_use_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nowhere(name: str) -> ModuleType:
+        raise InputError("ROS 1", f"Python module {name}", "apt install it")
+
+    monkeypatch.setattr(ros1_messages, "ros1_module", nowhere)
+    assert CHECKS["ROS 1"]() == Finding("ROS 1", works=False, detail="not installed", advice="apt install it")
+    monkeypatch.setattr(ros1_messages, "ros1_module", lambda name: json)
+    assert CHECKS["ROS 1"]().detail == str(Path(json.__file__).parent)
 
 
 def test_an_error_is_a_finding() -> None:

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from wherry.cli import app
-from wherry.commands.common import console_for, one_of
+from wherry.commands.common import console_for, one_of, say
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -42,6 +42,13 @@ def test_no_command_is_a_question_for_help(call: Call) -> None:
     assert "deliver" in out
 
 
+@pytest.mark.parametrize("group", ["worlds", "export", "ros1", "ros2"])
+def test_a_group_without_a_command_is_a_question_for_help(call: Call, group: str) -> None:
+    status, out, err = call(group)
+    assert (status, err) == (0, "")
+    assert out.startswith(f"Usage: wherry {group} [OPTIONS] COMMAND")
+
+
 def test_shells_complete_commands_and_values() -> None:
     def offered(line: str) -> list[str]:
         words = {"_WHERRY_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split(" ")) - 1)}
@@ -63,6 +70,12 @@ def test_pipes_get_no_colours_and_quiet_says_nothing(capsys: pytest.CaptureFixtu
     console_for(as_json=False, quiet=True).print("said")
     console_for(as_json=True).print("[bold]for people[/]")
     assert capsys.readouterr() == ("loud\n", "for people\n")
+
+
+def test_a_path_is_told_whole_and_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    path = f"runs/[bold]{'x' * 100} 17"
+    say(console_for(as_json=False), f"Written: {path}")
+    assert capsys.readouterr().out == f"Written: {path}\n"
 
 
 def test_every_command_helps() -> None:

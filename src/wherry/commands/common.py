@@ -39,6 +39,17 @@ def console_for(*, as_json: bool, quiet: bool = False) -> Console:
     return Console(stderr=as_json, quiet=quiet)
 
 
+def say(console: Console, line: str) -> None:
+    """Print a line as it is, and whole, so that a path in it can be copied, or found by another program."""
+    console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def help_without_command(context: typer.Context) -> None:
+    """Print the help of a group of commands where none of them is called."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
 def one_of(names: Iterable[str]) -> Callable[[str], list[str]]:
     """What a shell offers to complete an option or an argument with."""
     return lambda incomplete: [name for name in names if name.startswith(incomplete)]

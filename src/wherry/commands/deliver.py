@@ -17,6 +17,7 @@ from wherry.commands.common import (
     SeedOption,
     console_for,
     print_json,
+    say,
 )
 from wherry.commands.recording import RecordOption, recorded
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, films, watched
@@ -68,10 +69,10 @@ def deliver(
             result = run(both(progress, sink, recording, film), recorded_robot)
         print_rules(console, run.rules)
         print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.verdict}", result.figures)
-        console.print(f"Pictures, map and rules: {run.out / 'report.html'}")
+        say(console, f"Pictures, map and rules: {run.out / 'report.html'}")
     for what, path in {"Bag": record, "Rerun": rerun, "Film": video}.items():
         if path is not None:
-            console.print(f"{what}: {path}", highlight=False, soft_wrap=True)
+            say(console, f"{what}: {path}")
     if as_json:
         print_json(result.as_json())
     raise typer.Exit(result.exit_status)

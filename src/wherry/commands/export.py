@@ -7,14 +7,23 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import BoxesOption, JsonOption, SeedOption, WorldArgument, console_for, print_json
+from wherry.commands.common import (
+    BoxesOption,
+    JsonOption,
+    SeedOption,
+    WorldArgument,
+    console_for,
+    help_without_command,
+    print_json,
+    say,
+)
 
-export_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Write a world for another simulator.")
-
-
-@export_app.callback()
-def export() -> None:
-    """Write a world for another simulator."""
+export_app = typer.Typer(
+    invoke_without_command=True,
+    callback=help_without_command,
+    rich_markup_mode=None,
+    help="Write a world for another simulator.",
+)
 
 
 @export_app.command()
@@ -36,8 +45,8 @@ def gazebo(
         exporter.Settings(world=world, folder=folder, generation=generation, boxes=boxes, seed=seed, force=force)
     )
     console = console_for(as_json=as_json)
-    console.print(f"Written to {folder}: {', '.join(path.name for path in files)}", highlight=False)
-    console.print(f"Gazebo Sim and ROS 2: ros2 launch {folder / 'gazebo.launch.py'}", highlight=False)
-    console.print(f"Classic Gazebo and ROS 1: roslaunch {folder / 'classic.launch'}", highlight=False)
+    say(console, f"Written to {folder}: {', '.join(path.name for path in files)}")
+    say(console, f"Gazebo Sim and ROS 2: ros2 launch {folder / 'gazebo.launch.py'}")
+    say(console, f"Classic Gazebo and ROS 1: roslaunch {folder / 'classic.launch'}")
     if as_json:
         print_json({"folder": str(folder), "files": [path.name for path in files]})

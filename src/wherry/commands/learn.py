@@ -15,6 +15,7 @@ from wherry.commands.common import (
     one_of,
     print_json,
     progress_bar,
+    say,
 )
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 from wherry.errors import InputError
@@ -90,7 +91,7 @@ def learn(
             {chosen: [run.curve for run in result.runs]}, len(experiment.arena.probes), experiment.arena.title
         )
         write_atomically(out, as_bytes(figure, "svg" if out.suffix == ".svg" else "png"))
-        console.print(f"Learning curve: {out}", highlight=False)
+        say(console, f"Learning curve: {out}")
     if as_json:
         print_json(figures)
     raise typer.Exit(0 if result.converged == result.repetitions else 1)

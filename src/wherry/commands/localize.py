@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,9 +17,14 @@ from wherry.commands.common import (
     console_for,
     print_json,
     progress_bar,
+    say,
 )
 from wherry.commands.recording import RecordOption, recorded_log
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
+
+if TYPE_CHECKING:
+    from wherry.space.occupancy import OccupancyGrid
+    from wherry.space.pose import Floats
 
 
 def localize(
@@ -56,6 +61,8 @@ def localize(
         )
     )
     console = console_for(as_json=as_json, quiet=quiet)
+    if _begins_nowhere(run.grid, run.localizer.amcl.particles):
+        say(console, "Where the log is taken to begin, the map has no free place; --global looks for it everywhere.")
     with watched(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
         trace = LogTrace("localize", log.name, run.log, sink)
         trace.map(run.grid)
@@ -71,12 +78,19 @@ def localize(
                     recording.scan(located.index, located.found.pose, run.localizer.amcl.particles)
         result = run.result()
         if result.unknown_parameters:
-            console.print(f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")
+            say(console, f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")
         figures = result.as_dict()
         print_figures(console, f"{log.name} on {map_file.name}", figures, LOCALIZATION)
         if out is None:
             console.print("Nothing was saved; --out DIR saves trajectory and picture.")
         else:
-            console.print("Written: " + ", ".join(str(path) for path in run.save(out)))
+            say(console, "Written: " + ", ".join(str(path) for path in run.save(out)))
     if as_json:
         print_json(figures)
+
+
+def _begins_nowhere(grid: OccupancyGrid, particles: Floats) -> bool:
+    """Whether no particle is in a free place of the map."""
+    cells = grid.cells_at(particles[:, :2])
+    rows, columns = cells[grid.contains(cells)].T
+    return not grid.free[rows, columns].any()

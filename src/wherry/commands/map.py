@@ -19,6 +19,7 @@ from wherry.commands.common import (
     console_for,
     print_json,
     progress_bar,
+    say,
 )
 from wherry.commands.recording import RecordOption, recorded_log
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
@@ -109,7 +110,7 @@ def map_log(
         if out is None:
             console.print("Nothing was saved; --out DIR saves map, picture, trajectory and pose graph.")
         else:
-            console.print(f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
+            say(console, f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
     if as_json:
         print_json(figures)
 

@@ -16,6 +16,7 @@ from wherry.commands.common import (
     console_for,
     print_json,
     progress_bar,
+    say,
 )
 
 
@@ -66,6 +67,6 @@ def replay(
     found = run.localization.as_dict()
     figures["localization"] = found
     print_figures(console, f"{bag.name} on {run.map_file.name}", found, LOCALIZATION)
-    console.print(f"Written to {run.out}", highlight=False)
+    say(console, f"Written to {run.out}")
     if as_json:
         print_json(figures)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wherry.commands.common import QuietOption, console_for, one_of, progress_bar
+from wherry.commands.common import QuietOption, console_for, one_of, progress_bar, say
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def reproduce(
         markdown = _run(chosen, data, results.parent / "images", console)
         write_section(results, chosen, markdown)
         console.print(markdown, markup=False, highlight=False)
-        console.print(f"Written to {results}", highlight=False)
+        say(console, f"Written to {results}")
 
 
 def _run(name: str, data: Path, images: Path, console: Console) -> str:

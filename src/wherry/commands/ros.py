@@ -19,6 +19,7 @@ from wherry.commands.common import (
     SeedOption,
     WorldArgument,
     console_for,
+    help_without_command,
     one_of,
     print_json,
 )
@@ -48,13 +49,12 @@ InterfaceOption = Annotated[
 
 def ros_app(generation: int) -> typer.Typer:
     """The commands of one generation of ROS."""
-    text = f"Speak ROS {generation}."
-    app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help=text)
-
-    @app.callback()
-    def speak() -> None: ...
-
-    speak.__doc__ = text
+    app = typer.Typer(
+        invoke_without_command=True,
+        callback=help_without_command,
+        rich_markup_mode=None,
+        help=f"Speak ROS {generation}.",
+    )
     _add_simulate(app, generation)
     _add_deliver(app, generation)
     _add_monitor(app, generation)

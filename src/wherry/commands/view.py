@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import console_for
+from wherry.commands.common import console_for, say
 from wherry.commands.watching import LOOPBACK, PORT, PageHostOption, PagePortOption, show
 
 
@@ -34,7 +34,7 @@ def view(
     console = console_for(as_json=False)
     if out is not None:
         write_atomically(out, player_page(title, {"source": "file"}, frames))
-        console.print(f"Written: {out}", highlight=False)
+        say(console, f"Written: {out}")
         return
     with serve_recording(frames, title, host=host, port=port, folder=path.parent) as server:
         show(server, console)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from wherry.commands.common import say
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -90,9 +92,9 @@ def _wait_for_visitors(server: Server, patience: float, console: Console) -> Non
         patience: S to wait for the first page, if there was none yet.
         console: Where to say what is waited for.
     """
-    console.print(f"The run is over. Close the page, or press Ctrl-C: {server.url}", highlight=False, soft_wrap=True)
+    say(console, f"The run is over. Close the page, or press Ctrl-C: {server.url}")
     if not server.had_pages:
-        console.print(f"Nobody has opened it yet: it waits for {patience:g} s.", highlight=False)
+        say(console, f"Nobody has opened it yet: it waits for {patience:g} s.")
     with contextlib.suppress(KeyboardInterrupt):
         if not server.wait_until_nobody_watches(patience):
             console.print("Nobody has opened the page, so that it ends here.")
@@ -128,8 +130,8 @@ def films(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> 
 def show(server: Server, console: Console) -> bool:
     """Say where a page is, and open it where there is a screen; whether a browser took it."""
     if server.taken_port is not None:
-        console.print(f"Port {server.taken_port} is taken: the page is on another one.", highlight=False)
-    console.print(f"Page: {server.url}", highlight=False, soft_wrap=True)
+        say(console, f"Port {server.taken_port} is taken: the page is on another one.")
+    say(console, f"Page: {server.url}")
     has_screen = sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
     if has_screen or os.environ.get("BROWSER"):
         return webbrowser.open(server.url)

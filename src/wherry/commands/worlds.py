@@ -7,10 +7,15 @@ from typing import Annotated
 
 import typer
 
-from wherry.commands.common import WorldArgument, console_for
+from wherry.commands.common import WorldArgument, console_for, help_without_command
 from wherry.commands.watching import LOOPBACK, PORT, PageHostOption, PagePortOption, show
 
-worlds = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="List, show and draw worlds.")
+worlds = typer.Typer(
+    invoke_without_command=True,
+    callback=help_without_command,
+    rich_markup_mode=None,
+    help="List, show and draw worlds.",
+)
 
 
 @worlds.command("list")

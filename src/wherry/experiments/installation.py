@@ -13,6 +13,7 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from wherry.errors import InputError
 from wherry.kernels import are_compiled
 
 OLDEST_PYTHON = (3, 11)
@@ -121,6 +122,17 @@ def _program(name: str, programs: tuple[str, ...], advice: str) -> Finding:
     return Finding(name, place is not None, place or "not found", advice)
 
 
+def _ros1() -> Finding:
+    """Whether rospy can be imported, from a sourced ROS environment or from Debian's packages."""
+    from wherry.ros.ros1_messages import ros1_module  # noqa: PLC0415 - as for rendering
+
+    try:
+        found = ros1_module("rospy").__file__
+    except InputError as error:
+        return Finding("ROS 1", works=False, detail="not installed", advice=error.reason)
+    return Finding("ROS 1", works=True, detail=str(Path(found or "").parent), advice="")
+
+
 def _data() -> Finding:
     folder = Path(os.environ.get("WHERRY_DATA", "../shared/data"))
     works = (folder / "intel").is_dir()
@@ -133,13 +145,15 @@ CHECKS: Mapping[str, Callable[[], Finding]] = {
     "packages": _packages,
     "numba cache": _kernels,
     "rendering": _rendering_or_why,
-    "ROS 1": partial(_module, "ROS 1", "rospy", "install and source ROS Noetic, or a rospy for your Python"),
+    "ROS 1": _ros1,
     "ROS 2": partial(_module, "ROS 2", "cyclonedds", "pip install 'wherry[ros2]'"),
     "RViz": partial(_program, "RViz", ("rviz2", "rviz"), "apt install ros-…-rviz2 (ROS 2) or rviz (ROS 1)"),
     "Gazebo": partial(_program, "Gazebo", ("gz", "ign"), "install Gazebo, to drive its robots"),
     "bags": partial(_module, "bags", "rosbags", "pip install 'wherry[bags]', to read ROS bags"),
     "MiniGrid": partial(_module, "MiniGrid", "minigrid", "pip install 'wherry[minigrid]'"),
     "PDDL": partial(_module, "PDDL", "unified_planning", "pip install 'wherry[pddl]'"),
+    "Rerun": partial(_module, "Rerun", "rerun", "pip install 'wherry[rerun]', for deliver --rerun"),
+    "films": partial(_module, "films", "av", "pip install 'wherry[video]', for deliver --video"),
     "Chromium": partial(_program, "Chromium", ("chromium", "chromium-browser", "google-chrome"),
                         "apt install chromium; any browser shows the live page, only its tests need this one"),
     "Playwright": partial(_module, "Playwright", "playwright", "pip install playwright; only tests need it"),

@@ -92,7 +92,7 @@ def print_figures(console: Console, title: str, figures: Mapping[str, object], w
     _print_rows(console, title, in_words(figures, words))
     lacking = not_measured(figures, words)
     if lacking:
-        console.print(f"Not measured: {', '.join(lacking)}.", highlight=False)
+        console.print(f"Not measured: {', '.join(lacking)}.", highlight=False, soft_wrap=True)
 
 
 def print_table(console: Console, title: str, figures: Mapping[str, str]) -> None:
@@ -113,4 +113,4 @@ def print_rules(console: Console, rules: Sequence[str]) -> None:
     """Print what was learnt, a rule a line."""
     console.print("[bold]What is known of the actions[/bold]")
     for rule in rules:
-        console.print(f"  {rule}", highlight=False, markup=False)
+        console.print(f"  {rule}", highlight=False, markup=False, soft_wrap=True)
