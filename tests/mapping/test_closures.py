@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
-from wherry.mapping.closures import LARGEST_WINDOW, LEAST_WINDOW, Closure, refusals, search_window, try_closure
+from wherry.mapping.closures import (
+    LARGEST_WINDOW,
+    LARGEST_WINDOW_ANGLE,
+    LEAST_WINDOW,
+    Closure,
+    refusals,
+    search_window,
+    try_closure,
+)
 from wherry.mapping.cloud import Cloud
 from wherry.mapping.correlative import Window
 from wherry.mapping.submap import Submap
@@ -48,9 +56,18 @@ def test_another_room_is_refused_for_its_response() -> None:
     assert "response" in closure.refused
 
 
-def test_a_place_beyond_the_window_is_refused_for_the_edge_or_the_response() -> None:
-    closure = attempt(Pose(0.75, 0.0, 0.0), Window(Pose(), 0.6, 0.1))
+def test_a_place_just_beyond_the_window_is_found_in_a_wider_one() -> None:
+    there = Pose(0.75, 0.1, 0.0)
+    closure = attempt(there, Window(Pose(), 0.6, 0.1))
+    assert closure.accepted
+    assert closure.window == 1.2
+    assert closure.measured.distance_to(there) < 0.02
+
+
+def test_a_place_beyond_the_widest_window_is_refused_for_the_edge_or_the_response() -> None:
+    closure = attempt(Pose(theta=LARGEST_WINDOW_ANGLE + 0.1), Window(Pose(), 0.5, LARGEST_WINDOW_ANGLE / 2.0))
     assert not closure.accepted
+    assert closure.window <= LARGEST_WINDOW
 
 
 def test_a_corridor_is_refused_as_ambiguous() -> None:

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from buildings import LIDAR, Drive, building, drive, shared_data, wall_distances
-from wherry.experiments.drifting_odometry import map_building
+from wherry.experiments.drifting_odometry import FALSE_DISTANCE, closure_errors, drifted, map_building
 from wherry.experiments.slam import merged_odometry
 from wherry.logs import read_log, read_odometry
 from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
 from wherry.mapping.localizer import MapLocalizer, place_on_map
-from wherry.mapping.metric import load_relations, relation_errors
+from wherry.mapping.metric import absolute_trajectory_error, load_relations, relation_errors
+from wherry.mapping.pieces import STEADY, Edge, Front
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Floats, Pose, relative
 
@@ -84,6 +85,18 @@ def test_without_odometry_steady_motion_is_expected() -> None:
     driven = drive(noise=0.01, spacing=0.05)
     off = errors(mapped(driven, with_odometry=False), driven.truth)
     assert off[:, 0].max() < 0.1
+
+
+def test_without_odometry_a_gap_in_the_log_is_no_journey() -> None:
+    front = Front.begin(0.0, None).moved(0.5, Pose(0.5, 0.0, 0.1), None)
+    movement, _ = front.expected_movement(1.0, None)
+    assert (movement.x, movement.theta) == pytest.approx((0.5, 0.1))
+    for gap in (230.0, 1e4):  # a submap that held the way of 1 m/s for so long would not fit in memory
+        movement, _ = front.expected_movement(0.5 + gap, None)
+        assert movement.x == pytest.approx(STEADY)
+        assert movement.theta == pytest.approx(0.2 * STEADY)
+    again = front.moved(0.5, Pose(0.6, 0.0, 0.1), None)  # stamps may be rounded: nothing is known of the speed then
+    np.testing.assert_array_equal(again.rate, front.rate)
 
 
 def test_boxes_that_stand_in_the_way_are_not_on_the_map() -> None:
@@ -175,6 +188,33 @@ def test_drifting_odometry_is_put_right(name: str, largest: float) -> None:
     assert result.rmse_m <= largest
     assert result.closures > 20
     assert result.false_closures == 0
+
+
+def test_a_lidar_that_sees_less_far_closes_loops_after_it_erred() -> None:
+    """Where the front end errs by more than it believes, windows are too narrow, and one closure alone is doubted."""
+    log = read_log(shared_data("radish/fhw-corrected.log.gz"), lenient=True)
+    reference = np.array([odometry.pose.as_array() for odometry in log.scan_odometry if odometry is not None])
+    odometry = drifted(reference, np.random.default_rng(2))
+    slam = GraphSlam(log.lidar, GraphSlamSettings(range_limit=12.0, empty_range=0.0))
+    for scan, pose in zip(log.scans, odometry, strict=True):
+        slam.add(scan, Odometry(scan.time, Pose.from_array(pose), Velocity()))
+    slam.finish()
+    off = closure_errors(slam, [closure for closure in slam.closures if closure.accepted], reference)
+    assert absolute_trajectory_error(slam.trajectory.poses, reference) <= 0.30
+    assert off[:, 0].max() < FALSE_DISTANCE
+
+
+def test_a_closure_that_the_map_does_not_bear_out_makes_no_search_narrow(noisy: tuple[Drive, GraphSlam]) -> None:
+    other = mapped(noisy[0])
+    before = other._way_covariances()
+    first, last = 0, len(other.pieces) - 1
+    start, end = (Pose.from_array(other.nodes[other.pieces[number].origin]) for number in (first, last))
+    wrong = Pose(4.0) @ end.relative_to(start)
+    other.ways.append(Edge(first, last, wrong, np.diag([0.02**2, 0.02**2, 0.005**2])))
+    after = other._way_covariances()
+    np.testing.assert_array_equal(after[:-1], before)
+    assert np.sqrt(after[-1, 0, 0]) > 1.0
+    assert np.sqrt(np.median(before[:, 0, 0])) < 0.2
 
 
 def test_another_day_goes_on_where_the_robot_stands() -> None:

@@ -180,6 +180,16 @@ def test_any_lidar_is_placed(beams: int, fov: float) -> None:
     assert abs(match.pose.theta - there.theta) < 0.01
 
 
+def test_a_scan_is_found_where_odometry_slipped_farther_than_it_says() -> None:
+    there = Pose(0.3, 0.1, math.radians(15.0))
+    _, angle = ODOMETRY.deviations(Pose(0.3))
+    assert 3.0 * angle < there.theta
+    match = find_scan(submap_at(HERE), cloud_at(HERE @ there), Pose(0.3), Pose(0.3), ODOMETRY)
+    assert match is not None
+    assert match.pose.distance_to(there) < 0.02
+    assert match.pose.theta == pytest.approx(there.theta, abs=0.01)
+
+
 def test_what_fits_nowhere_is_not_placed() -> None:
     submap = submap_at(HERE)
     assert find_scan(submap, cloud_at(Pose(9.4, 7.0, 2.0)), Pose(), Pose(0.1), ODOMETRY) is None

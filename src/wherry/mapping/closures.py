@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wherry.mapping.cloud import Cloud
-from wherry.mapping.correlative import Window, correlate
+from wherry.mapping.correlative import Correlation, Window, correlate
 from wherry.mapping.refinement import refine
 from wherry.mapping.submap import Submap
 from wherry.space.pose import Floats, Pose
@@ -87,10 +87,12 @@ def try_closure(time: float, node: int, target: int, submap: Submap, cloud: Clou
         target: The keyscan in whose frame the submap is.
         submap: To match to.
         cloud: What is around the keyscan, in its frame.
-        window: Where it may be.
+        window: Where it may be. Where the best place lies on its edge, one twice as wide is searched.
     """
-    points = cloud.thinned(round(POINTS * min(WIDE_WINDOW / window.distance, 1.0))).points
-    found = correlate(submap, points, window, rivalry=MOST_RIVALRY)
+    found = _best_place(submap, cloud, window)
+    while found.response >= LEAST_RESPONSE and window.on_edge(found.pose) and _widened(window) != window:
+        window = _widened(window)  # how uncertain a pose is, is an estimate too
+        found = _best_place(submap, cloud, window)
     fine = refine(submap, cloud, found.pose)
     if found.response < LEAST_RESPONSE:
         refused = f"response {found.response:.2f} is below {LEAST_RESPONSE}"
@@ -107,6 +109,18 @@ def try_closure(time: float, node: int, target: int, submap: Submap, cloud: Clou
     return Closure(
         time, node, target, fine.pose, fine.information, found.response, found.rival, window.distance, refused
     )
+
+
+def _best_place(submap: Submap, cloud: Cloud, window: Window) -> Correlation:
+    """Where a cloud fits a submap best."""
+    points = cloud.thinned(round(POINTS * min(WIDE_WINDOW / window.distance, 1.0))).points
+    return correlate(submap, points, window, rivalry=MOST_RIVALRY)
+
+
+def _widened(window: Window) -> Window:
+    """A window twice as wide, as far as windows go."""
+    distance, angle = 2.0 * window.distance, 2.0 * window.angle
+    return Window(window.centre, min(distance, LARGEST_WINDOW), min(angle, LARGEST_WINDOW_ANGLE))
 
 
 def refusals(closures: Sequence[Closure]) -> Mapping[str, int]:

@@ -16,7 +16,7 @@ from wherry.mapping.cloud import Cloud, merged
 from wherry.mapping.keyscans import Keyscan, MapDrawing
 from wherry.mapping.motion_prior import ODOMETRY, STEADY_MOTION, is_within
 from wherry.mapping.pieces import NO_COVARIANCE, Edge, EdgeList, Front, Piece, SubmapStore
-from wherry.mapping.pose_graph import PoseGraph, optimized
+from wherry.mapping.pose_graph import ROBUST_SCALE, PoseGraph, edge_errors, optimized
 from wherry.mapping.refinement import Refinement
 from wherry.mapping.scan_matching import find_scan, track_scan
 from wherry.mapping.slam import NO_DISCS
@@ -288,7 +288,7 @@ class GraphSlam:
         if front.piece < 2:
             return []
         covariances = relative_covariances(
-            front.piece, len(self.pieces), self.ways.ends, self.ways.measured, self.ways.covariances
+            front.piece, len(self.pieces), self.ways.ends, self.ways.measured, self._way_covariances()
         )
         tried = self.pieces[: front.piece - 1]
         # Of the pieces as the robot sees them, turned into how the robot is seen from them, at the robot's place.
@@ -303,6 +303,17 @@ class GraphSlam:
         nearest = np.array([away[piece.origin : piece.members[-1][0] + 1].min() for piece in tried])
         order = np.argsort(nearest, kind="stable")
         return [(int(number), seen[number]) for number in order[nearest[order] < reach[order]]]
+
+    def _way_covariances(self) -> Floats:
+        """[W, 3, 3] of the ways between pieces: the more uncertain, the less the map bears them out.
+
+        A closure that the optimization does not believe must not make the next search narrow around the wrong place.
+        """
+        origins = self.nodes[[piece.origin for piece in self.pieces]]
+        covariances = self.ways.covariances
+        ways = PoseGraph(origins, self.ways.ends, self.ways.measured, inverse(covariances), self.ways.robust)
+        doubt: Floats = 1.0 + (edge_errors(ways) / ROBUST_SCALE) ** 2  # the inverse of its weight under Cauchy's loss
+        return doubt[:, None, None] * covariances
 
     def _optimize(self) -> None:
         """Bend the map so that it agrees best with everything that was measured."""

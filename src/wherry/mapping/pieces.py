@@ -17,6 +17,7 @@ from wherry.robot import Odometry
 from wherry.space.pose import IDENTITY, Floats, Pose
 
 NO_COVARIANCE = np.zeros((3, 3))
+STEADY, STEADY_ANGLE = 2.0, math.radians(60.0)  # m and rad; no robot moves on as it did for longer than that
 ROOM = 512 * 2**20  # bytes, of submaps
 
 
@@ -172,14 +173,20 @@ class Front:
         return cls(0, time, IDENTITY, odometry, np.zeros(3), 0, IDENTITY, odometry, NO_COVARIANCE, NO_COVARIANCE)
 
     def expected_movement(self, time: float, odometry: Odometry | None) -> tuple[Pose, MotionNoise]:
-        """How base_link has moved since the last scan, and how sure that is."""
+        """How base_link has moved since the last scan, and how sure that is.
+
+        Without odometry it is expected to move on as it did, but over a gap in the log no farther than `STEADY`.
+        """
         if odometry is not None and self.odometry is not None:
             return odometry.pose.relative_to(self.odometry.pose), ODOMETRY
-        return Pose.from_array(self.rate * (time - self.time)), STEADY_MOTION
+        moved = self.rate * (time - self.time)
+        share = max(math.hypot(moved[0], moved[1]) / STEADY, abs(moved[2]) / STEADY_ANGLE, 1.0)
+        return Pose.from_array(moved / share), STEADY_MOTION
 
     def moved(self, time: float, pose: Pose, odometry: Odometry | None) -> Front:
         """The same, one scan later."""
-        rate = pose.relative_to(self.pose).as_array() / max(time - self.time, 1e-3)
+        passed = time - self.time
+        rate = pose.relative_to(self.pose).as_array() / passed if passed > 0.0 else self.rate
         return replace(self, time=time, pose=pose, odometry=odometry, rate=rate)
 
     def with_key(self, key: int, noise: MotionNoise, information: Floats) -> Front:

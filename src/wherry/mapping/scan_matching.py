@@ -18,6 +18,10 @@ LEAST_POINTS = 20  # fewer tell nothing
 LEAST_RESPONSE = 0.2  # of a search; below, odometry is believed; a scan taken 2 m on may be mostly new
 LEAST_MATCHED = 0.5  # of surfaces, where a scan is tracked from odometry alone
 SEARCHED = 3.0  # σ of odometry that are searched
+# Where less than this fits, it is searched farther, in m and rad: wheels slip. The place found there must fit clearly
+# better, for in a corridor some place farther on fits as well.
+FITTING, CLEARLY = 0.45, 0.1  # of a search's response
+SLIP, SLIP_ANGLE = 0.5, math.radians(20.0)
 POINTS = 180  # of a scan, for finding its place
 REFINED_ANGLE = math.radians(1.5)  # rad; turning a match by more must not make it worse
 MOST_LOSS = 0.02  # of response that it may cost
@@ -41,7 +45,12 @@ def find_scan(submap: Submap, cloud: Cloud, expected: Pose, movement: Pose, nois
         return None
     distance, angle = noise.deviations(movement)
     window = Window(expected, SEARCHED * distance, SEARCHED * angle)
-    found = correlate(submap, cloud.thinned(POINTS).points, window)
+    points = cloud.thinned(POINTS).points
+    found = correlate(submap, points, window)
+    if found.response < FITTING:
+        wider = Window(expected, max(window.distance, SLIP), max(window.angle, SLIP_ANGLE))
+        farther = correlate(submap, points, wider)
+        found = farther if farther.response > found.response + CLEARLY else found
     if found.response < LEAST_RESPONSE:
         return None
     prior = noise.information(movement)
