@@ -83,6 +83,58 @@ def test_scans_of_one_instant_are_kept_and_repeated_ones_are_not(tmp_path: Path)
     assert len(read_log(write(tmp_path, flaser(1.0), flaser(1.0), other)).scans) == 2
 
 
+@pytest.mark.parametrize("longest", [8.19, 29.99, 51.05])
+def test_what_a_lidar_answers_when_it_meets_nothing_is_no_wall(tmp_path: Path, longest: float) -> None:
+    rng = np.random.default_rng(0)
+    walls = rng.exponential(3.0, (40, 180)) + 0.5
+    expected = np.where(walls >= longest - 0.1, np.inf, walls.round(3))
+    expected[:, 90:95] = np.inf  # a window
+    lines = [
+        f"FLASER 180 {' '.join(f'{value:.3f}' for value in np.minimum(row, longest))} 0 0 0 0 0 0 {n}.5 host {n}.5"
+        for n, row in enumerate(np.where(np.isinf(expected), longest, expected))
+    ]
+    log = read_log(write(tmp_path, *lines))
+    np.testing.assert_array_equal(np.array([scan.ranges for scan in log.scans]), expected)
+    assert log.scans[0].range_max == pytest.approx(longest - 0.1)
+
+
+def test_the_longest_readings_are_walls_where_the_log_does_not_show_otherwise(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for ranges in (rng.uniform(0.5, 6.0, (40, 180)), np.full((40, 180), 5.0), np.full((1, 40), 7.0)):
+        lines = [
+            f"FLASER {len(row)} {' '.join(f'{value:.3f}' for value in row)} 0 0 0 0 0 0 {n}.5 host {n}.5"
+            for n, row in enumerate(ranges)
+        ]
+        log = read_log(write(tmp_path, *lines))
+        np.testing.assert_array_equal(np.array([scan.ranges for scan in log.scans]), ranges.round(3))
+
+
+def test_a_log_as_robots_write_them(tmp_path: Path) -> None:
+    """Windows line ends, comments, parameters, the rear lidar and other messages between, stamps that are equal."""
+    lines = [
+        "# CARMEN Logfile",
+        "# message formats defined: PARAM SYNC ODOM FLASER RLASER TRUEPOS",
+        "PARAM robot_frontlaser_offset 0.08 nohost 0",
+        "PARAM robot_use_laser on nohost 0",
+        "",
+        "SYNC tagname 976052857.3 nohost 0.1",
+        ODOM.format(t=976052857.34, x=0.0),
+        flaser(976052857.34),
+        "RLASER 2 1.0 2.0 0 0 0 0 0 0 976052857.34 nohost 0.2",
+        "NEFF 30",
+        ODOM.format(t=976052857.34, x=0.0),
+        flaser(976052857.34, 0.5).replace("2.0", "2.5", 1),
+        "TRUEPOS 0 0 0 0 0 0 976052857.4 nohost 0.3",
+    ]
+    path = tmp_path / "robot.log"
+    path.write_bytes("\r\n".join(lines).encode())
+    log = read_log(path)
+    assert [scan.time for scan in log.scans] == [976052857.34, 976052857.34]
+    assert [odometry.pose.x for odometry in log.scan_odometry if odometry] == [0.0, 0.5]
+    assert log.lidar == Pose(0.08, 0.0, 0.0)
+    assert not log.skipped
+
+
 BROKEN = {
     "too few words": flaser(2.0).replace("3.0 ", "", 1),
     "beam count": "FLASER 3 1.0 2.0 3.0 0 0 0 0 0 0 2.0 host 2.0",

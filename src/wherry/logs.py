@@ -9,8 +9,8 @@ import gzip
 import math
 import re
 import zlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,11 @@ SICK_MAX = 80.0  # m, from where on a reading of an unnamed lidar is none; SICKs
 WEAN_MAX = 80.0  # m, likewise
 WEAN_UNIT = 0.01  # m, its logs are in centimetres
 RANGE_MIN = 0.02  # m
+# A lidar answers with its longest range, or a code near it, where nothing was met; few logs say what that is. It shows:
+# so many readings of the log, at least and at most, lie within the first distance of the longest one, and no more in
+# the second distance below, m. In a building, readings become fewer and fewer towards the longest.
+LEAST_ANSWERS, LEAST_SHARE, LARGEST_SHARE = 50, 0.002, 0.5
+ANSWERS, BELOW = 0.1, 1.0
 SAME_MOUNT = 1e-3  # m and rad, by which a lidar's place on its robot may differ from line to line
 CARMEN_WORD = re.compile(r"[A-Z][A-Z0-9_]*$")
 
@@ -189,7 +194,7 @@ class _Collected:
                 f" ({len(self.skipped)} lines were left out, the first: {self.skipped[0]})" if self.skipped else ""
             )
             raise InputError(self.source, "", "has no scans in it" + left_out)
-        scans = tuple(scan for scan, _, _ in self.scans)
+        scans = _without_empty_answers([scan for scan, _, _ in self.scans])
         at_scans = tuple(Odometry(scan.time, robot, Velocity()) for scan, robot, _ in self.scans)
         every = dict(self.odometry) | {now.time: now.pose for now in at_scans}
         times = sorted(every)
@@ -205,6 +210,26 @@ class _Collected:
         if np.abs(mounts - mounts[0]).max() <= SAME_MOUNT and np.abs(mounts[0]).max() > SAME_MOUNT:
             return Pose.from_array(mounts[0])
         return IDENTITY if self.offset is None else Pose(self.offset, 0.0, 0.0)
+
+
+def _without_empty_answers(scans: Sequence[Scan]) -> tuple[Scan, ...]:
+    """The scans, with inf where a reading is what the lidar answers when it meets nothing.
+
+    Taken for a wall, it would be a ring around the robot wherever that goes.
+    """
+    ranges = np.concatenate([scan.ranges for scan in scans])
+    readings = ranges[np.isfinite(ranges)]
+    if len(readings) == 0:
+        return tuple(scans)
+    longest = float(readings.max()) - ANSWERS
+    answers = int((readings >= longest).sum())
+    below = int((readings >= longest - BELOW).sum()) - answers
+    share = answers / len(readings)
+    if answers < max(LEAST_ANSWERS, below) or not LEAST_SHARE <= share <= LARGEST_SHARE:
+        return tuple(scans)
+    return tuple(
+        replace(scan, ranges=np.where(scan.ranges >= longest, np.inf, scan.ranges), range_max=longest) for scan in scans
+    )
 
 
 def _parse_flaser(collected: _Collected, words: list[str]) -> None:
