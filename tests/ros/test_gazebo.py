@@ -187,6 +187,17 @@ def test_what_the_robot_touches_with_is_the_simulators(world: ET.Element, model:
     assert seen == touching
 
 
+def test_wheels_clear_the_prongs_although_the_robot_may_touch_itself(world: ET.Element) -> None:
+    """Links that are not joined collide where a model's <self_collide> is true; the simulator's do not."""
+    robot = world.find("model[@name='wherry']")
+    assert robot.findtext("self_collide") == "true"
+    for side, sign in (("left", 1), ("right", -1)):
+        prong, wheel = (robot.find(f"link[@name='{side}_{part}']") for part in ("prong", "wheel"))
+        outer = sign * numbers(prong.find("pose"))[1] + sizes(prong.find("collision"))[1][1]
+        inner = sign * numbers(wheel.find("pose"))[1] - sizes(wheel.find("collision"))[1][1]
+        assert inner - outer > 0.005
+
+
 def test_what_is_seen_of_the_robot_is_the_simulators(world: ET.Element, model: mujoco.MjModel) -> None:
     shapes = [shape for link in world.findall("model[@name='wherry']/link") for shape in link.findall("visual")]
     assert len(shapes) == sum(

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from wherry.errors import InputError
-from wherry.files import read_text
 from wherry.robot import Body
+from wherry.ros.yaml_files import check_number, load_mapping, parse_mapping
 from wherry.space.pose import Pose
 
-LARGEST_FILE = 64_000  # bytes
 LARGEST = 100.0  # of any number in it
 LIDAR = ("x", "y", "theta")
 
@@ -65,17 +61,12 @@ def load_body(path: str | Path | None = None) -> BodyParameters:
         InputError: The file cannot be read, or a value is missing, unknown, or impossible.
     """
     source = path or "body.yaml"
-    try:
-        document = yaml.safe_load(own_body() if path is None else read_text(path, limit=LARGEST_FILE))
-    except yaml.YAMLError as error:
-        raise InputError(source, "", f"is not YAML: {str(error).splitlines()[0]}") from error
-    if not isinstance(document, dict):
-        raise InputError(source, "", "is not a mapping")
+    document = parse_mapping(source, own_body()) if path is None else load_mapping(path)
     numbers = [entry.name for entry in fields(BodyParameters) if entry.name != "lidar"]
     for key in document:
         if key not in (*numbers, "lidar"):
             raise InputError(source, str(key), f"is none of {', '.join(numbers)}, lidar")
-    values = {key: _number(source, key, document.get(key), positive=True) for key in numbers}
+    values = {key: check_number(source, key, document.get(key), most=LARGEST) for key in numbers}
     if values["box_radius"] >= values["radius"]:
         raise InputError(source, "box_radius", "is not smaller than radius, which contains the load")
     return BodyParameters(**values, lidar=_lidar(source, document.get("lidar")))
@@ -91,12 +82,4 @@ def _lidar(source: str | Path, value: Any) -> Pose | None:
         return None
     if not isinstance(value, dict) or set(value) != set(LIDAR):
         raise InputError(source, "lidar", f"is not a mapping of {', '.join(LIDAR)}")
-    return Pose(*(_number(source, f"lidar.{key}", value[key], positive=False) for key in LIDAR))
-
-
-def _number(source: str | Path, field: str, value: Any, *, positive: bool) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(source, field, "is missing" if value is None else f"{value!r} is no number")
-    if abs(value) > LARGEST or (positive and value <= 0.0):
-        raise InputError(source, field, f"{value} is not {'above 0 and' if positive else ''} at most {LARGEST:g}")
-    return float(value)
+    return Pose(*(check_number(source, f"lidar.{key}", value[key], most=LARGEST, positive=False) for key in LIDAR))

@@ -27,7 +27,6 @@ from typing import Any
 import yaml
 
 from wherry.errors import InputError
-from wherry.files import read_text
 from wherry.floorplan import Cell
 from wherry.ros import messages as ros
 from wherry.ros.conversion import MessageError, from_pose, seconds_of
@@ -35,10 +34,11 @@ from wherry.ros.diagnostics import Refusals
 from wherry.ros.latch import LatchCommand, LatchState, from_latch_command, to_latch_state
 from wherry.ros.names import Names
 from wherry.ros.transport import Topic, Transport
+from wherry.ros.yaml_files import check_number, load_mapping
 from wherry.space.pose import Pose
 
 FORMAT_VERSION = 1
-LARGEST_FILE = 64_000  # bytes
+LARGEST = 10.0  # m, of any length
 MOST_BOXES = 1000
 ROBOT = "wherry"
 OPENING = (0, 1)  # s of the world's clock in which it opens the joints
@@ -106,30 +106,21 @@ def load_site(path: str | Path) -> Site:
     Raises:
         InputError: The file cannot be read, or is not of this format.
     """
-    try:
-        document = yaml.safe_load(read_text(path, limit=LARGEST_FILE))
-    except yaml.YAMLError as error:
-        raise InputError(path, "", f"is not YAML: {str(error).splitlines()[0]}") from error
-    if not isinstance(document, dict) or document.get("wherry-latch") != FORMAT_VERSION:
+    document = load_mapping(path)
+    if document.get("wherry-latch") != FORMAT_VERSION:
         raise InputError(path, "wherry-latch", f"is not {FORMAT_VERSION}; wherry export gazebo writes such files")
     return Site(
-        boxes=_whole(path, "boxes", document.get("boxes")),
-        reach=_length(path, "reach", document.get("reach")),
-        cell_size=_length(path, "cell_size", document.get("cell_size")),
+        boxes=_count(path, "boxes", document.get("boxes")),
+        reach=check_number(path, "reach", document.get("reach"), most=LARGEST),
+        cell_size=check_number(path, "cell_size", document.get("cell_size"), most=LARGEST),
         warehouse=_cells(path, document.get("warehouse")),
     )
 
 
-def _whole(path: str | Path, field: str, value: Any) -> int:
+def _count(path: str | Path, field: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MOST_BOXES:
         raise InputError(path, field, f"{value!r} is no whole number from 0 to {MOST_BOXES:,}")
     return value
-
-
-def _length(path: str | Path, field: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= 10.0:  # also NaN
-        raise InputError(path, field, f"{value!r} is no length above 0 and up to 10 m")
-    return float(value)
 
 
 def _cells(path: str | Path, value: Any) -> frozenset[Cell]:

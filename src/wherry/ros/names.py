@@ -9,21 +9,17 @@ rates: {joint_states: 20.0}
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
 from wherry.errors import InputError
-from wherry.files import read_text
 from wherry.ros import messages as ros
 from wherry.ros.transport import Quality, Topic
+from wherry.ros.yaml_files import check_number, load_mapping
 
-LARGEST_FILE = 64_000  # bytes
 TOPIC_NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 FRAME_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
 NAMESPACE = re.compile(r"/?([A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*)?/?")
@@ -115,29 +111,19 @@ def load_names(
         InputError: The file cannot be read, or a key, a name or a rate in it or in the options cannot be used.
     """
     source = "--namespace, --frame-prefix, --remap" if path is None else path
-    document = {} if path is None else _document(path)
+    document = {} if path is None else load_mapping(path)
     _check_keys(source, "", document, ("namespace", "frame_prefix", "topics", "frames", "rates"))
     topics = {**_section(source, document, "topics", Topics), **_remapped(remappings)}
     frames = _section(source, document, "frames", Frames)
-    rates = {key: _rate(source, key, value) for key, value in _section(source, document, "rates", Rates).items()}
+    rates = {
+        key: check_number(source, f"rates.{key}", value, most=FASTEST)
+        for key, value in _section(source, document, "rates", Rates).items()
+    }
     space = _matching(source, "namespace", namespace or document.get("namespace", ""), NAMESPACE).strip("/")
     prefix = frame_prefix or document.get("frame_prefix", "")
     if prefix:
         _matching(source, "frame_prefix", prefix, FRAME_NAME)
     return Names(_resolved(source, topics, space), _prefixed(source, frames, prefix), Rates(**rates))
-
-
-def _document(path: str | Path) -> dict[str, Any]:
-    """The file as a mapping."""
-    try:
-        document = yaml.safe_load(read_text(path, limit=LARGEST_FILE))
-    except yaml.YAMLError as error:
-        raise InputError(path, "", f"is not YAML: {str(error).splitlines()[0]}") from error
-    if document is None:
-        return {}
-    if not isinstance(document, dict):
-        raise InputError(path, "", "is not a mapping of namespace, frame_prefix, topics, frames and rates")
-    return document
 
 
 def _section(source: str | Path, document: Mapping[str, Any], name: str, holder: type[T]) -> dict[str, Any]:
@@ -195,11 +181,3 @@ def _matching(source: str | Path, field: str, name: Any, pattern: re.Pattern[str
     if not isinstance(name, str) or not pattern.fullmatch(name):
         raise InputError(source, field, f"{name!r} is no name that ROS allows")
     return name
-
-
-def _rate(source: str | Path, key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(source, f"rates.{key}", f"{value!r} is no number")
-    if not 0.0 < value <= FASTEST:
-        raise InputError(source, f"rates.{key}", f"{value} is not above 0 and at most {FASTEST:g} Hz")
-    return float(value)
