@@ -54,6 +54,34 @@ def test_a_map_may_grow() -> None:
     assert outside.grid().shape == (8, 9)
 
 
+def test_of_gmappings_map_of_200_metres_what_is_known_is_taken() -> None:
+    """With a metre around it, so that there are frontiers; everything is where it was."""
+    bus = Bus()
+    outside = OutsideMap(bus.node(), NAMES)
+    data = np.full((4000, 4000), -1, np.int8)
+    data[2000:2101, 1980:2001] = 0
+    data[2100, 1980] = 100
+    corner = Pose(-100.0, -100.0, 0.3)
+    info = ros.MapMetaData(resolution=0.05, width=4000, height=4000, origin=to_pose(corner))
+    bus.say(TOPICS.map, ros.OccupancyGrid(header_of(0.0, "map"), info, data.ravel()))
+    grid = outside.grid()
+    assert grid.shape == (101 + 40, 21 + 40)
+    assert grid.free.sum() == 101 * 21 - 1
+    ((row, column),) = np.argwhere(grid.occupied).tolist()
+    assert (row, column) == (20 + 100, 20)
+    there = corner.transform(np.array([[1980.5, 2100.5]]) * 0.05)
+    np.testing.assert_allclose(grid.origin.transform(np.array([[column + 0.5, row + 0.5]]) * 0.05), there, atol=1e-9)
+
+
+def test_a_map_of_which_nothing_is_known_stays_as_it_is() -> None:
+    bus = Bus()
+    outside = OutsideMap(bus.node(), NAMES)
+    info = ros.MapMetaData(resolution=0.05, width=3, height=2)
+    bus.say(TOPICS.map, ros.OccupancyGrid(header_of(0.0, "map"), info, np.full(6, -1, np.int8)))
+    assert outside.grid().shape == (2, 3)
+    assert not outside.grid().occupied.any()
+
+
 @pytest.mark.parametrize(
     "changes",
     [

@@ -65,7 +65,8 @@ def through_bytes(message: Message) -> Message:
     sent = ros1_messages.to_ros1(message)
     buffer = io.BytesIO()
     sent.serialize(buffer)
-    received = type(sent)()
+    received = ros1_messages.ros1_reader(type(message))()
+    assert isinstance(received, type(sent))
     received.deserialize(buffer.getvalue())
     return ros1_messages.from_ros1(received, type(message))
 

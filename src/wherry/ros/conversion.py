@@ -272,8 +272,13 @@ def to_grid(grid: OccupancyGrid, seconds: float, frame: str) -> ros.OccupancyGri
     return ros.OccupancyGrid(header_of(seconds, frame), info, data.ravel())
 
 
-def from_grid(message: ros.OccupancyGrid, frame: str) -> OccupancyGrid:
+def from_grid(message: ros.OccupancyGrid, frame: str, *, margin: float = math.inf) -> OccupancyGrid:
     """A map.
+
+    Args:
+        message: The map.
+        frame: The one that it must be in.
+        margin: m of what nobody knows that is kept around what is known. gmapping's maps are 200 m wide from the start.
 
     Raises:
         MessageError: It is in another frame, empty, too large, of another size than it says, or has values that are no
@@ -289,6 +294,25 @@ def from_grid(message: ros.OccupancyGrid, frame: str) -> OccupancyGrid:
         raise MessageError(f"has {len(message.data)} values for {info.width} × {info.height} cells")
     if message.data.min() < NOT_KNOWN or message.data.max() > OCCUPIED:
         raise MessageError("has values that are neither −1 nor a per cent")
-    values = message.data.reshape(info.height, info.width).astype(np.float32)
+    resolution = round(info.resolution, 6)
+    data = message.data.reshape(info.height, info.width)
+    rows, columns = _known_part(data, margin / resolution)
+    values = data[rows, columns].astype(np.float32)
     probability = np.where(values == NOT_KNOWN, np.float32(UNKNOWN), values / np.float32(OCCUPIED))
-    return OccupancyGrid(probability, round(info.resolution, 6), from_pose(info.origin))
+    corner = Pose(columns.start * resolution, rows.start * resolution)
+    return OccupancyGrid(probability, resolution, from_pose(info.origin) @ corner)
+
+
+def _known_part(data: NDArray[np.int8], margin: float) -> tuple[slice, slice]:
+    """Rows and columns of a map [H, W] that hold what is known, and so many around it; all if nothing is known."""
+    known = data != NOT_KNOWN
+    return _known_range(known.any(axis=1), margin), _known_range(known.any(axis=0), margin)
+
+
+def _known_range(known: NDArray[np.bool_], margin: float) -> slice:
+    """From the first to the last that is known, and so many before and after."""
+    indices = np.flatnonzero(known)
+    if not len(indices):
+        return slice(0, len(known))
+    first, last = max(indices[0] - margin, 0), min(indices[-1] + margin, len(known) - 1)
+    return slice(math.floor(first), math.ceil(last) + 1)

@@ -21,6 +21,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
 POLL = 0.05  # s
+MARGIN = 1.0  # m of what nobody knows around a map, for exploration to look into
 NEAR = 0.3  # m and rad; a pose that is farther from what was told has not come of it
 OLDEST = 2.0  # s; a pose that nobody has confirmed for so long is not relied upon
 
@@ -58,7 +59,7 @@ class OutsideMap:
     def _hear(self, message: ros.OccupancyGrid) -> None:
         with self._news:
             try:
-                self._grid = from_grid(message, self._frame)
+                self._grid = from_grid(message, self._frame, margin=MARGIN)
             except MessageError as error:
                 self.refusals.add(self._topic.name, error)
             self._news.notify_all()

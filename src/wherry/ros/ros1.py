@@ -22,7 +22,7 @@ from wherry.ros.ros1_master import (
     choose_interface,
     wait_for_master,
 )
-from wherry.ros.ros1_messages import from_ros1, ros1_class, ros1_module, to_ros1
+from wherry.ros.ros1_messages import from_ros1, ros1_class, ros1_module, ros1_reader, to_ros1
 from wherry.ros.transport import Quality, Topic
 
 QUEUES = {Quality.SENSOR: 100, Quality.RELIABLE: 1000, Quality.LATCHED: 1000}  # messages waiting for a slow listener
@@ -93,7 +93,7 @@ class Ros1:
 
     def subscribe(self, topic: Topic[M], heard: Callable[[M], None]) -> None:
         """As `Transport.subscribe`."""
-        ros1, queue = ros1_class(topic.message_type), QUEUES[topic.quality]
+        ros1, queue = ros1_reader(topic.message_type), QUEUES[topic.quality]
 
         def take_in(message: Any) -> None:
             converted = from_ros1(message, topic.message_type)

@@ -85,6 +85,17 @@ def ros1_class(message_type: type[Message]) -> Any:
     return getattr(ros1_module(f"{package}.msg"), name)
 
 
+@cached
+def ros1_reader(message_type: type[Message]) -> Any:
+    """The same, but that it reads sequences of numbers as arrays at once: a map may have millions."""
+    ros1 = ros1_class(message_type)
+
+    def deserialize(self: Any, data: bytes) -> Any:
+        return self.deserialize_numpy(data, np)
+
+    return type(ros1.__name__, (ros1,), {"deserialize": deserialize})
+
+
 def to_ros1(message: Message) -> Any:
     """The message as rospy sends it; its sequence number is set by rospy, and what only ROS 2 has is left out."""
     return _to_ros1(type(message))(message)
