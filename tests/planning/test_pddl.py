@@ -17,9 +17,12 @@ from wherry.floorplan import Cell, find_world
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
 from wherry.learning.learners import LEARNERS, RuleLearner
-from wherry.oomdp.domain import Action
-from wherry.oomdp.mdp import DeterministicMdp
+from wherry.oomdp.domain import Action, Domain
+from wherry.oomdp.mdp import UNKNOWN, DeterministicMdp, Prediction, Transition
+from wherry.oomdp.objects import ObjectClass, State, integer
 from wherry.oomdp.outcomes import Grounded
+from wherry.oomdp.relations import Relation
+from wherry.oomdp.terms import related
 from wherry.planning.pddl import Pddl, export_pddl
 from wherry.planning.search import a_star
 from wherry.planning.successors import Successors
@@ -111,5 +114,47 @@ def test_what_is_not_known_is_not_planned_with(taxi: TaxiGrid) -> None:
 def test_a_model_that_sees_more_than_the_terms_is_refused() -> None:
     """Two places that no term tells apart, but the model does."""
     left = {(0, "left"): ((1.0, 1, 0.0, False),), (1, "left"): ((1.0, 3, 0.0, False),)}
-    with pytest.raises(ValueError, match="depend on more than the domain's terms"):
+    with pytest.raises(ValueError, match="left: what is predicted depends on more than the domain's terms"):
         export_pddl(Tabular(left), DOMAIN, at(0))
+
+
+PUSHER, CRATE = (ObjectClass(name, (integer("x", 0, 6),), removable=name == "Crate") for name in ("Agent", "Crate"))
+BESIDE = Relation("left_of", lambda agent, crate: agent.x + 1 == crate.x)
+PUSHING = Domain("pushing", (PUSHER, CRATE), (related(BESIDE, "Agent", "Crate"),), {"E": (), "EAT": ("Crate",)})
+
+
+def push(state: State, action: Action) -> Transition:
+    """East, pushing the crate that stands there; or eat the crate in front, which is gone then."""
+    x, after = state["agent"].x, state
+    ahead = next((crate for crate in state.of_class("Crate") if crate.x == x + 1), None)
+    if action.name == "EAT" and ahead is not None and ahead.name == action.arguments[0]:
+        after = state.without(ahead.name)
+    elif action.name == "E" and x < 5:
+        after = state.replace("agent", x=x + 1)
+        after = after if ahead is None else after.replace(ahead.name, x=ahead.x + 1)
+    return Transition(state, action, after, -1.0, terminated=False)
+
+
+def test_a_goal_that_no_term_tells_is_told_by_values() -> None:
+    """A crate is to be at 4, and no term says that it is at 3; no step out of bounds can be predicted by terms."""
+    start = State((PUSHER("agent", x=0), CRATE("crate", x=2)))
+    world = DeterministicMdp(PUSHING, push, lambda rng: start)
+
+    def there(prediction: Prediction) -> bool:
+        crate = None if prediction.state is None else prediction.state.get("crate")
+        return crate is not None and crate.x == 4
+
+    class Within(Grounded):
+        """The truth, as long as the crate is not at the end: there the same terms would do something else."""
+
+        def predict(self, state: State, action: Action) -> Prediction:
+            return UNKNOWN if state["agent"].x == 5 else super().predict(state, action)
+
+    task = export_pddl(Within(PUSHING, world), PUSHING, start, there)
+    assert [str(action) for action in plan(task)] == ["E", "E", "E"]
+    assert "(goal_values ?crate_after)" in task.domain
+    assert task.problem.count("(goal_values ") == 1
+    gone = export_pddl(
+        Within(PUSHING, world), PUSHING, start, lambda done: done.state is not None and done.state.get("crate") is None
+    )
+    assert [str(action) for action in plan(gone)] == ["E", "EAT(crate)"]

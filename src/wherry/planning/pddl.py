@@ -5,6 +5,9 @@ and each effect the fewest terms that tell where it happens from where it does n
 combination of an object's values, ``taxi_x2_y3``. Terms, such as ``touch_N(taxi, wall)``, become static predicates of
 the values that they turn out to depend on. Steps that the model cannot tell about are left out, so plans are as sure as
 the model is, and a plan for the PDDL problem is one for the model, of the same length.
+
+Where terms do not tell which steps reach the goal (no term says that a crate is one step from where it belongs), the
+values that objects have after the step do, and operators come twice: with any values, and with those of the goal.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from wherry.oomdp.mdp import Model, Prediction
 from wherry.oomdp.objects import Object, State
 
 MOST_STATES = 100_000
+GOAL = "goal_values"
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,43 @@ class Effect(NamedTuple):
     goal: bool
 
 
+class _Step(NamedTuple):
+    """What is predicted of one action in one state.
+
+    Attributes:
+        state: The state's number.
+        action: The action.
+        bits: Which literals hold.
+        effect: What it does, if that counts.
+        after: The state after it; None if that is not known.
+    """
+
+    state: int
+    action: Action
+    bits: int
+    effect: Effect | None
+    after: State | None
+
+
+class _Goal(NamedTuple):
+    """The goal, told by the values that objects have after a step.
+
+    Attributes:
+        objects: The names of the objects that matter.
+        values: Their values in the goal.
+        reaching: The actions, and what they change, that reach it from somewhere.
+    """
+
+    objects: tuple[str, ...]
+    values: list[tuple[str, ...]]
+    reaching: set[tuple[Action, tuple[tuple[str, str], ...]]]
+
+    def asked(self, changed: Mapping[str, str]) -> str:
+        """What an operator has to ask for that changes some objects."""
+        after = (f"?{_word(name)}_after" if name in changed else f"?{_word(name)}" for name in self.objects)
+        return f"({' '.join((GOAL, *after))})"
+
+
 @dataclass
 class _Operators:
     """What one action does where.
@@ -75,7 +116,7 @@ class _Operators:
         """Take in one prediction; a step out of bounds says nothing of others under the same literals."""
         known = self.effects.get(bits)
         if known is not None and effect not in {None, known}:
-            raise ValueError("the model's predictions depend on more than the domain's terms")
+            raise ValueError("what is predicted depends on more than the domain's terms")
         self.effects[bits] = known or effect
 
     def operators(self, size: int) -> Iterable[tuple[Effect, int, int]]:
@@ -116,7 +157,8 @@ def export_pddl(
         reaches_goal: Which steps the plan is to end with.
 
     Raises:
-        ValueError: The predictions depend on more than the terms, or more than 100,000 states can be reached.
+        ValueError: The predictions depend on more than the terms, or whether a step reaches the goal does on more than
+            the terms and the state after it; or more than 100,000 states can be reached.
     """
     return _Export(model, domain, start, reaches_goal).write()
 
@@ -132,9 +174,14 @@ class _Export:
         self.names = [item.name for item in start.objects]
         self.literals = self._literals()
         self.states: list[State] = []
+        self.values: list[dict[str, str]] = []  # of every state: the names of its objects' values
+        self.steps: list[_Step] = []
         self.operators: dict[Action, _Operators] = {}
+        self.predicates: dict[str, tuple[list[str], list[tuple[str, ...]]]] = {}  # what was found by `_depends_on`
         self.pairs: dict[tuple[str, str], dict[tuple[str, str], None]] = {}  # by object and change: before, after
         self._explore()
+        self.goal = None if self._terms_tell_the_goal() else self._goal()
+        self._find_operators()
 
     def _literals(self) -> list[Literal]:
         """What operators may ask for: the terms, those of each object where a class has several, and who is there."""
@@ -164,16 +211,56 @@ class _Export:
         while queue:
             state = queue.popleft()
             self.states.append(state)
+            self.values.append(self._values(state))
             if len(self.states) > MOST_STATES:
                 raise ValueError(f"more than {MOST_STATES:,} states can be reached")
             for action in self.domain.ground_actions(state):
                 prediction = self.model.predict(state, action)
-                operators = self.operators.setdefault(action, _Operators())
-                operators.add(self._bits(state, action), self._effect(state, prediction))
                 after = prediction.state
+                bits, effect = self._bits(state, action), self._effect(state, prediction)
+                self.steps.append(_Step(len(self.states) - 1, action, bits, effect, after))
                 if after is not None and not prediction.terminated and after not in seen:
                     seen.add(after)
                     queue.append(after)
+
+    def _values(self, state: State) -> dict[str, str]:
+        """The names of the values that all objects have in a state."""
+        return {name: _value(name, state.get(name)) for name in self.names}
+
+    def _terms_tell_the_goal(self) -> bool:
+        """Whether no two steps under the same literals do the same, and only one of them reaches the goal."""
+        known: dict[tuple[Action, int, tuple[tuple[str, str], ...]], bool] = {}
+        return all(
+            known.setdefault((step.action, step.bits, step.effect.changes), step.effect.goal) == step.effect.goal
+            for step in self.steps
+            if step.effect is not None
+        )
+
+    def _goal(self) -> _Goal:
+        """The values after a step that tell whether it has reached the goal."""
+        facts = [
+            (self._values(step.after), int(step.effect.goal))
+            for step in self.steps
+            if step.effect is not None and step.after is not None
+        ]
+        if not _tells(self.names, facts):
+            raise ValueError("whether the goal is reached depends on more than the terms and the state after the step")
+        needed, holding = _fewest(self.names, facts)
+        reaching = {
+            (step.action, step.effect.changes) for step in self.steps if step.effect is not None and step.effect.goal
+        }
+        return _Goal(tuple(needed), holding, reaching)
+
+    def _find_operators(self) -> None:
+        """Put the steps of every action together."""
+        for step in self.steps:
+            effect = step.effect
+            if effect is not None and self.goal is not None:
+                effect = Effect(effect.changes, goal=False) if effect.changes else None
+            try:
+                self.operators.setdefault(step.action, _Operators()).add(step.bits, effect)
+            except ValueError as error:
+                raise ValueError(f"{step.action}: {error}") from error
 
     def _effect(self, state: State, prediction: Prediction) -> Effect | None:
         """What a step does; None where that does not count: nothing, something unknown, or a bad end."""
@@ -193,18 +280,14 @@ class _Export:
     def _depends_on(self, action: Action, at: int) -> tuple[list[str], list[tuple[str, ...]]]:
         """The fewest objects whose values tell a literal, and the values with which it holds."""
         term, this = self.literals[at]
-        spoken_of = {this} if term is None else {
-            item.name for item in self.start.objects if item.object_class.name in self.domain.terms[term].classes
-        }  # fmt: skip
-        facts = [({name: _value(name, state.get(name)) for name in self.names}, self._bits(state, action) >> at & 1)
-                 for state in self.states]  # fmt: skip
-        needed = list(self.names)
-        for name in sorted(self.names, key=spoken_of.__contains__):
-            fewer = [other for other in needed if other != name]
-            if _tells(fewer, facts):
-                needed = fewer
-        holding = {tuple(values[name] for name in needed): None for values, holds in facts if holds}
-        return needed, list(holding)
+        if term is None and this is not None:
+            spoken_of = {this}
+            facts = [(values, int(values[this] != _value(this, None))) for values in self.values]
+        else:
+            classes = self.domain.terms[term or 0].classes
+            spoken_of = {item.name for item in self.start.objects if item.object_class.name in classes}
+            facts = [(self.values[step.state], step.bits >> at & 1) for step in self.steps if step.action == action]
+        return _fewest(sorted(self.names, key=spoken_of.__contains__), facts)
 
     def write(self) -> Pddl:
         """Put it all into words."""
@@ -213,6 +296,9 @@ class _Export:
         for (name, change), pairs in self.pairs.items():
             predicates[_word(f"{name}_{change}")] = [_word(name)] * 2
             facts += [f"({_word(f'{name}_{change}')} {before} {after})" for before, after in pairs]
+        if self.goal is not None:
+            predicates[GOAL] = [_word(name) for name in self.goal.objects]
+            facts += [f"({' '.join((GOAL, *values))})" for values in self.goal.values]
         operators, actions = [], {}
         for action, found in self.operators.items():
             for number, (effect, mask, value) in enumerate(found.operators(len(self.literals)), start=1):
@@ -228,7 +314,13 @@ class _Export:
                     asked = f"({' '.join((predicate, *(f'?{_word(item)}' for item in objects)))})"
                     needs.append(asked if value >> at & 1 else f"(not {asked})")
                 operators.append(_operator(name, list(involved), needs, effect))
-        values = {name: {_value(name, state.get(name)): None for state in self.states} for name in self.names}
+                if self.goal is not None and (action, effect.changes) in self.goal.reaching:
+                    actions[f"{name}_to_goal"] = action
+                    involved |= dict.fromkeys(self.goal.objects)
+                    asked = self.goal.asked(dict(effect.changes))
+                    reached = Effect(effect.changes, goal=True)
+                    operators.append(_operator(f"{name}_to_goal", list(involved), [*needs, asked], reached))
+        values = {name: {found[name]: None for found in self.values} for name in self.names}
         for (name, _), pairs in self.pairs.items():
             values[name] |= {after: None for _, after in pairs}
         return Pddl(
@@ -241,9 +333,26 @@ class _Export:
         """A literal's predicate: its name, the objects that it depends on, and the values with which it holds."""
         term, this = self.literals[at]
         about = "there" if term is None else self.domain.terms[term].name
-        objects, holding = self._depends_on(action, at)
         arguments = "" if term is None else "_".join(action.arguments)
-        return _word("_".join(filter(None, (about, this and f"this_{this}", arguments)))), objects, holding
+        name = _word("_".join(filter(None, (about, this and f"this_{this}", arguments))))
+        if name not in self.predicates:
+            self.predicates[name] = self._depends_on(action, at)
+        return name, *self.predicates[name]
+
+
+def _fewest(
+    names: Sequence[str], facts: Sequence[tuple[Mapping[str, str], int]]
+) -> tuple[list[str], list[tuple[str, ...]]]:
+    """The fewest objects whose values tell whether a literal holds, those in front left out first; and where it does.
+
+    The objects are in the order in which the facts name them.
+    """
+    needed = list(facts[0][0])
+    for name in names:
+        fewer = [other for other in needed if other != name]
+        if _tells(fewer, facts):
+            needed = fewer
+    return needed, list({tuple(values[name] for name in needed): None for values, holds in facts if holds})
 
 
 def _tells(names: Sequence[str], facts: Sequence[tuple[Mapping[str, str], int]]) -> bool:
