@@ -23,6 +23,8 @@ exclude_patterns = ["examples", "site"]
 
 html_theme = "furo"
 html_title = "wherry"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_theme_options = {"navigation_with_keys": True}
 
 myst_enable_extensions = ["colon_fence", "deflist"]

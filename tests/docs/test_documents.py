@@ -50,3 +50,23 @@ def test_the_tutorials_world_is_delivered(tmp_path: Path) -> None:
     world = str(ROOT / "docs/examples/home.txt")
     result = prepare(Settings(world=world, seed=3, out=tmp_path))(ignore)
     assert (result.delivered, result.boxes, result.collisions) == (3, 3, 0)
+
+
+def test_the_reference_lists_every_part() -> None:
+    listed = re.findall(r"^   wherry\.(\w+)$", (ROOT / "docs/reference.md").read_text("utf-8"), re.MULTILINE)
+    parts = {
+        path.stem
+        for path in (ROOT / "src/wherry").glob("[a-z]*")
+        if path.suffix == ".py" or (path / "__init__.py").exists()
+    }
+    assert len(listed) == len(set(listed))
+    assert set(listed) == parts
+
+
+@pytest.mark.parametrize(
+    "page", ["README.md", *(str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("**/*.md"))]
+)
+def test_every_picture_has_the_command_that_made_it_beside_it(page: str) -> None:
+    for section in re.split(r"^## ", (ROOT / page).read_text("utf-8"), flags=re.MULTILINE):
+        if "](images/" in section or "](docs/images/" in section or "](../images/" in section:
+            assert re.search(r"`(\./)?wherry [^`]+`", section), f"{page}: {section.partition(chr(10))[0]}"
