@@ -21,6 +21,8 @@ from typer.testing import CliRunner
 
 from wherry.cli import app
 from wherry.errors import InputError
+from wherry.experiments.delivery import order_of
+from wherry.experiments.ros_delivery import order_from
 from wherry.floorplan import Cell, built_in_worlds, find_world, format_world, place_boxes
 from wherry.ros.gazebo import MARK, Settings, bridge, contents, export
 from wherry.ros.gazebo_sdf import FORTRESS, GENERATIONS, TREAD
@@ -451,6 +453,10 @@ def test_the_command_writes_what_deliver_of_the_same_seed_drives_in(tmp_path: Pa
     for index in range(3):
         pose = numbers(world.find(f"model[@name='box_{index}']/pose"))
         assert_allclose(pose[:2], simulation.physics.box_positions[index, :2], atol=1e-9)
+    told = result.stderr.splitlines()[-1]
+    assert told.startswith("The agent: wherry ros2 deliver --warehouse ")
+    order = order_from(told.replace("--warehouse", "").split()[5:], simulation.plan.cell_size)
+    assert_allclose(order.warehouse, order_of(simulation.plan).warehouse, atol=1e-5)
     compile((folder / "gazebo.launch.py").read_text(), "gazebo.launch.py", "exec")
     parsed((folder / "classic.launch").read_text())
 

@@ -39,6 +39,8 @@ def gazebo(
     as_json: JsonOption = False,
 ) -> None:
     """Write a world, the robot, and launch files for Gazebo Sim with ROS 2 and for classic Gazebo with ROS 1."""
+    from wherry.experiments.delivery import order_of
+    from wherry.floorplan import find_world
     from wherry.ros import gazebo as exporter
 
     files = exporter.export(
@@ -48,5 +50,7 @@ def gazebo(
     say(console, f"Written to {folder}: {', '.join(path.name for path in files)}")
     say(console, f"Gazebo Sim and ROS 2: ros2 launch {folder / 'gazebo.launch.py'}")
     say(console, f"Classic Gazebo and ROS 1: roslaunch {folder / 'classic.launch'}")
+    places = " ".join(f"--warehouse {x:g},{y:g}" for x, y in order_of(find_world(world)).warehouse.tolist())
+    say(console, f"The agent: wherry ros2 deliver {places}")
     if as_json:
         print_json({"folder": str(folder), "files": [path.name for path in files]})
