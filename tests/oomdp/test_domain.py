@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer
+from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, enumeration, integer, real
 from wherry.oomdp.relations import ON, TOUCH, Relation
-from wherry.oomdp.terms import attribute_holds, related
+from wherry.oomdp.terms import attribute_holds, attribute_is, property_holds, related
 
 ROBOT = ObjectClass("Robot", (integer("x"), integer("y")))
 LAMP = ObjectClass("Lamp", (integer("x"), integer("y"), boolean("lit")))
@@ -70,6 +70,15 @@ def test_terms_about_two_of_one_class_mean_this_object_and_another() -> None:
     assert str(domain.cond(state, state["near"])) == "10"
     assert str(domain.cond(state, state["far"])) == "00"
     assert str(domain.cond(state.without("near"))) == "00"  # nothing is on itself
+
+
+def test_terms_about_numbers_and_names_are_properties() -> None:
+    room = ObjectClass("Room", (real("degrees"), enumeration("use", "office", "store")))
+    terms = property_holds("Room", "warm", lambda item: item.degrees >= 20), attribute_is("Room", "use", "store")
+    domain = Domain("rooms", (room,), terms, {})
+    state = State((room("hall", degrees=20.0, use="office"), room("shed", degrees=4.5, use="store")))
+    assert domain.term_names == ("warm(room)", "room.use = store")
+    assert [str(domain.cond(state, this)) for this in (None, state["hall"], state["shed"])] == ["11", "10", "01"]
 
 
 def test_actions_on_two_of_one_class_are_refused() -> None:

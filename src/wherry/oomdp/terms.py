@@ -49,20 +49,22 @@ def related(relation: Relation, first: str, second: str) -> Term:
 
 def attribute_holds(class_name: str, attribute: str) -> Term:
     """The term that a Boolean attribute of a class is true."""
-
-    def holds(state: State, bound: Bound) -> bool:
-        return any(getattr(item, attribute) for item in candidates(class_name, state, bound))
-
-    return Term(f"{class_name.lower()}.{attribute}", (class_name,), holds)
+    return _true_of(class_name, f"{class_name.lower()}.{attribute}", lambda item: bool(getattr(item, attribute)))
 
 
 def attribute_is(class_name: str, attribute: str, value: Value) -> Term:
     """The term that an attribute of a class has a certain value: ``agent.facing = north``."""
+    name = f"{class_name.lower()}.{attribute} = {value}"
+    return _true_of(class_name, name, lambda item: bool(getattr(item, attribute) == value))
 
-    def holds(state: State, bound: Bound) -> bool:
-        return any(getattr(item, attribute) == value for item in candidates(class_name, state, bound))
 
-    return Term(f"{class_name.lower()}.{attribute} = {value}", (class_name,), holds)
+def property_holds(class_name: str, name: str, holds: Callable[[Object], bool]) -> Term:
+    """The term that something is true of an object's attributes: ``warm(room)``, where it has 20 degrees or more."""
+    return _true_of(class_name, f"{name}({class_name.lower()})", holds)
+
+
+def _true_of(class_name: str, name: str, holds: Callable[[Object], bool]) -> Term:
+    return Term(name, (class_name,), lambda state, bound: any(map(holds, candidates(class_name, state, bound))))
 
 
 def candidates(class_name: str, state: State, bound: Bound) -> tuple[Object, ...]:
