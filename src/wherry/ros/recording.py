@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from os import SEEK_CUR, SEEK_END
+from collections.abc import Callable
 from pathlib import Path
-from struct import Struct
 from threading import Lock
-from types import SimpleNamespace, TracebackType
-from typing import Any, BinaryIO, Protocol, Self
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 
@@ -24,6 +21,7 @@ from wherry.errors import InputError
 from wherry.logs import LidarLog
 from wherry.robot import Body, Odometry, Robot, Scan, Velocity
 from wherry.ros import messages as ros
+from wherry.ros.bag_storage import FORMATS, Storage
 from wherry.ros.conversion import (
     NANOSECONDS,
     Link,
@@ -40,9 +38,9 @@ from wherry.ros.conversion import (
     to_twist,
 )
 from wherry.ros.latch import LatchState, to_latch_state
-from wherry.ros.messages import Header, M, Message, cached, fields_of
+from wherry.ros.messages import M, Message
 from wherry.ros.names import Names, load_names
-from wherry.ros.transport import Quality, Topic, Transport
+from wherry.ros.transport import Topic, Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace import Explored, Record, Seen, Stepped
@@ -50,212 +48,6 @@ from wherry.trace import Explored, Record, Seen, Stepped
 SAFE_EVERY = 1.0  # s of what is recorded: no more than that is lost if the process is killed by force
 MAP_EVERY = 5.0  # s between two maps of a growing one, as with gmapping
 NO_COVARIANCE = np.zeros(36)
-ROS1_MAGIC = b"#ROSBAG V2.0\n"
-NUMBER = Struct("<L")
-HEADER_SHORTAGE = 8  # bytes
-TF2_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"  # rosbags' types of ROS 1 lack it
-
-
-class _Storage(Protocol):
-    """A kind of bag."""
-
-    def connect(self, topic: Topic[Any]) -> Any:
-        """Open a topic."""
-        ...
-
-    def write(self, connection: Any, message: Message, nanoseconds: int) -> None:
-        """Add a message."""
-        ...
-
-    def save(self) -> None:
-        """Hand over to the system what was added; not to the disk, for nothing waits until that has it."""
-        ...
-
-    def close(self) -> None:
-        """Write what makes it a whole bag."""
-        ...
-
-    @property
-    def finished(self) -> Path:
-        """Where the whole bag is then."""
-        ...
-
-
-class _Ros1Bag:
-    """A file of format 2.0, as rosbag writes it."""
-
-    def __init__(self, path: Path, unfinished: Path) -> None:
-        from rosbags.rosbag1 import Writer  # noqa: PLC0415 - optional
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
-
-        self._types = get_typestore(Stores.ROS1_NOETIC)
-        self._types.register(get_types_from_msg(TF2_MESSAGE, ros.TFMessage.type_name))
-        self._numbers: dict[Any, int] = {}
-        self._writer = Writer(unfinished)
-        self._writer.open()
-        self._file.flush()
-        _lengthen_header(unfinished)
-        self._file.seek(0, SEEK_END)
-        self.finished = unfinished
-
-    @property
-    def _file(self) -> BinaryIO:
-        """What rosbags writes to."""
-        file: BinaryIO | None = self._writer.bio
-        assert file is not None  # noqa: S101 - it is open
-        return file
-
-    def connect(self, topic: Topic[Any]) -> Any:
-        latching = int(topic.quality is Quality.LATCHED)
-        kind = topic.message_type.type_name
-        return self._writer.add_connection(topic.name, kind, typestore=self._types, latching=latching)
-
-    def write(self, connection: Any, message: Message, nanoseconds: int) -> None:
-        number = self._numbers.get(connection.id, 0)
-        self._numbers[connection.id] = number + 1
-        numbered = self._numbered(message, number)
-        self._writer.write(connection, nanoseconds, self._types.serialize_ros1(numbered, message.type_name))
-
-    def save(self) -> None:
-        self._writer.write_chunk(self._writer.chunks[-1])
-        self._file.flush()
-
-    def close(self) -> None:
-        self._writer.close()
-        _lengthen_header(self.finished)
-
-    def _numbered(self, message: Any, number: int) -> Any:
-        """The message with ROS 1's sequence numbers in its headers."""
-        if isinstance(message, Header):
-            return SimpleNamespace(seq=number, stamp=message.stamp, frame_id=message.frame_id)
-        if isinstance(message, tuple):
-            return [self._numbered(element, number) for element in message]
-        if not isinstance(message, Message) or not _has_header(type(message)):
-            return message
-        names = (field.name for field in fields_of(type(message)))
-        return SimpleNamespace(**{name: self._numbered(getattr(message, name), number) for name in names})
-
-
-def _lengthen_header(path: Path) -> None:
-    """Make a bag's first record as long as rosbag's own; rosbags' is 8 bytes shorter.
-
-    ``rosbag reindex`` writes that record anew, and would write over the beginning of what comes next.
-    """
-    with path.open("r+b") as file:
-        file.seek(len(ROS1_MAGIC))
-        file.seek(_number(file), SEEK_CUR)  # past the record's header
-        padding = _number(file)
-        file.seek(-NUMBER.size, SEEK_CUR)
-        file.write(NUMBER.pack(padding + HEADER_SHORTAGE))
-        file.seek(padding, SEEK_CUR)
-        file.write(b" " * HEADER_SHORTAGE)
-
-
-def _number(file: BinaryIO) -> int:
-    """The next number in a ROS 1 bag."""
-    number: int = NUMBER.unpack(file.read(NUMBER.size))[0]
-    return number
-
-
-@cached
-def _has_header(message_type: type[Message]) -> bool:
-    """Whether there is a header anywhere in messages of a type."""
-    kinds = [field.kind for field in fields_of(message_type) if not isinstance(field.kind, str)]
-    return any(kind is Header or _has_header(kind) for kind in kinds)
-
-
-class _Ros2Bag(ABC):
-    """A bag as rosbag2 writes it; message definitions are in it.
-
-    Args:
-        folder: Where to.
-        plugin: The kind of storage, of rosbags' `StoragePlugin`.
-    """
-
-    finished: Path
-
-    def __init__(self, folder: Path, plugin: str) -> None:
-        from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415 - optional
-        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
-
-        self._types = get_typestore(Stores.ROS2_JAZZY)
-        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin[plugin])
-        self._writer.open()
-        self._file: Any = self._writer.storage
-
-    def connect(self, topic: Topic[Any]) -> Any:
-        kind = topic.message_type.type_name
-        return self._writer.add_connection(topic.name, kind, typestore=self._types, offered_qos_profiles=[_qos(topic)])
-
-    def write(self, connection: Any, message: Message, nanoseconds: int) -> None:
-        self._writer.write(connection, nanoseconds, self._types.serialize_cdr(message, message.type_name))
-
-    @abstractmethod
-    def save(self) -> None:
-        """As `_Storage.save`."""
-
-    def close(self) -> None:
-        self._writer.close()
-
-
-class _McapFile(_Ros2Bag):
-    """The one MCAP file out of a ROS 2 bag's folder."""
-
-    def __init__(self, path: Path, unfinished: Path) -> None:
-        folder = unfinished / path.stem
-        super().__init__(folder, "MCAP")
-        self.finished = folder / f"{folder.name}.mcap"
-
-    def save(self) -> None:
-        if self._file.chunk.bio.tell():
-            self._file.close_chunk()
-        self._file.bio.flush()
-
-
-class _SqliteFolder(_Ros2Bag):
-    """A ROS 2 bag's folder with SQLite in it."""
-
-    def __init__(self, path: Path, unfinished: Path) -> None:
-        self.finished = unfinished / path.name
-        super().__init__(self.finished, "SQLITE3")
-        self._file.conn.execute("PRAGMA synchronous = OFF")
-
-    def save(self) -> None:
-        self._file.conn.commit()
-
-
-def _qos(topic: Topic[Any]) -> Any:
-    """A topic's QoS as rosbag2 keeps it, so that a replay offers the same."""
-    from rosbags.interfaces import (  # noqa: PLC0415 - optional
-        Qos,
-        QosDurability,
-        QosHistory,
-        QosLiveliness,
-        QosReliability,
-        QosTime,
-    )
-
-    never = QosTime(sec=0, nsec=0)
-    latched, best_effort = topic.quality is Quality.LATCHED, topic.quality is Quality.SENSOR
-    return Qos(
-        history=QosHistory.KEEP_LAST,
-        depth=1 if latched else 10,
-        reliability=QosReliability.BEST_EFFORT if best_effort else QosReliability.RELIABLE,
-        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        deadline=never,
-        lifespan=never,
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=never,
-        avoid_ros_namespace_conventions=False,
-    )
-
-
-FORMATS: Mapping[str, Callable[[Path, Path], _Storage]] = {
-    ".bag": _Ros1Bag,
-    ".mcap": _McapFile,
-    "": _SqliteFolder,
-}
-"""By the path's suffix: ROS 1, ROS 2 as one MCAP file, ROS 2 as a folder with SQLite, which every ROS 2 reads."""
 
 
 class Bag:
@@ -281,7 +73,7 @@ class Bag:
         self._check()
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._storage: _Storage | None = FORMATS[self.path.suffix](self.path, self._unfinished)
+            self._storage: Storage | None = FORMATS[self.path.suffix](self.path, self._unfinished)
         except ImportError as error:
             raise InputError(path, "", "is to be a ROS bag: pip install 'wherry[bags]' to record one") from error
         except OSError as error:
