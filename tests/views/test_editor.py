@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from playwright import sync_api as playwright
 
-from browsing import DESK, PHONE, SCREENSHOTS, until
+from browsing import DESK, PHONE, SCREENSHOTS, faint_texts, until
 from wherry.errors import InputError
 from wherry.floorplan import (
     Cell,
@@ -199,6 +199,8 @@ def test_it_fits(page: playwright.Page, tmp_path: Path, size: dict[str, int], na
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
         page.screenshot(path=SCREENSHOTS / f"editor-{name}-{theme}.png")
         assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
+        assert page.evaluate("canvas.getBoundingClientRect().width <= canvas.parentElement.clientWidth")
+        assert faint_texts(page) == []
         page.goto("about:blank")
 
 

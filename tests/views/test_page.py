@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from playwright import sync_api as playwright
 
-from browsing import DESK, PHONE, SCREENSHOTS, until
+from browsing import DESK, PHONE, SCREENSHOTS, faint_texts, until
 from runs import BOX, LASER, TERMS, room, seen, short_run, taxi_ride
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
@@ -461,6 +461,18 @@ def test_it_fits_both_sizes_in_both_themes(
         assert box is not None
         assert 0 <= box["x"] <= box["x"] + box["width"] <= size["width"]
         assert min(box["width"], box["height"]) >= 24  # WCAG 2.5.8
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_all_text_can_be_read(page: playwright.Page, carried: str, taxi: str, theme: str) -> None:
+    page.emulate_media(reduced_motion="reduce")
+    for url, moments in ((carried, (1.0, 7.5, 10.0)), (taxi, (2.5,))):
+        for moment in moments:
+            opened(page, url, at=moment, theme=theme)
+            assert faint_texts(page) == []
+            assert page.evaluate("document.getAnimations().length") == 0
+    page.keyboard.press("?")
+    assert faint_texts(page) == []
 
 
 def test_whatever_can_be_pressed_has_a_name(page: playwright.Page, carried: str) -> None:
