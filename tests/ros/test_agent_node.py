@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from bus import Bus, wait_for
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.agent_node import MOST_PARTICLES, TOLERANCE, AgentNode
-from wherry.ros.conversion import from_grid, from_pose, links_between
+from wherry.ros.conversion import from_grid, from_pose, links_between, seconds_of
 from wherry.ros.diagnostics import OK, status_of
 from wherry.ros.names import load_names
 from wherry.space.frame import CellFrame
@@ -91,6 +92,14 @@ def test_what_is_seen_is_drawn_in_spare_time_and_only_the_last_of_it(stage: Stag
     stage.robot.in_spare_time()
     stage.robot.in_spare_time()
     assert [len(cloud.poses) for cloud in stage.heard("particlecloud")] == [4]
+
+
+def test_an_agent_that_has_no_time_to_spare_draws_once_a_second_and_at_the_end(stage: Stage) -> None:
+    with stage.node:
+        for tenth in range(25):
+            stage.node(replace(seen(), time=5.0 + tenth / 10))
+    drawn = [seconds_of(path.header.stamp) for path in stage.heard("predicted_path")]
+    assert drawn == pytest.approx([6.0, 7.0, 7.4])
 
 
 def test_boxes_come_and_go(stage: Stage) -> None:

@@ -8,6 +8,7 @@ has been sent: hundreds of particles take longer to put into a message than the 
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator, Sequence
 from types import TracebackType
@@ -30,6 +31,7 @@ from wherry.trace import Began, CellsLaid, Explored, Learnt, Perceived, Record, 
 HEARTBEAT = 0.05  # s
 TOLERANCE = 0.1  # s that map → odom is dated ahead, as amcl does, so that what comes meanwhile can be transformed
 MOST_PARTICLES = 500  # that are shown
+LONGEST_UNDRAWN = 1.0  # s; an agent that has no time to spare draws no more often
 BOX_HEIGHT, TILE_HEIGHT, LINE_WIDTH, TEXT_HEIGHT = 0.30, 0.01, 0.01, 0.15  # m
 RED, GREEN = ros.ColorRGBA(0.75, 0.18, 0.15, 1.0), ros.ColorRGBA(0.30, 0.62, 0.38, 0.6)
 GREY, BLACK = ros.ColorRGBA(0.4, 0.4, 0.4, 0.5), ros.ColorRGBA(0.0, 0.0, 0.0, 1.0)
@@ -64,6 +66,7 @@ class AgentNode:
         self._lasting: tuple[ros.Marker, ...] = ()
         self._dated = 0.0  # s, of the last transform
         self._undrawn: Seen | None = None
+        self._drawn = math.inf  # s, of what was drawn last, or else of what came first
         robot.in_spare_time = self._draw_seen
         self._stopped = threading.Event()
         self._heart = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
@@ -80,6 +83,8 @@ class AgentNode:
         self._stopped.set()
         self._heart.join()
         self._robot.in_spare_time = lambda: None
+        if error is None:
+            self._draw_seen()
 
     def __call__(self, record: Record) -> None:
         """Publish what a record tells."""
@@ -92,10 +97,7 @@ class AgentNode:
             case Explored():
                 self.tell_map(record.grid)
             case Seen():
-                odometry = self._robot.odometry
-                if odometry is not None:
-                    self._map_from_odom = record.pose @ odometry.pose.inverse
-                self._undrawn = record
+                self._take_in(record)
             case CellsLaid():
                 self._lasting = tuple(self._cells(record))
                 self._draw(self._lasting)
@@ -142,11 +144,22 @@ class AgentNode:
 
     # ---- what is seen and believed
 
+    def _take_in(self, seen: Seen) -> None:
+        """Take note of where the robot is; everything else is drawn later."""
+        odometry = self._robot.odometry
+        if odometry is not None:
+            self._map_from_odom = seen.pose @ odometry.pose.inverse
+        self._undrawn = seen
+        self._drawn = min(self._drawn, seen.time)
+        if seen.time - self._drawn >= LONGEST_UNDRAWN:
+            self._draw_seen()
+
     def _draw_seen(self) -> None:
         """Publish what was seen last, unless it has been; what came too fast for that is left out."""
         seen, self._undrawn = self._undrawn, None
         if seen is None:
             return
+        self._drawn = seen.time
         frame, topics = self._frames.map, self._topics
         cloud = to_pose_array(_some(seen.particles, MOST_PARTICLES), seen.time, frame)
         self._transport.publish(topics.particlecloud, cloud)
