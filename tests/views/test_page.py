@@ -296,6 +296,7 @@ def test_where_a_log_puts_the_robot_stands_beside_the_map(page: playwright.Page,
         "particles": "4",
         "their spread (rms)": "0.35 m",  # √((0.3² + 0.3² + 0.4² + 0.4²) ÷ 4)
     }
+    assert legend(page) == ["Laser", "Particle cloud", "Way driven", "Robot", "Wall", "Free", "Unknown"]
 
 
 def test_what_is_not_known_yet_is_not_told_as_false(page: playwright.Page, carried: str) -> None:

@@ -52,7 +52,8 @@ for (const [layer, [words, colour]] of Object.entries(LAYERS)) {
 const LAYERS_OF = { map: ["laser", "trail"], localize: ["laser", "particles", "trail"], learn: ["cells"] };
 // [words, colour, shape] of what else is drawn.
 function symbolsOf({ task }) {
-  if (task !== "learn") return SYMBOLS;
+  if (task === "deliver") return SYMBOLS;
+  if (task !== "learn") return [["Robot", "--robot", "fork"], ...SYMBOLS.slice(1)]; // a log does not say what it looks like
   const kinds = new Set((trace.records.Perceived[0]?.things ?? []).map(({ kind }) => kind));
   if (trace.records.CellsLaid[0]?.warehouse.length) kinds.add("Warehouse");
   const things = [...kinds].map((kind) => {
