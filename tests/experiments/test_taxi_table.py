@@ -31,13 +31,13 @@ def test_a_row_has_what_was_published_and_what_was_measured() -> None:
 
 def test_everything_is_run_written_and_shown(tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
-    extent = Extent(repetitions=2, fewer=QUICK, transfers=1)
+    extent = Extent(repetitions=2, fewer=QUICK)
     text = reproduce(tmp_path / "images", lambda done, total: told.append((done, total)), extent)
     assert told[-1] == (6, 6)
     for name in ("taxi-steps.svg", "taxi-curves-5.svg", "taxi-curves-10.svg"):
         assert f"(images/{name})" in text
         assert (tmp_path / "images" / name).read_text().startswith("<?xml")
-    assert "bayes in 1 of 1, doormax in 1 of 1" in text
+    assert "bayes in 2 of 2, doormax in 1 of 1" in text
     (counted,) = (line for line in text.splitlines() if "nk + k + 1" in line)
     answers = re.findall(r"(\d+) by (\S+) on (\S+) \((\d+)\)", counted)
     assert [(learner, size) for _, learner, size, _ in answers] == [("doormax", "5×5"), ("doormax", "10×10")]
