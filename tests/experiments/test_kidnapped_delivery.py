@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wherry.experiments.delivery import order_of
-from wherry.experiments.robot_delivery import deliver, delivery_learner
+from wherry.experiments.robot_delivery import Delivery, delivery_learner
 from wherry.floorplan import find_world, place_boxes
 from wherry.realization.mission import Mission
 from wherry.simulation import build
@@ -22,7 +22,7 @@ def test_carried_off_in_mid_delivery(*, loaded: bool) -> None:
     mission = Mission(simulation.robot, order_of(plan), records.append, np.random.default_rng(2))
     ready = mission.explore()
     carried_off = False
-    for step in deliver(ready, delivery_learner("doormax"), records.append, np.random.default_rng(3)):
+    for step in Delivery(ready, delivery_learner("doormax"), records.append, np.random.default_rng(3)):
         held = any(box.in_bot for box in step.transition.next_state.of_class("Box"))
         if not carried_off and held == loaded:
             true = simulation.referee.pose

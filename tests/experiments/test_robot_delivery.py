@@ -9,7 +9,7 @@ import pytest
 
 from wherry.domains.delivery import PICKUP, Box, Site, boxes_left, transition
 from wherry.experiments import robot_delivery
-from wherry.experiments.robot_delivery import deliver, delivery_learner
+from wherry.experiments.robot_delivery import Delivery, delivery_learner
 from wherry.floorplan import Cell
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Transition
@@ -44,14 +44,25 @@ class Grid(DeterministicMdp):
         return 1 - self.remaining
 
 
-def last_words(*, broken: bool) -> str:
-    ready = Ready(Grid(broken=broken), grid=None, frame=CellFrame(IDENTITY, 0.6), plan=None)
+def words(*, broken: bool, in_the_way: tuple[str, ...] = ()) -> list[Said]:
+    ready = Ready(
+        Grid(broken=broken),
+        grid=None,
+        frame=CellFrame(IDENTITY, 0.6),
+        plan=None,
+        look_further=lambda: None,
+        in_the_way=lambda: in_the_way,
+    )
     told: list[Record] = []
-    for _ in deliver(ready, delivery_learner("bayes"), told.append, np.random.default_rng(0)):
+    for _ in Delivery(ready, delivery_learner("bayes"), told.append, np.random.default_rng(0)):
         pass
-    words = [record for record in told if isinstance(record, Said)][-1]
-    assert words.phase == "done"
-    return words.text
+    return [record for record in told if isinstance(record, Said)]
+
+
+def last_words(*, broken: bool) -> str:
+    last = words(broken=broken)[-1]
+    assert last.phase == "done"
+    return last.text
 
 
 def test_the_end_is_told() -> None:
@@ -67,3 +78,10 @@ def test_who_gives_up_says_why() -> None:
 def test_who_needs_too_many_actions_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robot_delivery, "MOST_STEPS", 2)
     assert last_words(broken=True) == "I give up: I cannot deliver 1 of the boxes (not in 2 actions)."
+
+
+def test_what_is_in_the_way_is_picked_up_before_anyone_gives_up() -> None:
+    said = [record.text for record in words(broken=True, in_the_way=("box",))]
+    assert said[-2] == "I cannot deliver anything as things stand, but box is in my way: I pick it up."
+    assert said[-1].startswith("I give up")
+    assert not any("in my way" in record.text for record in words(broken=False, in_the_way=("box",)))

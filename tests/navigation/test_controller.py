@@ -19,7 +19,6 @@ from wherry.navigation.controller import (
     drive_line,
     follow_path,
     go_to,
-    limit_acceleration,
     safe_velocity,
     turn_to,
 )
@@ -28,6 +27,15 @@ from wherry.space.pose import Pose, wrap
 
 BODY = Body(0.2, Pose(-0.15, 0.0, 0.0), 0.1, 0.5, 2.0, 1.0, 6.0)
 PERIOD = 0.05
+
+
+def limit_acceleration(wanted: Velocity, present: Velocity) -> Velocity:
+    """The velocity nearest to the wanted one that the robot's accelerations allow a period later."""
+    linear, angular = BODY.max_linear_acceleration * PERIOD, BODY.max_angular_acceleration * PERIOD
+    return Velocity(
+        float(np.clip(wanted.linear, present.linear - linear, present.linear + linear)),
+        float(np.clip(wanted.angular, present.angular - angular, present.angular + angular)),
+    )
 
 
 def drive(pose: Pose, control: Callable[[Pose], Velocity | None], seconds: float = 60.0) -> list[Pose]:
@@ -40,7 +48,7 @@ def drive(pose: Pose, control: Callable[[Pose], Velocity | None], seconds: float
             return poses
         assert abs(wanted.linear) <= BODY.max_linear + 1e-9
         assert abs(wanted.angular) <= BODY.max_angular + 1e-9
-        velocity = limit_acceleration(wanted, velocity, BODY, PERIOD)
+        velocity = limit_acceleration(wanted, velocity)
         turned = velocity.angular * PERIOD
         ahead = velocity.linear * PERIOD * math.sin(turned / 2) / (turned / 2) if turned else velocity.linear * PERIOD
         pose = pose @ Pose(ahead * math.cos(turned / 2), ahead * math.sin(turned / 2), turned)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from wherry.navigation.path import Costmap, nearest_reachable, path_length, shortest_path, travel_costs
+from wherry.navigation.path import Costmap, shortest_path, travel_costs
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
 
@@ -42,7 +42,7 @@ def test_the_way_leads_around_a_wall_and_keeps_clear() -> None:
     path = shortest_path(costmap, np.array([1.0, 1.0]), np.array([3.0, 1.0]))
     assert path is not None
     around = 2 * math.hypot(0.9, 2.2) + 0.2
-    assert around < path_length(path) < 1.1 * around
+    assert around < np.hypot(*np.diff(path, axis=0).T).sum() < 1.1 * around
     for start, end in itertools.pairwise(path):
         for share in np.linspace(0, 1, 50):
             assert costmap.is_passable(start + share * (end - start))
@@ -93,9 +93,28 @@ def test_a_goal_in_a_wall_is_answered_with_the_nearest_place() -> None:
     path = shortest_path(costmap, np.array([2.0, 2.0]), goal)
     assert path is not None
     assert path[-1][1] == pytest.approx(0.275)
-    near = nearest_reachable(costmap, np.array([2.0, 2.0]), goal)
-    assert near is not None
-    np.testing.assert_allclose(near, path[-1], atol=0.051)
+
+
+def test_from_where_it_does_not_fit_the_way_leads_first_to_where_it_does() -> None:
+    # Beside the end of a wall, a straight line to the goal would lead through its corner.
+    costmap = Costmap.of(room((1.9, 0.0, 2.0, 1.5)), RADIUS)
+    start, goal = np.array([1.78, 1.56]), np.array([3.0, 1.2])
+    assert not costmap.is_passable(start)
+    path = shortest_path(costmap, start, goal)
+    assert path is not None
+    np.testing.assert_allclose(path[0], start)
+    assert np.hypot(*(path[1] - start)) < 0.15
+    for begin, end in itertools.pairwise(path[1:]):
+        for share in np.linspace(0, 1, 50):
+            assert costmap.is_passable(begin + share * (end - begin))
+
+
+def test_the_roomiest_place_around_is_found() -> None:
+    costmap = Costmap.of(room(), RADIUS)
+    beside = costmap.centres(np.array([costmap.roomiest(np.array([0.3, 2.0]), 0.3)]))[0]
+    assert beside[0] == pytest.approx(0.3 + 0.3, abs=0.051)
+    row, column = costmap.roomiest(np.array([0.1, 0.1]), 0.5)
+    assert row == column == costmap.cell_at(np.array([0.1, 0.1]))[0] + 10
 
 
 def test_travel_costs_agree_with_paths_and_are_infinite_elsewhere() -> None:

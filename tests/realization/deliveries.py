@@ -10,8 +10,9 @@ from wherry.floorplan import FloorPlan, parse_world
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import PRECISE
 from wherry.realization.boxes import Box
+from wherry.realization.correctors import MapCorrector
 from wherry.realization.environment import RobotEnvironment
-from wherry.realization.mission import START_COVARIANCE, MapCorrector
+from wherry.realization.mission import START_COVARIANCE
 from wherry.realization.pilot import Pilot
 from wherry.realization.tracking import PoseTracker
 from wherry.simulation import Simulation, build

@@ -15,12 +15,14 @@ from wherry.realization.boxes import (
     Box,
     look_for_boxes,
     round_things,
+    standing_alone,
     standing_free,
     without_boxes,
 )
 from wherry.realization.cells import plan_of_map
 from wherry.robot import Scan
 from wherry.simulation.model import BODY
+from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
 RADIUS = BODY.box_radius
@@ -168,6 +170,50 @@ def test_what_stands_free_is_a_box_and_what_goes_on_is_not(theta: float) -> None
     ]
     assert standing_free(boxes, grid, RADIUS) == (boxes[0],)
     assert standing_free([replace(boxes[0], sightings=1)], grid, RADIUS) == ()
+
+
+def near_a_wall(gap: float) -> tuple[OccupancyGrid, Box]:
+    """A box on the map at a distance, m, from the face of a wall, which is a grid cell's edge; both are seen whole."""
+    probability = np.zeros((40, 40), np.float32)
+    probability[:10] = 1.0
+    grid = OccupancyGrid(probability, 0.05)
+    box = Box(0, 1.0, 0.5 + gap, FEWEST_SIGHTINGS, FEWEST_SIGHTINGS)
+    cells = np.argwhere(np.ones((40, 40), np.bool_))
+    rim = np.abs(np.hypot(*(grid.centres(cells) - (box.x, box.y)).T) - RADIUS) < 0.03
+    probability.reshape(-1)[rim] = 1.0
+    return OccupancyGrid(probability, 0.05), box
+
+
+@pytest.mark.parametrize("gap", [0.30, 0.26, 0.23])
+def test_a_box_beside_a_wall_is_a_box_as_long_as_floor_is_seen_between_them(gap: float) -> None:
+    grid, box = near_a_wall(gap)
+    assert standing_free([box], grid, RADIUS) == (box,)
+
+
+def test_a_box_behind_which_nobody_has_looked_is_one_but_a_piece_of_an_unseen_wall_is_not_shown_as_one() -> None:
+    grid, box = near_a_wall(0.26)
+    hidden = grid.probability.copy()
+    hidden[8:12, 18:22] = 0.5  # its shadow on the wall
+    assert standing_free([box], replace(grid, probability=hidden), RADIUS) == (box,)
+    in_the_open, alone = near_a_wall(0.6)
+    assert standing_alone([alone], in_the_open, RADIUS) == (alone,)
+    half_known = in_the_open.probability.copy()
+    half_known[:, 20:] = 0.5
+    assert standing_alone([alone], replace(in_the_open, probability=half_known), RADIUS) == ()
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_the_end_of_a_wall_is_neither_even_with_a_gap_in_it(turns: int) -> None:
+    probability = np.zeros((40, 40), np.float32)
+    probability[19:21, 18:] = 1.0
+    for unseen in (slice(0, 0), slice(21, 22)):
+        gapped = probability.copy()
+        gapped[19:21, unseen] = 0.5
+        grid = OccupancyGrid(np.rot90(gapped, turns).copy(), 0.05)
+        x, y = np.array([-0.03, 0.0]) @ np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turns) + 1.0
+        alleged = Box(0, float(x), float(y), 99, 99)
+        assert standing_free([alleged], grid, RADIUS) == ()
+        assert standing_alone([alleged], grid, RADIUS) == ()
 
 
 def test_a_map_without_its_boxes_is_the_map_of_the_building() -> None:

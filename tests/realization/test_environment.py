@@ -14,9 +14,12 @@ from wherry.domains.delivery import DROPOFF, PICKUP
 from wherry.floorplan import Cell
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Environment
+from wherry.realization.boxes import Box
 from wherry.realization.environment import RobotEnvironment
+from wherry.realization.tracking import PoseTracker
 from wherry.simulation import BoxPlace, Simulation
 from wherry.simulation.simulator import LATCH_REACH
+from wherry.space.pose import Pose
 
 N, S, E, W = (Action(name) for name in "NSEW")
 HOME = 0.03  # m from a cell's middle
@@ -139,6 +142,38 @@ def test_a_full_fork_does_not_enter_another_boxs_cell(held: bool) -> None:
     assert np.hypot(*fork) < LATCH_REACH  # it can still be picked up
     assert math.dist(simulation.referee.boxes[1].position, boxes[1]) < 0.001
     assert simulation.referee.collisions == []
+
+
+def test_boxes_that_are_found_later_join_the_state_under_new_names() -> None:
+    environment, _ = stand_ready(hall())
+    known = environment.standing[0].place
+    further = Box(known.number + 1, 3.9, 1.5, 9, 9)
+    environment.learn_of(environment.frame, environment.site, [known, further])
+    state = environment.reset(np.random.default_rng(0))
+    assert {box.name: (box.x, box.y) for box in state.of_class("Box")} == {"box1": (3, 2), "box2": (6, 2)}
+    assert environment.remaining == 2
+    environment.learn_of(environment.frame, environment.site, [known, further])
+    assert environment.remaining == 2
+
+
+def test_a_robot_steps_aside_from_a_box_that_it_does_not_hold() -> None:
+    environment, simulation = stand_ready(hall())
+    assert environment.step_aside()
+    assert environment.cell == Cell(1, 2)
+    before = simulation.referee.boxes[0].position
+    assert do(environment, "EE") == [True] * 2
+    assert environment.step_aside()
+    assert environment.cell in {Cell(3, 3), Cell(3, 1)}
+    assert math.dist(simulation.referee.boxes[0].position, before) < HOME
+    assert environment.taken == ()
+    assert simulation.referee.collisions == []
+
+
+def test_a_pose_beyond_the_map_counts_as_the_nearest_cell() -> None:
+    environment, _ = stand_ready(hall())
+    pilot = environment.pilot
+    pilot.tracker = PoseTracker(pilot.tracker.corrector, Pose(-5.0, 1.5))
+    assert environment.cell == Cell(0, 2)
 
 
 def test_a_wall_that_the_map_does_not_show_is_perceived() -> None:

@@ -99,6 +99,22 @@ def test_it_stands_in_the_middle_of_a_cell_and_has_touched_nothing(explorer: Exp
     assert explorer.simulation.referee.collisions == []
 
 
+def test_whatever_is_shown_as_a_box_is_one(explorer: Explorer) -> None:
+    true = explorer.world_from_map.inverse.transform(
+        np.array([centre(explorer.plan, cell) for cell in explorer.plan.boxes])
+    )
+    shown = [record.boxes for record in explorer.records if isinstance(record, Seen)]
+    assert len(shown[-1]) == len(true)
+    for place in np.vstack(shown):
+        assert np.hypot(*(true - place).T).min() < 0.15
+
+
+def test_the_robot_is_localized_once(explorer: Explorer) -> None:
+    # SLAM keeps the pose until everything is seen, the particle filter from then on: none is started in between.
+    by_particles = [len(record.particles) > 0 for record in explorer.records if isinstance(record, Seen)]
+    assert by_particles == sorted(by_particles)
+
+
 def test_it_says_what_it_does(explorer: Explorer) -> None:
     assert next(record.phase for record in explorer.records if isinstance(record, Said)) == "explore"
     explored = [record for record in explorer.records if isinstance(record, Explored)]

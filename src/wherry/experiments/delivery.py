@@ -19,7 +19,7 @@ import numpy as np
 from wherry.episodes import Step
 from wherry.errors import InputError
 from wherry.experiments.delivery_page import page, pictures_of
-from wherry.experiments.robot_delivery import beginning, deliver, delivery_learner
+from wherry.experiments.robot_delivery import Delivery, beginning, delivery_learner
 from wherry.experiments.scoring import Result, align, position_errors, root_mean_square, shortest_delivery
 from wherry.files import write_atomically
 from wherry.floorplan import Cell, FloorPlan, find_world
@@ -32,7 +32,7 @@ from wherry.simulation.scenes import choose_scene
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace import Record, Seen, Sink, both, ignore, thinned
+from wherry.trace import CellsLaid, Record, Seen, Sink, both, ignore, thinned
 
 SCORED_EVERY = 0.5  # s between two poses that the localization is scored by
 
@@ -126,6 +126,19 @@ class Mark:
     driven: int
 
 
+@dataclass(frozen=True, slots=True)
+class Round:
+    """What a robot does between two surveys of its world.
+
+    Attributes:
+        steps: N of them.
+        marks: N + 1: before, between and after them.
+    """
+
+    steps: list[Step]
+    marks: list[Mark]
+
+
 class DeliveryRun:
     """A run that is ready to begin; call it once.
 
@@ -155,9 +168,8 @@ class DeliveryRun:
         self.simulation = simulation
         self._rng = rng
         self._records: list[Record] = []
-        self._steps: list[Step] = []
-        self._marks: list[Mark] = []
-        self._ready: Ready | None = None
+        self._rounds: list[Round] = []
+        self._delivery: Delivery | None = None
 
     def __call__(self, watch: Sink, wrap: Callable[[Robot], Robot] = lambda robot: robot) -> Result:
         """Run, score, and write map, rules and page; Ctrl-C ends it early and keeps what was learnt.
@@ -169,11 +181,12 @@ class DeliveryRun:
         started = time.perf_counter()
 
         # Thinned, so that a run is scored by the same records whoever watches it.
-        sink = both(thinned(self._records.append, SCORED_EVERY), watch)
+        sink = both(thinned(self._records.append, SCORED_EVERY), self._begin_round, watch)
         sink(beginning(self.plan.name, self._learner, self.simulation.robot.body))
         try:
-            self._ready = self._get_ready(wrap(self.simulation.robot), sink)
-            self._deliver(self._ready, sink)
+            ready = self._get_ready(wrap(self.simulation.robot), sink)
+            self._delivery = Delivery(ready, self._learner, sink, self._rng)
+            self._deliver(self._delivery)
             stopped = False
         except KeyboardInterrupt:
             stopped = True
@@ -191,12 +204,21 @@ class DeliveryRun:
         """What was learnt, in words."""
         return self._learner.sentences()
 
-    def _deliver(self, ready: Ready, sink: Sink) -> None:
+    @property
+    def _ready(self) -> Ready | None:
+        """What the robot knows by now; None before it has stood ready."""
+        return None if self._delivery is None else self._delivery.ready
+
+    def _deliver(self, delivery: Delivery) -> None:
         """The agent loop on the robot, with the referee looking on."""
-        self._marks.append(self._mark())
-        for step in deliver(ready, self._learner, sink, self._rng):
-            self._steps.append(step)
-            self._marks.append(self._mark())
+        for step in delivery:
+            self._rounds[-1].steps.append(step)
+            self._rounds[-1].marks.append(self._mark())
+
+    def _begin_round(self, record: Record) -> None:
+        """Take a mark whenever cells are laid: from there on the robot acts, and does not explore."""
+        if isinstance(record, CellsLaid):
+            self._rounds.append(Round([], [self._mark()]))
 
     def _mark(self) -> Mark:
         referee, size = self.simulation.referee, self.plan.cell_size
@@ -217,8 +239,8 @@ class DeliveryRun:
             boxes=boxes,
             unreachable=unreachable,
             collisions=len(referee.collisions),
-            learning_steps=sum(step.learning for step in self._steps),
-            actions=len(self._steps),
+            learning_steps=sum(step.learning for round_ in self._rounds for step in round_.steps),
+            actions=sum(len(round_.steps) for round_ in self._rounds),
             path_ratio=self._path_ratio(),
             localization_rmse_m=rmse,
             map_error_m=self._map_error(world_from_map),
@@ -233,13 +255,18 @@ class DeliveryRun:
     def _path_ratio(self) -> float | None:
         """Cells driven while following a complete plan, ÷ by how many cells that brought the job nearer to its end."""
         driven = nearer = 0
-        for begin, end in _stretches([not step.exploring for step in self._steps]):
-            first, last = self._marks[begin], self._marks[end]
+        for first, last in self._straight_on():
             left = [shortest_delivery(self.plan, mark.robot, mark.boxes, loaded=mark.loaded) for mark in (first, last)]
             if left[0] is not None and left[1] is not None:
                 driven += last.driven - first.driven
                 nearer += left[0] - left[1]
         return driven / nearer if nearer > 0 else None
+
+    def _straight_on(self) -> Iterator[tuple[Mark, Mark]]:
+        """The ends of all stretches in which a complete plan was followed."""
+        for round_ in self._rounds:
+            for begin, end in _stretches([not step.exploring for step in round_.steps]):
+                yield round_.marks[begin], round_.marks[end]
 
     def _localization(self) -> tuple[Pose | None, float | None]:
         """The map's frame in the world, and the rms error, m, of the poses after the map was finished."""

@@ -17,7 +17,7 @@ from wherry.experiments.delivery import order_of
 from wherry.experiments.delivery_page import pictures_of
 from wherry.experiments.kidnapping import Wanderer, true_map
 from wherry.experiments.results import write_picture
-from wherry.experiments.robot_delivery import deliver, delivery_learner
+from wherry.experiments.robot_delivery import Delivery, delivery_learner
 from wherry.floorplan import FloorPlan, find_world, place_boxes
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
@@ -95,9 +95,10 @@ def _delivery_pictures(simulation: Simulation, plan: FloorPlan) -> tuple[str, st
     world_from_map = simulation.physics.robot_pose  # the map's frame is where the robot starts
     rng = np.random.default_rng(SEED)
     ready = Mission(simulation.robot, order_of(plan), records.append, rng).explore()
-    for _ in deliver(ready, delivery_learner("bayes"), records.append, rng):
+    delivery = Delivery(ready, delivery_learner("bayes"), records.append, rng)
+    for _ in delivery:
         pass
-    carrying, _, mapping, _ = pictures_of(records, ready, plan, world_from_map)
+    carrying, _, mapping, _ = pictures_of(records, delivery.ready, plan, world_from_map)
     return mapping.svg, carrying.svg
 
 

@@ -5,7 +5,8 @@ Nothing here knows a referee; `experiments.delivery` adds one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -58,56 +59,124 @@ def beginning(world: str, learner: RuleLearner, body: Body) -> Began:
     return Began("deliver", world, learns_with, domain.term_names, tuple(domain.actions), body.radius, body.box_radius)
 
 
-def deliver(ready: Ready, learner: RuleLearner, sink: Sink, rng: np.random.Generator) -> Iterator[Step]:
-    """Deliver every box that was found, learning on the way; yields each step when it is done.
+class Delivery:
+    """Delivers every box that can be found, learning on the way; iterating over it yields each step when it is done.
+
+    A box may stand in the only way to others, or to the warehouse. So whenever the robot has taken one away, it looks
+    at what has come within reach; and when it cannot go on, it picks up a box that stands in its way.
 
     Args:
         ready: A robot that knows where everything is.
         learner: What it learns with; goes on from what it knows.
         sink: Told what happens.
         rng: Where all randomness comes from.
+
+    Attributes:
+        ready: What it knows by now.
     """
-    environment = ready.environment
-    sink(_cells_laid(ready))
-    sink(learnt(learner, environment.pilot.time))
-    told = dict(learner.revisions)
-    if not environment.remaining:
-        sink(Said(environment.pilot.time, "done", "There is nothing to deliver that I could find."))
-        return
-    agent = GoalAgent(learner, boxes_left, DeliverySteps())
-    for step in run(environment, agent, rng, max_steps=MOST_STEPS):
-        sink(
-            Stepped(
-                time=environment.pilot.time,
-                condition=str(step.condition),
-                action=str(step.action),
-                learning=step.learning,
-                moved=not step.transition.failed,
-                unknown=step.unknown,
-                delivered=environment.delivered,
-                remaining=environment.remaining,
-                plan=_centres(agent.plan, ready.frame),
+
+    def __init__(self, ready: Ready, learner: RuleLearner, sink: Sink, rng: np.random.Generator) -> None:
+        self.ready = ready
+        self._learner = learner
+        self._sink = sink
+        self._rng = rng
+        self._told: dict[str, int] = {}
+        self._steps = 0
+        self._gave_up: str | None = None
+
+    def __iter__(self) -> Iterator[Step]:
+        """Deliver."""
+        environment = self.ready.environment
+        self._sink(_cells_laid(self.ready))
+        self._tell_rules()
+        goes_on = True
+        while goes_on:
+            agent = GoalAgent(self._learner, boxes_left, DeliverySteps())
+            goes_on = bool(environment.remaining) and (yield from self._pursue(agent))
+            self._gave_up = agent.gave_up
+            goes_on = goes_on or self._looks_further() or (yield from self._clears_the_way())
+        self._say("done", _last_words(environment.delivered, environment.remaining, self._gave_up))
+
+    def _looks_further(self) -> bool:
+        """See what has come within reach; whether that was anything."""
+        further = self.ready.look_further()
+        if further is None:
+            return False
+        self.ready = further
+        self._sink(_cells_laid(further))
+        return True
+
+    def _clears_the_way(self) -> Generator[Step, None, bool]:
+        """Pick up a box that has something behind it, and look at that; whether there was such a box."""
+        if not self.ready.environment.remaining:
+            return False
+        for name in self.ready.in_the_way():
+            self._say("deliver", f"I cannot deliver anything as things stand, but {name} is in my way: I pick it up.")
+            if (yield from self._pursue(GoalAgent(self._learner, partial(_not_held, name), detour=0.0))):
+                return True
+        return False
+
+    def _pursue(self, agent: GoalAgent) -> Generator[Step, None, bool]:
+        """Do what an agent decides, until there is nothing more that it can do, or there is more to see.
+
+        What lies behind a box that has just been picked up is looked at before the robot drives there: where the map
+        shows nothing, it could not tell where it is.
+
+        Returns:
+            Whether it has seen more.
+        """
+        environment = self.ready.environment
+        for step in run(environment, agent, self._rng, max_steps=MOST_STEPS - self._steps):
+            self._steps += 1
+            now = environment.pilot.time
+            self._sink(
+                Stepped(
+                    time=now,
+                    condition=str(step.condition),
+                    action=str(step.action),
+                    learning=step.learning,
+                    moved=not step.transition.failed,
+                    unknown=step.unknown,
+                    delivered=environment.delivered,
+                    remaining=environment.remaining,
+                    plan=_centres(agent.plan, self.ready.frame),
+                )
             )
-        )
-        sink(perceived(learner.domain, step.transition.next_state, environment.pilot.time))
-        if learner.revisions != told:
-            sink(learnt(learner, environment.pilot.time))
-            told = dict(learner.revisions)
-        _comment(step, environment.pilot.time, sink)
-        yield step
-    sink(Said(environment.pilot.time, "done", _last_words(environment.remaining, agent.gave_up)))
+            self._sink(perceived(self._learner.domain, step.transition.next_state, now))
+            self._tell_rules()
+            _comment(step, now, self._sink)
+            yield step
+            if step.action == PICKUP and not step.transition.failed and self._looks_further():
+                return True
+        return False
+
+    def _tell_rules(self) -> None:
+        """Tell what is believed, if that has changed."""
+        if self._told != self._learner.revisions:
+            self._sink(learnt(self._learner, self.ready.environment.pilot.time))
+            self._told = dict(self._learner.revisions)
+
+    def _say(self, phase: str, text: str) -> None:
+        self._sink(Said(self.ready.environment.pilot.time, phase, text))
 
 
-def _last_words(left: int, why: str | None) -> str:
+def _not_held(name: str, state: State) -> int:
+    """0 once the robot holds a box, or has delivered it."""
+    box = state.get(name)
+    return int(box is not None and not box.in_bot)
+
+
+def _last_words(delivered: int, left: int, why: str | None) -> str:
     """What is said at the end.
 
     Args:
-        left: How many boxes were not delivered.
+        delivered: How many boxes were.
+        left: How many boxes were not.
         why: Why the agent stopped; None where it was stopped after `MOST_STEPS`.
     """
-    if not left:
-        return "Everything is delivered."
-    return f"I give up: I cannot deliver {left} of the boxes ({why or f'not in {MOST_STEPS:,} actions'})."
+    if left:
+        return f"I give up: I cannot deliver {left} of the boxes ({why or f'not in {MOST_STEPS:,} actions'})."
+    return "Everything is delivered." if delivered else "There is nothing to deliver that I could find."
 
 
 def _cells_laid(ready: Ready) -> CellsLaid:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.experiments.robot_delivery import beginning, deliver
+from wherry.experiments.robot_delivery import Delivery, beginning
 from wherry.learning.learners import RuleLearner
 from wherry.learning.rules import save_rules
 from wherry.realization.mission import Mission, Order, Ready
@@ -203,11 +203,12 @@ def run(
     rng = np.random.default_rng(seed)
     sink(beginning("ROS", learner, robot.body))
     started = robot.time
-    ready = stack.get_ready(order, grid, sink, rng)
+    delivery = Delivery(stack.get_ready(order, grid, sink, rng), learner, sink, rng)
     actions = learning = 0
-    for step in deliver(ready, learner, sink, rng):
+    for step in delivery:
         actions += 1
         learning += step.learning
+    ready = delivery.ready
     environment = ready.environment
     figures = Figures(environment.delivered, environment.remaining, actions, learning, robot.time - started)
     return figures, ready

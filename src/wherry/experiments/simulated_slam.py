@@ -13,7 +13,8 @@ from wherry.experiments.delivery import order_of
 from wherry.experiments.results import markdown_table
 from wherry.floorplan import FloorPlan, find_world
 from wherry.mapping.graph_slam import GraphSlam
-from wherry.realization.mission import Mission, SlamCorrector
+from wherry.realization.correctors import SlamCorrector
+from wherry.realization.mission import Mission
 from wherry.realization.tracking import Corrector
 from wherry.robot import Odometry, Scan
 from wherry.simulation import build
@@ -95,6 +96,10 @@ class TimedMapper:
         self.times.append(scan.time)
         self.poses.append(pose)
         return pose
+
+    def resume(self, pose: Pose) -> None:
+        """As `SlamCorrector.resume`."""
+        self._corrector.resume(pose)
 
     def grid(self) -> OccupancyGrid:
         """The map so far."""

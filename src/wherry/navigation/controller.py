@@ -212,15 +212,6 @@ def safe_velocity(velocity: Velocity, scan: Scan, body: Body, *, ignore: Floats 
     return Velocity(velocity.linear * share, velocity.angular * share)
 
 
-def limit_acceleration(wanted: Velocity, present: Velocity, body: Body, period: float) -> Velocity:
-    """The velocity nearest to the wanted one that the robot's accelerations allow after ``period`` seconds."""
-    linear, angular = body.max_linear_acceleration * period, body.max_angular_acceleration * period
-    return Velocity(
-        float(np.clip(wanted.linear, present.linear - linear, present.linear + linear)),
-        float(np.clip(wanted.angular, present.angular - angular, present.angular + angular)),
-    )
-
-
 def _leading_heading(pose: Pose, *, reverse: bool) -> float:
     """Where the leading end of the robot looks, rad, map frame."""
     return wrap(pose.theta + math.pi) if reverse else pose.theta

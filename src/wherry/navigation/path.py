@@ -101,6 +101,20 @@ class Costmap:
             return None
         return int(cells[nearest, 0]), int(cells[nearest, 1])
 
+    def roomiest(self, point: Floats, within: float) -> tuple[int, int]:
+        """Row and column of the cell around a point, [2] m, map frame, with the greatest clearance.
+
+        Args:
+            point: On the map.
+            within: m.
+        """
+        row, column = self.cell_at(point)
+        reach = round(within / self.resolution)
+        top, left = max(row - reach, 0), max(column - reach, 0)
+        around = self.clearance[top : row + reach + 1, left : column + reach + 1]
+        best = np.unravel_index(int(np.argmax(around)), around.shape)
+        return top + int(best[0]), left + int(best[1])
+
 
 def shortest_path(costmap: Costmap, start: Floats, goal: Floats, *, within: float = 0.3) -> Floats | None:
     """The cheapest way for the robot's middle, cut straight wherever that costs no more.
@@ -124,8 +138,8 @@ def shortest_path(costmap: Costmap, start: Floats, goal: Floats, *, within: floa
     points = costmap.centres(cells[_shortcuts(costmap.cost, cells)])
     if costmap.is_passable(goal):
         points[-1] = goal[:2]
-    if len(points) == 1:
-        return np.vstack([start[:2], points])
+    if len(points) == 1 or not costmap.is_passable(start):
+        return np.vstack([start[:2], points])  # first of all to where the robot fits
     points[0] = start[:2]
     return points
 
@@ -146,31 +160,6 @@ def travel_costs(costmap: Costmap, start: Floats, *, within: float = 0.3) -> NDA
         return np.full(costmap.passable.shape, math.inf)
     costs, _ = _search(costmap.cost, *first, -1, -1)
     return costs * costmap.resolution
-
-
-def nearest_reachable(costmap: Costmap, start: Floats, goal: Floats, *, within: float = 0.3) -> Floats | None:
-    """The place nearest to a goal that the robot can get to.
-
-    Args:
-        costmap: Where the robot may be.
-        start: [2] m, map frame.
-        goal: [2] m, map frame.
-        within: m, how far from ``start`` the nearest place may be where the robot fits.
-
-    Returns:
-        [2] m, map frame; None if the robot fits nowhere near ``start``.
-    """
-    cells = np.argwhere(np.isfinite(travel_costs(costmap, start, within=within)))
-    if len(cells) == 0:
-        return None
-    centres = costmap.centres(cells)
-    nearest: Floats = centres[np.argmin(np.hypot(*(centres - goal[:2]).T))]
-    return nearest
-
-
-def path_length(path: Floats) -> float:
-    """Length of a path [N, 2], in its own unit."""
-    return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
 def _distances(grid: OccupancyGrid, x: float, y: float) -> Floats:

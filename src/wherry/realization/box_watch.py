@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.floorplan import Cell, FloorPlan
-from wherry.realization.boxes import FARTHEST, FEWEST_SIGHTINGS, Box, look_for_boxes
-from wherry.realization.pilot import Load, Pilot
+from wherry.realization.boxes import FARTHEST, FEWEST_SIGHTINGS, Box, look_for_boxes, standing_alone, standing_free
+from wherry.realization.pilot import Load, Pilot, without_load
 from wherry.robot import Scan
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
@@ -22,10 +22,10 @@ BESIDE = 1.8  # box radii from a cell's middle to where beams must pass it, so t
 
 
 class BoxWatch:
-    """Searches every few scans for boxes, and keeps them for `SeenCells`.
+    """Searches every few scans for round things, and keeps the scans for `SeenCells`.
 
     Attributes:
-        boxes: What is believed to be a box.
+        boxes: What may be a box.
         looks: Every scan that was searched, with the lidar's pose in the map frame when it was taken.
     """
 
@@ -35,7 +35,10 @@ class BoxWatch:
         self.box_radius = pilot.body.box_radius
         self._pilot = pilot
         self._scans = 0
-        pilot.watchers.append(self)
+
+    def start(self) -> None:
+        """Watch from now on."""
+        self._pilot.watchers.append(self)
 
     def __call__(self, scan: Scan, pose: Pose) -> None:
         """Take in a scan."""
@@ -43,10 +46,15 @@ class BoxWatch:
         if self._scans % LOOK_EVERY:
             return
         body = self._pilot.body
+        scan = without_load(scan, body)
         self.boxes = look_for_boxes(self.boxes, scan, pose, body)
         self.looks.append((pose @ body.lidar, scan))
-        certain = [(box.x, box.y) for box in self.boxes if box.certain]
-        self._pilot.load = Load(np.array(certain).reshape(-1, 2), held=False)
+
+    def show(self, grid: OccupancyGrid) -> tuple[Box, ...]:
+        """Tell the pilot which of the round things are surely boxes; return those that are, as far as the map tells."""
+        places = [(box.x, box.y) for box in standing_alone(self.boxes, grid, self.box_radius)]
+        self._pilot.load = Load(np.array(places).reshape(-1, 2), held=self._pilot.load.held)
+        return standing_free(self.boxes, grid, self.box_radius)
 
     def stop(self) -> None:
         """Watch no longer."""

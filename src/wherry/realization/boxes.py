@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
 
 from wherry.robot import Body, Scan
 from wherry.space.occupancy import OccupancyGrid
@@ -23,7 +25,10 @@ NARROWEST = 1.2  # chord ÷ radius
 SAME_BOX = 0.25  # m; two sightings nearer than this are of one box
 FEWEST_SIGHTINGS = 5
 RIM = 0.05  # m around a box in which the map may still show it
-RING = 0.075  # m around that which must be free on the map; walls are farther from boxes in the middle of cells
+RING = 0.075  # m around that in which nothing may hang together with the box
+GAP = 0.05  # m around it in which not even something may that the map shows behind what it does not know
+ALONE = 0.25  # m around it likewise, for what is to be shown as a box while the map grows
+KNOWN_FREE = 0.7  # share of that ring which must be known to be free: a box seen from one side hides a fifth of it
 SMALLEST_SHARE = 0.5  # sightings ÷ looks at the place with nothing in between
 
 
@@ -173,17 +178,74 @@ def _sees_past(scan: Scan, lidar: Pose, box: Box, radius: float) -> bool:
 
 
 def standing_free(boxes: Sequence[Box], grid: OccupancyGrid, radius: float) -> tuple[Box, ...]:
-    """The certain boxes around which the map is free: what goes on beyond a box's rim is a wall's end or a jamb."""
-    rows, columns = np.nonzero(grid.occupied)
-    cells = (np.column_stack([columns, rows]) + 0.5) * grid.resolution
-    points = grid.origin.transform(cells)
-    free = []
-    for box in boxes:
-        distances = np.hypot(points[:, 0] - box.x, points[:, 1] - box.y)
-        beyond = (distances > radius + RIM) & (distances < radius + RIM + RING)
-        if box.certain and not np.any(beyond):
-            free.append(box)
-    return tuple(free)
+    """The certain boxes that nothing on the map goes on from; what goes on is a wall's end or a jamb.
+
+    Args:
+        boxes: Round things.
+        grid: The map; boxes may be on it or not.
+        radius: m, of a box.
+    """
+    return tuple(box for box in boxes if box.certain and not _Surroundings.of(box, grid, radius).go_on)
+
+
+def standing_alone(boxes: Sequence[Box], grid: OccupancyGrid, radius: float) -> tuple[Box, ...]:
+    """Those from which nothing can go on even where a map that grows has gaps yet: surely boxes."""
+    return tuple(box for box in boxes if box.certain and _Surroundings.of(box, grid, radius).are_free)
+
+
+@dataclass(frozen=True)
+class _Surroundings:
+    """What a map shows around a box.
+
+    Attributes:
+        away: [H, W] m, from its rim and what may still be of it; at most 0 on it.
+        free: [H, W] where the map shows free floor.
+        occupied: [H, W] where it shows something.
+    """
+
+    away: Floats
+    free: NDArray[np.bool_]
+    occupied: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, box: Box, grid: OccupancyGrid, radius: float) -> _Surroundings:
+        """Cut them out of a map."""
+        middle = np.array([box.x, box.y])
+        row, column = grid.cells_at(middle[None, :])[0]
+        half = math.ceil((radius + RIM + ALONE) / grid.resolution) + 1
+        rows, columns = (
+            slice(max(row - half, 0), max(row + half + 1, 0)),
+            slice(max(column - half, 0), column + half + 1),
+        )
+        free = grid.free[rows, columns]
+        cells = np.argwhere(np.ones_like(free)) + np.array([rows.start, columns.start])
+        away = np.hypot(*(grid.centres(cells) - middle).T).reshape(free.shape) - radius - RIM
+        return cls(away, free, grid.occupied[rows, columns])
+
+    @property
+    def go_on(self) -> bool:
+        """Whether a piece of what the map shows goes on from the box's rim to beyond it.
+
+        A wall's cells hang together; a gap between them that was not seen is small.
+        """
+        return self._leads_on(self.occupied, RING) or self._leads_on(~self.free, GAP)
+
+    @property
+    def are_free(self) -> bool:
+        """Whether the box has free floor around it, and nothing may go on from it where the map has gaps."""
+        ring = (self.away > 0.0) & (self.away < RING)
+        known_free = bool(ring.any()) and float(np.mean(self.free[ring])) >= KNOWN_FREE
+        return known_free and not self._leads_on(~self.free, ALONE)
+
+    def _leads_on(self, filled: NDArray[np.bool_], reach: float) -> bool:
+        """Whether something occupied is beyond the rim, up to a reach, m, in the piece of what is filled there."""
+        return bool(np.any(self._piece(filled & (self.away < reach)) & self.occupied & (self.away > 0.0)))
+
+    def _piece(self, filled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """[H, W] what hangs together with the box."""
+        pieces, _ = ndimage.label(filled | (self.away <= 0.0), structure=np.ones((3, 3)))  # corners touch, too
+        of_box: NDArray[np.bool_] = (pieces > 0) & np.isin(pieces, pieces[self.away <= 0.0])
+        return of_box
 
 
 def without_boxes(grid: OccupancyGrid, boxes: Sequence[Box], radius: float) -> OccupancyGrid:

@@ -67,6 +67,8 @@ class RobotEnvironment:
         self._scans = 0
         self._ghosts: set[str] = set()
         self._boxes = tuple(KnownBox(f"box{number}", box) for number, box in enumerate(boxes, start=1))
+        self._named = len(self._boxes)
+        self._taken: tuple[seeing.Box, ...] = ()
         pilot.watchers.append(self._watch_boxes)
         self._tell_pilot()
 
@@ -77,13 +79,57 @@ class RobotEnvironment:
 
     @property
     def cell(self) -> Cell:
-        """The cell that the robot stands in."""
-        return Cell(*self.frame.cell_at(self.pilot.pose.x, self.pilot.pose.y))
+        """The cell that the robot stands in; the nearest one, should it take itself to be beyond the map's bounds."""
+        x, y = self.frame.cell_at(self.pilot.pose.x, self.pilot.pose.y)
+        (west, east), (south, north) = self.site.x_range, self.site.y_range
+        return Cell(min(max(x, west), east), min(max(y, south), north))
 
     @property
     def remaining(self) -> int:
         """How many of the boxes that were found are not delivered yet."""
         return len(self._boxes)
+
+    @property
+    def standing(self) -> tuple[KnownBox, ...]:
+        """The boxes on the floor."""
+        return tuple(box for box in self._boxes if not box.held)
+
+    @property
+    def taken(self) -> tuple[seeing.Box, ...]:
+        """The boxes that were picked up so far, where they stood."""
+        return self._taken
+
+    @property
+    def holding(self) -> bool:
+        """Whether the latch holds a box."""
+        return any(box.held for box in self._boxes)
+
+    def learn_of(self, frame: CellFrame, site: Site, boxes: Sequence[seeing.Box]) -> None:
+        """Take in what more has been seen of the world; what was known of boxes still holds.
+
+        Args:
+            frame: Where the cells lie in the map now.
+            site: The walls that the map shows now, and the warehouse.
+            boxes: The boxes on the floor; one with a number that is known is known.
+        """
+        known = {box.place.number for box in self.standing}
+        fresh = [box for box in boxes if box.number not in known]
+        self._boxes += tuple(KnownBox(f"box{self._named + at}", box) for at, box in enumerate(fresh, start=1))
+        self._named += len(fresh)
+        self.frame, self.site, self._mapped = frame, site, site
+        self._tell_pilot()
+
+    def step_aside(self) -> bool:
+        """Leave a box that stands in the fork and is not held; return whether none stands there now."""
+        here = self.cell
+        if self._standing_in(here) is None:
+            return True
+        for direction in Direction:
+            if Wall.between(here, direction) not in self.site.walls and not self._standing_in(here.towards(direction)):
+                self._move(direction)
+                if self.cell != here:
+                    return True
+        return False
 
     def reset(self, rng: np.random.Generator) -> State:
         """Perceive where things stand; a robot lives once, so nothing is put back."""
@@ -125,13 +171,12 @@ class RobotEnvironment:
     def _centre(self) -> None:
         """Drive to the middle of the cell that the robot is in."""
         middle = self.frame.centre(self.cell.x, self.cell.y)
-        full = any(box.held for box in self._boxes)
-        self.pilot.go_to(Pose(float(middle[0]), float(middle[1]), self.pilot.pose.theta), reverse=full)
+        self.pilot.go_to(Pose(float(middle[0]), float(middle[1]), self.pilot.pose.theta), reverse=self.holding)
 
     def _move(self, direction: Direction) -> None:
         here, there = self.cell, self.cell.towards(direction)
         ahead, waiting = self._standing_in(there), self._standing_in(here)
-        held = any(box.held for box in self._boxes)
+        held = self.holding
         fork_full = held or waiting is not None
         docking = ahead is not None and not fork_full
         home = self.frame.centre(here.x, here.y) if waiting is None else waiting.position
@@ -139,9 +184,10 @@ class RobotEnvironment:
         move(self.pilot, home, goal, docking=docking, fork_full=fork_full, held=held)
 
     def _pick_up(self) -> None:
-        if self.pilot.robot.close_latch():
-            here = self._standing_in(self.cell)
+        here = self._standing_in(self.cell)
+        if self.pilot.robot.close_latch() and here is not None and not self.holding:
             self._boxes = tuple(replace(box, held=True) if box is here else box for box in self._boxes)
+            self._taken += (here.place,)
         self._tell_pilot()
 
     def _drop_off(self) -> None:
@@ -183,7 +229,7 @@ class RobotEnvironment:
         walls = set(self.site.walls)
         cell = self.cell
         lidar = self.pilot.pose @ self.pilot.body.lidar
-        positions = np.array([box.position for box in self._boxes if not box.held]).reshape(-1, 2)
+        positions = np.array([box.position for box in self.standing]).reshape(-1, 2)
         body = self.pilot.body
         for direction, blocked in ways_seen(
             scan, lidar, cell, self.frame, body.radius, positions, body.box_radius
@@ -204,7 +250,7 @@ class RobotEnvironment:
     def _watch_boxes(self, scan: Scan, pose: Pose) -> None:
         """Keep the places of the boxes on the floor up to date: the nearer the robot comes, the better it sees them."""
         self._scans += 1
-        on_floor = [box.place for box in self._boxes if not box.held]
+        on_floor = [box.place for box in self.standing]
         if self._scans % LOOK_EVERY or not on_floor:
             return
         seen = {box.number: box for box in seeing.look_for_boxes(on_floor, scan, pose, self.pilot.body)}
@@ -212,11 +258,11 @@ class RobotEnvironment:
 
     def _standing_in(self, cell: Cell) -> KnownBox | None:
         """The box on the floor of a cell."""
-        return next((box for box in self._boxes if not box.held and self._cell_of(box) == cell), None)
+        return next((box for box in self.standing if self._cell_of(box) == cell), None)
 
     def _cell_of(self, box: KnownBox) -> Cell:
         return Cell(*self.frame.cell_at(box.place.x, box.place.y))
 
     def _tell_pilot(self) -> None:
-        on_floor = [box.position for box in self._boxes if not box.held]
-        self.pilot.load = Load(np.array(on_floor).reshape(-1, 2), held=any(box.held for box in self._boxes))
+        on_floor = [box.position for box in self.standing]
+        self.pilot.load = Load(np.array(on_floor).reshape(-1, 2), held=self.holding)

@@ -24,6 +24,7 @@ NO_POINTS = np.empty((0, 2))
 SHOWN_EVERY = 0.2  # s between two records of what is seen
 STILL = 0.005  # m/s and rad/s; slower than this, the robot stands
 FORK_REACH = 1.5  # box radii around base_link within which a reading is of a box in the fork
+LONGEST_DRIVE = 60.0  # s after which a drive is given up; where the pose jumps to and fro, a goal may never be reached
 PATIENCE = 20  # odometry messages in a row that the laser may hold the robot up before a drive is given up
 
 
@@ -31,7 +32,7 @@ class Ride(Enum):
     """How a drive ended."""
 
     ARRIVED = "arrived"
-    HELD_UP = "the laser saw something in the way"
+    HELD_UP = "the laser saw something in the way, or it took too long"
     CUT_SHORT = "there was no more reason to go on"
     LOST = "the robot no longer knew where it was"
 
@@ -172,10 +173,16 @@ class Pilot:
         """Turn on the spot to a heading, rad, map frame; the robot is round, so nothing can be in its way."""
         self._drive(lambda pose: turn_to(pose, heading, self.body))
 
-    def follow(self, path: Floats, *, until: Callable[[], bool] = lambda: False) -> Ride:
-        """Follow a path [N, 2] m, map frame, until its end, until the laser sees something in the way, or ``until``."""
+    def follow(self, path: Floats, *, reverse: bool = False, until: Callable[[], bool] = lambda: False) -> Ride:
+        """Drive along a path until its end, until the laser sees something in the way, or ``until``.
+
+        Args:
+            path: [N, 2] m, map frame.
+            reverse: Whether the back leads.
+            until: Asked again and again whether to leave off.
+        """
         self._path = path
-        ride = self._drive(lambda pose: follow_path(pose, path, self.body), until=until)
+        ride = self._drive(lambda pose: follow_path(pose, path, self.body, reverse=reverse), until=until)
         self._path = NO_POINTS
         return ride
 
@@ -202,8 +209,8 @@ class Pilot:
 
     def _drive(self, steer: Steering, *, ignore: Floats = NO_DISCS, until: Callable[[], bool] = lambda: False) -> Ride:
         """Command what the steering says until it has arrived, or the laser or ``until`` stops it."""
-        held_up = 0
-        while held_up < PATIENCE:
+        held_up, deadline = 0, self.time + LONGEST_DRIVE
+        while held_up < PATIENCE and self.time < deadline:
             if self.tracker.lost:
                 self._find_again()
                 return Ride.LOST

@@ -165,6 +165,9 @@ class OutsideMapper:
         self.corrector = pose
         self.start = pose.pose(odometry)
 
+    def resume(self, pose: Pose) -> None:
+        """As `Mapper.resume`: whoever maps and localizes here has never stopped."""
+
 
 def _wait(
     news: threading.Condition, happened: Callable[[], bool], patience: float, what: str, refusals: Refusals
