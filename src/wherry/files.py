@@ -1,4 +1,4 @@
-"""Reading a user's files with a size limit, and writing files so that a crash never leaves half of one."""
+"""Reading files with a size limit, making folders, and writing files so that a crash never leaves half of one."""
 
 from __future__ import annotations
 
@@ -65,6 +65,22 @@ def write_atomically(path: str | Path, data: str | bytes) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def make_folder(folder: str | Path) -> None:
+    """Make a folder, and those that it lies in, and see that it can be written to.
+
+    Raises:
+        InputError: It cannot be made, or written to.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, "", f"cannot be made: {error.strerror or error}") from error
+    probe = folder / ".probe"
+    write_atomically(probe, "")
+    probe.unlink()
 
 
 @contextmanager

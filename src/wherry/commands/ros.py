@@ -159,6 +159,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         """The agent on a robot of ROS: it explores, maps, learns what its actions do, and delivers every box."""
         from wherry.experiments import delivery, ros_delivery
         from wherry.experiments.robot_delivery import delivery_learner
+        from wherry.files import make_folder
         from wherry.kernels import are_compiled
         from wherry.ros.agent_node import AgentNode
         from wherry.ros.bodies import load_body
@@ -177,7 +178,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         grid = None if map_file is None else load_map(map_file)
         shape = load_body(body)
         if out is not None:
-            delivery.make_folder(out)
+            make_folder(out)
         console = console_for(as_json=as_json, quiet=quiet)
         if not are_compiled():
             console.print("Compiling the inner loops; that takes half a minute, and is done once.")

@@ -63,12 +63,10 @@ def watched(
     with contextlib.ExitStack() as stack:
         sinks: list[Sink] = []
         if out is not None:
+            from wherry.files import make_folder
             from wherry.views.recordings import FILE_NAME, Recorder
 
-            try:
-                out.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise InputError("--out", str(out), f"cannot be made: {error.strerror}") from error
+            make_folder(out)
             sinks.append(stack.enter_context(Recorder(out / FILE_NAME)))
         if view:
             from wherry.views.web.broadcast import Broadcast

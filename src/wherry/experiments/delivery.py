@@ -21,7 +21,7 @@ from wherry.errors import InputError
 from wherry.experiments.delivery_page import page, pictures_of
 from wherry.experiments.robot_delivery import Delivery, beginning, delivery_learner
 from wherry.experiments.scoring import Result, align, position_errors, root_mean_square, shortest_delivery
-from wherry.files import write_atomically
+from wherry.files import make_folder, write_atomically
 from wherry.floorplan import Cell, FloorPlan, find_world
 from wherry.learning.learners import RuleLearner
 from wherry.learning.rules import save_rules
@@ -92,21 +92,6 @@ def _free_folder(folder: Path) -> Path:
     """The folder, or one with a number behind its name where an earlier run has left its results."""
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in count(2))
     return next(free for free in chain([folder], numbered) if not (free / RESULT).exists())
-
-
-def make_folder(out: Path) -> None:
-    """Make the folder for results.
-
-    Raises:
-        InputError: It cannot be made, or written to.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError("--out", str(out), error.strerror or str(error)) from error
-    probe = out / ".probe"
-    write_atomically(probe, "")
-    probe.unlink()
 
 
 @dataclass(frozen=True, slots=True)

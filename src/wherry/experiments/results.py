@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from wherry.errors import InputError
-from wherry.files import read_text, write_atomically
+from wherry.files import make_folder, read_text, write_atomically
 
 LARGEST_FILE = 2_000_000  # bytes
 HEADING = "# Results\nEvery section is written by the command named in it, and by nothing else.\n"
@@ -46,10 +46,7 @@ def write_picture(images: Path, name: str, content: bytes, shows: str) -> str:
     Raises:
         InputError: The picture cannot be written.
     """
-    try:
-        images.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(images, "", error.strerror or str(error)) from error
+    make_folder(images)
     write_atomically(images / name, content)
     return f"![{shows}]({images.name}/{name})"
 

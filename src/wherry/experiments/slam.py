@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from wherry.bags import is_bag, read_bag
 from wherry.errors import InputError
-from wherry.files import write_atomically
+from wherry.files import make_folder, write_atomically
 from wherry.logs import LidarLog, read_log, read_odometry
 from wherry.mapping.backends import BACKENDS, MapSettings
 from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
@@ -133,10 +133,7 @@ def prepare(settings: Settings) -> MappingRun:
         odometry = merged_odometry(log.odometry, read_odometry(settings.odometry))
     slam, first = _begun(settings, log)
     if settings.out is not None:
-        try:
-            settings.out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(settings.out, "", f"cannot be made: {error.strerror}") from error
+        make_folder(settings.out)
     return MappingRun(settings, log, relations, odometry, slam, first)
 
 

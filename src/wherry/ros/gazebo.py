@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from wherry.errors import InputError
-from wherry.files import read_text, write_atomically
+from wherry.files import make_folder, read_text, write_atomically
 from wherry.floorplan import FloorPlan, find_world
 from wherry.ros.description import robot_description
 from wherry.ros.gazebo_latch import (
@@ -159,12 +159,8 @@ def _prepare(folder: Path, *, force: bool) -> None:
     Raises:
         InputError: It cannot be made, or holds something else.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        is_empty = not any(folder.iterdir())
-    except OSError as error:
-        raise InputError(folder, "", f"cannot be made: {error.strerror}") from error
-    if not is_empty and not force and not _is_export(folder / MARK):
+    make_folder(folder)
+    if any(folder.iterdir()) and not force and not _is_export(folder / MARK):
         raise InputError(folder, "", "holds something that is not an export; give another folder, or --force")
 
 
