@@ -97,3 +97,18 @@ def test_factored_rmax_knows_a_step_when_it_knows_all_its_parts() -> None:
     learner.add_experience(environment.transition(environment.state_of((1, 2), "Y", "G"), Action("N")))
     assert learner.predict(other, Action("N")).state == environment.transition(other, Action("N")).next_state
     assert not learner.predict(other, Action("S")).known
+
+
+def test_factored_rmax_learns_that_an_object_leaves() -> None:
+    walker, apple = ObjectClass("Walker", (integer("x", 0, 3),)), ObjectClass("Apple", (integer("x"),), removable=True)
+    domain = Domain("orchard", (walker, apple), (), {"EAT": ()})
+    together = (("walker", "x"), ("apple", "x"))
+    learner = FactoredRmax(domain, lambda action, variable: (variable,) if variable[0] == "walker" else together)
+    here, there = (State((walker("walker", x=1), apple("apple", x=x))) for x in (1, 2))
+    learner.add_experience(Transition(here, Action("EAT"), here.without("apple"), 1.0, terminated=False))
+    assert learner.predict(here, Action("EAT")).state == here.without("apple")
+    assert not learner.predict(there, Action("EAT")).known
+    after = here.without("apple")
+    assert not learner.predict(after, Action("EAT")).known
+    learner.add_experience(Transition(after, Action("EAT"), after, 0.0, terminated=False))
+    assert learner.predict(after, Action("EAT")).state == after

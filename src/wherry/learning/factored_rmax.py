@@ -21,6 +21,9 @@ Variable = tuple[str, str]
 WORTH: Variable = ("", "reward and end")
 """The variable for what a step is worth and whether it ends the episode."""
 
+GONE = ("gone",)
+"""For all attributes of an object that has left; no attribute has such a value."""
+
 Parent = Variable | Callable[[State], Hashable]
 """A variable, or something that is worked out from several of them: where a passenger is, on the street or inside."""
 
@@ -62,6 +65,8 @@ class FactoredRmax:
             ]
             if None in values:
                 return UNKNOWN
+            if GONE in values:
+                continue
             objects.append(Object(item.object_class, item.name, tuple(values)))
         return Prediction(state.with_objects(objects), *worth)
 
@@ -100,15 +105,17 @@ class FactoredRmax:
 
 
 def parent_value(state: State, parent: Parent) -> Hashable:
-    """What a parent is in a state."""
+    """What a parent is in a state; `GONE` for an attribute of an object that has left."""
     if callable(parent):
         return parent(state)
     name, attribute = parent
-    return cast("Value", getattr(state[name], attribute))
+    item = state.get(name)
+    return GONE if item is None else cast("Value", getattr(item, attribute))
 
 
 def _next_values(transition: Transition) -> Iterator[tuple[Variable, Hashable]]:
     yield WORTH, (transition.reward, transition.terminated)
-    for item in transition.next_state.objects:
-        for attribute, value in zip(item.object_class.attributes, item.values, strict=True):
-            yield (item.name, attribute.name), value
+    for item in transition.state.objects:
+        for attribute in item.object_class.attributes:
+            variable = item.name, attribute.name
+            yield variable, parent_value(transition.next_state, variable)
