@@ -16,7 +16,9 @@ def test_ten_kidnappings() -> None:
     assert result.false_alarms == 0
     assert result.relocalizations == 0
     assert np.count_nonzero(result.recovered < 20.0) >= 9
-    assert np.nansum(result.reliability[:, 2]) == pytest.approx((60 + 200) * 10, abs=15)
+    assert result.reliability.cases == pytest.approx((60 + 200) * 10, abs=15)
+    assert result.reliability.brier < 0.2 * result.reliability.base_brier
+    assert result.reliability.calibration_error < 0.02
 
 
 def test_the_claims_are_tried_and_not_just_stated() -> None:

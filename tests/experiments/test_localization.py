@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from wherry.errors import InputError
-from wherry.experiments.localization import Settings, prepare
+from wherry.experiments.localization import Settings, advancing_times, prepare
 from wherry.logs import read_log
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import save_graph
@@ -115,3 +115,26 @@ def test_a_broken_pose_graph_is_refused(files: Settings, tmp_path: Path) -> None
     (tmp_path / "graph.npz").write_bytes(b"no archive")
     with pytest.raises(InputError, match="not a saved pose graph"):
         prepare(Settings(files.log, tmp_path / "graph.npz"))
+
+
+def test_times_that_grow_are_left_alone_and_those_that_run_backwards_too() -> None:
+    for times in (np.array([1.0, 2.0, 2.5]), np.array([1.0, 1.0, 0.5]), np.array([3.0])):
+        assert advancing_times(times) is times
+
+
+def test_scans_with_one_stamp_are_spread_to_the_next_one() -> None:
+    times = np.array([10.0, 10.0, 11.0, 11.0, 11.0, 11.0, 12.0, 12.0])
+    assert advancing_times(times) == pytest.approx([10.0, 10.5, 11.0, 11.25, 11.5, 11.75, 12.0, 12.0 + 1 / 3])
+
+
+def test_a_clock_that_stands_still_is_no_jump(files: Settings) -> None:
+    lines = files.log.read_text().splitlines()
+    stopped = [" ".join([*line.split()[:-3], "1134860000.0 nohost 1134860000.0"]) for line in lines[::2]]
+    files.log.write_text("\n".join(stopped) + "\n")
+    run = prepare(Settings(files.log, files.map_file, params=None))
+    run.localizer.initialize(Pose(0.6, -0.6, -1.0), np.diag([0.1, 0.1, 0.05]) ** 2)
+    assert not any(located.found.estimate.problem for located in run.steps())
+    last = 58 * 0.5
+    truth = Pose(0.6 + 1.5 * math.sin(last / 8), 0.2 * math.cos(last / 5) - 0.8, last / 10 - 1.0)
+    assert run.located[-1].found.pose.distance_to(truth) < 0.1
+    assert (np.diff(advancing_times(np.array([scan.time for scan in run.log.scans]))) > 0.0).all()

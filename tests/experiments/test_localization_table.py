@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from wherry.experiments import kidnapping, localization_study
-from wherry.experiments.localization_table import FILTERS, RELIABILITY, Extent, reproduce
+from wherry.experiments.localization_table import FILTERS, RELIABILITY, RELIABILITY_INTEL, Extent, reproduce
 from wherry.experiments.recorded_localization import most_together
 from wherry.views.reliability import MARGIN, SIDE, reliability_diagram
 
@@ -41,11 +41,13 @@ def test_every_part_runs(tmp_path: Path) -> None:
         seeds=1,
         every=50,
         updates=5,
+        calibrate=False,
     )
     told: list[tuple[int, int]] = []
     markdown = reproduce(data, tmp_path, lambda done, total: told.append((done, total)), little)
-    assert told == [(done, 5) for done in range(6)]
-    assert markdown.count("\n### ") == 5
+    assert told == [(done, 6) for done in range(7)]
+    assert markdown.count("\n### ") == 6
     assert "nan" not in markdown
     assert (tmp_path / RELIABILITY).exists()
+    assert (tmp_path / RELIABILITY_INTEL).exists()
     assert (tmp_path / FILTERS).exists()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from rooms import LIDAR, THICK, Building, drive, wheel_odometry
 from wherry.localization.localizer import Localization, Localizer
@@ -35,6 +36,24 @@ def test_a_slip_of_the_wheels_is_made_good() -> None:
     assert max(errors[:60]) < 0.05
     assert max(errors) < 0.35
     assert max(errors[90:]) < 0.05  # three seconds later
+
+
+@pytest.mark.parametrize("at", [40, 180])
+def test_wheels_that_turn_for_nothing_for_two_seconds_are_found_out_meanwhile(at: int) -> None:
+    way = list(drive())[:250]
+    truth = way[:at] + [way[at]] * 20 + way[at:]
+    driven = wheel_odometry(way, np.random.default_rng(0))
+    before = driven[at].pose
+    turning = [Odometry((at + i) / 10, before @ Pose(0.03 * (i + 1)), driven[at].velocity) for i in range(20)]  # 60 cm
+    shifted = turning[-1].pose @ before.inverse
+    going_on = [replace(now, time=now.time + 2.0, pose=shifted @ now.pose) for now in driven[at:]]
+    building = Building()
+    localizer = Localizer(building.grid(), LIDAR, PRECISE, np.random.default_rng(0))
+    localizer.initialize(truth[0], CLOSE)
+    found = follow(building, localizer, truth, driven[:at] + turning + going_on)
+    errors = [one.pose.distance_to(place) for one, place in zip(found, truth, strict=True)]
+    assert max(errors) < 0.3
+    assert max(errors[at + 20 :]) < 0.08
 
 
 def test_where_the_map_ends_the_robot_is_not_lost() -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wherry.experiments.localization import LOST
+from wherry.experiments.localization_reliability import Reliability
 from wherry.floorplan import Cell, FloorPlan, find_world, place_boxes
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameters import PRECISE
@@ -61,21 +62,29 @@ class Sight:
     Attributes:
         time: s, simulated.
         found: Where the robot is believed to be.
-        error: m, from the truth.
-        heading_error: rad, likewise, absolute.
+        truth: Where it is.
         kidnapping: How many there have been.
     """
 
     time: float
     found: Localization
-    error: float
-    heading_error: float
+    truth: Pose
     kidnapping: int
+
+    @property
+    def error(self) -> float:
+        """Distance from the truth, m."""
+        return self.found.pose.distance_to(self.truth)
 
     @property
     def is_found(self) -> bool:
         """Whether the robot knows where it is."""
-        return self.error < FOUND and self.heading_error < FOUND_HEADING
+        return is_found(self.found.pose, self.truth)
+
+
+def is_found(pose: Pose, truth: Pose) -> bool:
+    """Whether a believed pose is so near to the true one that the robot is not lost."""
+    return pose.distance_to(truth) < FOUND and abs(wrap(pose.theta - truth.theta)) < FOUND_HEADING
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +98,7 @@ class Result:
         relocalizations: How often it started anew there.
         recovered: [K] s, from each kidnapping until the robot has found itself for good; inf if it has not.
         noticed: [K] s, from each kidnapping until it believed itself lost; inf if never.
-        reliability: [10, 3] for every tenth of the lost probability: its mean, the share of scans with the robot truly
-            lost, and how many scans there were.
+        reliability: Of the lost probability.
     """
 
     tracking_rmse_m: float
@@ -99,7 +107,7 @@ class Result:
     relocalizations: int
     recovered: Floats
     noticed: Floats
-    reliability: Floats
+    reliability: Reliability
 
 
 def run(settings: Settings) -> Iterator[Sight]:
@@ -133,8 +141,7 @@ def _wander(
         elif odometry is not None:
             truth = simulation.physics.robot_pose
             found = localizer.update(odometry, measurement)
-            turned = abs(wrap(found.pose.theta - truth.theta))
-            yield Sight(measurement.time, found, found.pose.distance_to(truth), turned, kidnapping)
+            yield Sight(measurement.time, found, truth, kidnapping)
             robot.command(safe_velocity(wanderer.velocity(measurement), measurement, robot.body))
 
 
@@ -199,7 +206,10 @@ def summarize(sights: list[Sight]) -> Result:
         relocalizations=sum(bool(sight.found.hypotheses) for sight in undisturbed),
         recovered=np.array([_recovery(trial) for trial in trials]),
         noticed=np.array([_notice(trial) for trial in trials]),
-        reliability=_reliability(sights),
+        reliability=Reliability.of(
+            np.array([sight.found.lost_probability for sight in sights]),
+            np.array([not sight.is_found for sight in sights]),
+        ),
     )
 
 
@@ -212,12 +222,3 @@ def _recovery(trial: list[Sight]) -> float:
 def _notice(trial: list[Sight]) -> float:
     """How many s until the robot believes itself lost."""
     return next((s.time - trial[0].time for s in trial if s.found.lost_probability > LOST), math.inf)
-
-
-def _reliability(sights: list[Sight]) -> Floats:
-    """[10, 3]: see `Result`; tenths without scans are NaN."""
-    probability = np.array([sight.found.lost_probability for sight in sights])
-    lost = np.array([not sight.is_found for sight in sights])
-    tenth = np.minimum((probability * 10).astype(int), 9)
-    rows = [(probability[tenth == k], lost[tenth == k]) for k in range(10)]
-    return np.array([(p.mean(), t.mean(), len(p)) if len(p) else (math.nan, math.nan, 0) for p, t in rows])

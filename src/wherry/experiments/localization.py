@@ -35,6 +35,8 @@ LOG_PARAMETERS = AmclParameters(
 )
 # From anywhere more noise does better: it keeps what is nearly right alive until the place is known.
 GLOBAL_PARAMETERS = AmclParameters(alpha1=0.1, alpha2=0.1, alpha3=0.1, alpha4=0.1)
+FASTEST_SCANS = 0.005  # s a scan; no lidar is faster, so a log's clock that says so stands still
+SPACING_WITHOUT_CLOCK = 1.0  # s
 START_COVARIANCE = np.diag([0.1**2, 0.1**2, 0.05**2])  # m, m, rad, where a reference gives the start
 
 
@@ -161,6 +163,29 @@ def load_any_map(path: Path) -> OccupancyGrid:
     return load_map(path)
 
 
+def advancing_times(times: Floats) -> Floats:
+    """[N] s that grow from scan to scan, for logs whose stamps are coarse or stand still.
+
+    Without a clock nobody could tell driving from a jump. Scans with one stamp are spread evenly to the next stamp; a
+    log in which hardly any time passes is taken for one of a scan a second.
+
+    Args:
+        times: [N] s, as logged. Where all grow, or some run backwards, they are left alone.
+    """
+    steps = np.diff(times)
+    if (steps > 0.0).all() or (steps < 0.0).any():
+        return times
+    count = len(times)
+    if times[-1] - times[0] < FASTEST_SCANS * count:
+        counted: Floats = times[0] + SPACING_WITHOUT_CLOCK * np.arange(count)
+        return counted
+    first = np.concatenate([[0], 1 + np.flatnonzero(steps > 0.0)])
+    spacing = (times[-1] - times[0]) / first[-1]
+    ends = np.append(times[first], times[-1] + spacing * (count - first[-1]))
+    advancing: Floats = np.interp(np.arange(count), np.append(first, count), ends)
+    return advancing
+
+
 class LocalizationRun:
     """A run over a log: iterate `steps`, then ask for the `result`.
 
@@ -205,9 +230,10 @@ class LocalizationRun:
 
     def steps(self) -> Iterator[Located]:
         """Localize scan by scan."""
-        for index, (scan, odometry) in enumerate(zip(self.log.scans, self._odometry, strict=True)):
+        times = advancing_times(np.array([scan.time for scan in self.log.scans])).tolist()
+        for index, (at, scan, odometry) in enumerate(zip(times, self.log.scans, self._odometry, strict=True)):
             before = time.perf_counter()
-            found = self.localizer.update(odometry, scan)
+            found = self.localizer.update(replace(odometry, time=at), replace(scan, time=at))
             self.located.append(Located(index, found, time.perf_counter() - before))
             yield self.located[-1]
 

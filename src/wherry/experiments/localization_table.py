@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
 from wherry.experiments import kidnapping, localization_speed, localization_study
+from wherry.experiments import localization_calibration as calibration
 from wherry.experiments import recorded_localization as recorded
+from wherry.experiments.drifting_odometry import BUILDINGS
+from wherry.experiments.localization_reliability import Reliability, reliability_table
 from wherry.experiments.machine import load_in_words
 from wherry.experiments.results import markdown_table, write_picture
+from wherry.localization.lost import Calibration
 from wherry.views.filter_bars import filter_bars
 from wherry.views.learning_curve import as_bytes
 from wherry.views.reliability import reliability_diagram
@@ -22,6 +25,7 @@ from wherry.views.reliability import reliability_diagram
 Progress = Callable[[int, int], None]
 
 RELIABILITY, FILTERS = "localization-reliability.svg", "localization-filters.svg"
+RELIABILITY_INTEL = "localization-reliability-intel.svg"
 AT_ONCE = 2  # parts, which have nothing to do with each other
 SOON = 20.0  # s, simulated, in which a kidnapped robot should have found itself
 
@@ -36,6 +40,7 @@ class Extent:
         seeds: Of every run on recorded logs.
         every: Of the odd Intel scans, how many there are to one that is relocalized.
         updates: Of every filter whose speed is measured.
+        calibrate: Whether the calibration is fitted anew.
     """
 
     study: localization_study.Settings = field(default_factory=localization_study.Settings)
@@ -43,6 +48,7 @@ class Extent:
     seeds: int = 20
     every: int = 1
     updates: int = 60
+    calibrate: bool = True
 
 
 def reproduce(data: Path, images: Path, progress: Progress, extent: Extent | None = None) -> str:
@@ -108,7 +114,7 @@ def _study(_data: Path, images: Path, extent: Extent) -> str:
     return f"### Section 5.A: the paper's claims\n\n{text}\n\n{table}\n\n{picture}\n\n{claims}"
 
 
-def _intel(data: Path, _images: Path, extent: Extent) -> str:
+def _intel(data: Path, images: Path, extent: Extent) -> str:
     halves = recorded.halves(data / recorded.INTEL)
     runs = [recorded.track(halves, seed) for seed in range(extent.seeds)]
     single = recorded.relocalize(halves, extent.every)
@@ -133,7 +139,13 @@ def _intel(data: Path, _images: Path, extent: Extent) -> str:
         "The map is SLAM's of the even scans; the reference its trajectory, with odometry in between. "
         f"{len(runs)} seeds track the {len(halves.odd)} odd scans; {single.scans} of them are relocalized alone."
     )
-    return f"### Intel lab: the odd scans on the map of the even ones\n\n{text}\n\n{table}"
+    reliability = Reliability.of(np.concatenate([r.stated for r in runs]), np.concatenate([r.truly_lost for r in runs]))
+    believing = (
+        f"Each seed is then carried off to another place, for {recorded.LEG} scans more. How far its “I am lost” was "
+        "to be believed, in all:"
+    )
+    lost = _how_far_to_believe(reliability, images, RELIABILITY_INTEL)
+    return f"### Intel lab: the odd scans on the map of the even ones\n\n{text}\n\n{table}\n\n{believing}\n\n{lost}"
 
 
 def _wean(data: Path, _images: Path, extent: Extent) -> str:
@@ -151,8 +163,6 @@ def _wean(data: Path, _images: Path, extent: Extent) -> str:
 def _kidnapping(_data: Path, images: Path, extent: Extent) -> str:
     settings = extent.kidnapping
     result = kidnapping.summarize(list(kidnapping.run(settings)))
-    diagram = reliability_diagram(result.reliability, "probability of being lost", "share of scans truly lost")
-    picture = write_picture(images, RELIABILITY, diagram.encode(), "How often the robot was lost when it said so")
     figures = markdown_table(
         ["figure", "value"],
         [
@@ -166,15 +176,43 @@ def _kidnapping(_data: Path, images: Path, extent: Extent) -> str:
             ["median time to recover s", f"{float(np.median(result.recovered)):.1f}"],
         ],
     )
-    reliability = markdown_table(
-        ["stated probability of being lost", "truly lost", "scans"],
+    believing = _how_far_to_believe(result.reliability, images, RELIABILITY)
+    return f"### Kidnapping, and how far to believe “I am lost”\n\n{figures}\n\n{believing}"
+
+
+def _how_far_to_believe(reliability: Reliability, images: Path, name: str) -> str:
+    """Diagram, figures and table."""
+    diagram = reliability_diagram(reliability.tenths, "probability of being lost", "share of scans truly lost")
+    picture = write_picture(images, name, diagram.encode(), "How often the robot was lost when it said so")
+    figures = markdown_table(
+        ["figure", "value"],
         [
-            [f"{stated:.3f}", f"{lost:.3f}", f"{count:.0f}"]
-            for stated, lost, count in result.reliability.tolist()
-            if not math.isnan(stated)
+            ["scans", f"{reliability.cases}"],
+            ["truly lost", f"{reliability.base_rate:.2%}"],
+            ["expected calibration error", f"{reliability.calibration_error:.4f}"],
+            ["Brier score", f"{reliability.brier:.5f}"],
+            ["Brier score of who always states the share of lost scans", f"{reliability.base_brier:.5f}"],
         ],
     )
-    return f"### Kidnapping, and how far to believe “I am lost”\n\n{figures}\n\n{picture}\n\n{reliability}"
+    return f"{figures}\n\n{picture}\n\n{reliability_table(reliability, 'being lost')}"
+
+
+def _calibration(data: Path, _images: Path, extent: Extent) -> str:
+    used = Calibration()
+    text = (
+        "The coefficients of the probability of being lost (`wherry.localization.lost`) were fitted to robots that "
+        f"were carried off in the worlds {' and '.join(world.world for world in calibration.WORLDS)} and on the maps "
+        f"of {', '.join(BUILDINGS)}; the two diagrams of this section are of another world and another building."
+    )
+    if not extent.calibrate:
+        return f"### Calibration\n\n{text}"
+    runs = list(calibration.runs(data))
+    again = calibration.calibrate(runs)
+    table = markdown_table(
+        ["coefficient", "in use", f"fitted anew to {sum(len(run.lost) for run in runs)} scans"],
+        [[name, f"{value:.2f}", f"{getattr(again, name):.2f}"] for name, value in asdict(used).items()],
+    )
+    return f"### Calibration\n\n{text}\n\n{table}"
 
 
 def _speed(_data: Path, _images: Path, extent: Extent) -> str:
@@ -182,5 +220,5 @@ def _speed(_data: Path, _images: Path, extent: Extent) -> str:
     return f"### Speed\n\n{markdown_table(['task', 'ms, median'], rows)}"
 
 
-PARTS: tuple[Callable[[Path, Path, Extent], str], ...] = (_wean, _kidnapping, _study, _intel, _speed)
+PARTS: tuple[Callable[[Path, Path, Extent], str], ...] = (_wean, _kidnapping, _calibration, _study, _intel, _speed)
 """Each takes the folder of recorded logs, the folder for pictures and how much to run, and returns Markdown."""

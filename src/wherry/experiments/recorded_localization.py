@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wherry.errors import InputError
-from wherry.experiments.localization import LOG_PARAMETERS, LOST, START_COVARIANCE, Settings, prepare
+from wherry.experiments.kidnapping import is_found
+from wherry.experiments.localization import (
+    LOG_PARAMETERS,
+    LOST,
+    START_COVARIANCE,
+    Settings,
+    advancing_times,
+    prepare,
+)
 from wherry.localization.localizer import Localizer
 from wherry.localization.relocalization import Relocalizer
 from wherry.logs import LidarLog, read_log
 from wherry.mapping.graph_slam import GraphSlam
-from wherry.robot import Odometry
+from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory
@@ -24,6 +33,24 @@ INTEL = Path("intel/intel_910_rawodom.clf.gz")
 WEAN_MAP = Path("wean/wean.dat.gz")
 WEAN_LOGS = tuple(Path(f"wean/robotdata{number}.log.gz") for number in (1, 2, 3))
 FOUND = 0.5  # m, from the reference
+PAUSE = 3.0  # s in which a robot is carried off
+LEG = 40  # scans of a log that are played after that
+ELSEWHERE = 3.0  # m, that it is carried at least
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Scans with odometry, and where the robot truly was.
+
+    Attributes:
+        scans: [N] in order.
+        odometry: [N] base_link in the odom frame.
+        poses: [N, 3] m, m, rad: base_link in the map frame.
+    """
+
+    scans: tuple[Scan, ...]
+    odometry: tuple[Pose, ...]
+    poses: Floats
 
 
 @dataclass(frozen=True)
@@ -45,6 +72,12 @@ class Halves:
     odd: tuple[int, ...]
     reference: Floats
 
+    @property
+    def recording(self) -> Recording:
+        """The odd scans."""
+        scans = tuple(self.log.scans[number] for number in self.odd)
+        return Recording(scans, tuple(self.odometry[number].pose for number in self.odd), self.reference)
+
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
@@ -55,12 +88,16 @@ class Tracking:
         p99_m: Their 99th percentile.
         beyond: Share of the scans farther from the reference than FOUND.
         lost: Share of the scans with the robot believed to be lost.
+        stated: [M] probability of being lost at these scans, and at those after the robot was then carried off.
+        truly_lost: [M] whether it was.
     """
 
     median_m: float
     p99_m: float
     beyond: float
     lost: float
+    stated: Floats
+    truly_lost: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,22 +143,60 @@ def halves(path: Path) -> Halves:
     return Halves(log, readings, slam.grid(), odd, slam.trajectory.at(times, driven))
 
 
+def with_kidnappings(recording: Recording, legs: Sequence[range]) -> Iterator[tuple[Odometry, Scan, Pose]]:
+    """Play a recording in pieces, as if the robot had been picked up after each and put down where the next begins.
+
+    Args:
+        recording: To be played.
+        legs: The pieces; numbers of scans.
+
+    Yields:
+        Odometry and scan, whose clock goes on as if nothing had happened, and where the robot truly is.
+    """
+    times = advancing_times(np.array([scan.time for scan in recording.scans]))
+    at, odometry = 0.0, Pose()
+    for leg in legs:
+        for number in leg:
+            if number == leg.start:
+                at += PAUSE
+            else:
+                at += float(times[number] - times[number - 1])
+                odometry @= recording.odometry[number].relative_to(recording.odometry[number - 1])
+            truth = Pose.from_array(recording.poses[number])
+            yield Odometry(at, odometry, Velocity()), replace(recording.scans[number], time=at), truth
+
+
 def track(data: Halves, seed: int) -> Tracking:
-    """Localize all odd scans from a known start."""
-    localizer = Localizer(data.grid, data.log.lidar, LOG_PARAMETERS, np.random.default_rng(seed))
+    """Localize all odd scans from a known start; then carry the robot off and go on for a while."""
+    recording = data.recording
+    length = len(recording.scans)
+    rng, way_rng = np.random.default_rng(seed), np.random.default_rng((seed, 1))
+    localizer = Localizer(data.grid, data.log.lidar, LOG_PARAMETERS, rng)
     localizer.initialize(Pose.from_array(data.reference[0]), START_COVARIANCE)
-    errors, lost = [], []
-    for number, truth in zip(data.odd, data.reference, strict=True):
-        found = localizer.update(data.odometry[number], data.log.scans[number])
-        errors.append(found.pose.distance_to(Pose.from_array(truth)))
-        lost.append(found.lost_probability > LOST)
-    away = np.array(errors)
+    errors, stated, truly_lost = [], [], []
+    elsewhere = somewhere_else(recording, length - 1, way_rng)
+    for odometry, scan, truth in with_kidnappings(recording, [range(length), elsewhere]):
+        found = localizer.update(odometry, scan)
+        errors.append(found.pose.distance_to(truth))
+        stated.append(found.lost_probability)
+        truly_lost.append(not is_found(found.pose, truth))
+    away, before = np.array(errors[:length]), np.array(stated[:length])
     return Tracking(
         median_m=float(np.median(away)),
         p99_m=float(np.quantile(away, 0.99)),
         beyond=float(np.mean(away > FOUND)),
-        lost=float(np.mean(lost)),
+        lost=float(np.mean(before > LOST)),
+        stated=np.array(stated),
+        truly_lost=np.array(truly_lost),
     )
+
+
+def somewhere_else(recording: Recording, number: int, rng: np.random.Generator) -> range:
+    """A piece of a recording that begins far away from where its scan of this number was taken."""
+    away = np.hypot(*(recording.poses[:, :2] - recording.poses[number, :2]).T)
+    starts = np.flatnonzero(away[: len(away) - LEG] > ELSEWHERE)
+    start = int(rng.choice(starts))
+    return range(start, start + LEG)
 
 
 def relocalize(data: Halves, every: int = 1) -> SingleScans:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from wherry.localization.agreement import Agreement, compare, mean_agreement
 from wherry.localization.amcl import Amcl, Estimate
 from wherry.localization.lost import LostDetector
 from wherry.localization.parameters import AmclParameters
+from wherry.localization.refinement import match_scan
 from wherry.localization.relocalization import Hypothesis, Relocalizer
 from wherry.localization.sensor import choose_beams
 from wherry.robot import Odometry, Scan
@@ -19,10 +20,11 @@ from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
 
-DOUBTFUL = 0.1  # probability of being lost at which a place is believed in that explains nearly everything, that is
+DOUBTFUL = 0.1  # doubt at which a place is believed in that explains nearly everything, that is
 PERFECT = 0.95  # share of the beams
-ALARM = 0.9  # probability at which any place will do that explains more, though after more scans
-SUSPICION = 0.02  # probability of being lost from which on scans are kept, to judge places with
+ALARM = 0.9  # suspicion at which any place will do that explains more, though after more scans
+LIKELY = 0.5  # probability, as above, of being lost, if every one of the kept scans gave it
+SUSPICION = 0.02  # doubt from which on scans are kept, to judge places with
 SPACING = 0.5  # s from one kept scan to the next
 FEWEST_SCANS = 3  # that must agree on a new place
 MOST_SCANS = 6  # that are kept, and must agree on a place that explains no more than most
@@ -33,7 +35,14 @@ COMPARED_BEAMS = 180
 DOUBT = 0.5  # share of the new belief that is spread over all hypotheses alike, in case the scan misleads
 UNSEEN = 0.5  # share of the first belief that is spread over the whole map, if the scan is ambiguous
 KEPT = 0.5  # share of the belief that a new start leaves as it was: the next scans decide
-LEAST_DEVIATION = (0.05, 0.05, 0.02)  # m, m, rad, of particles around a hypothesis
+FLOOR = np.diag([0.05**2, 0.05**2, 0.02**2])  # m, m, rad, of particles around a hypothesis, at least
+SLIP_COVARIANCE = np.diag([0.2**2, 0.2**2, 0.15**2])  # m, m, rad, of what wheels may have slipped since the last scan
+SLIPS = tuple(  # where searches for a place beside begin, as seen from the estimate
+    Pose(*offset)
+    for offset in ((0.0, 0.0), (0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3), (0.0, 0.0, 0.2), (0.0, 0.0, -0.2))
+)
+ODD = 3.0  # standard deviations by which a scan must fit worse than usual to be an odd one
+SLIP_MARGIN = 0.5  # of mean log likelihood, by which a place beside must explain a scan better
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +76,14 @@ class SuspiciousScan:
         odometry: base_link in the odom frame.
         ends: [B, 2] m, where the beams ended, base_link frame.
         agreement: With the map, at the estimate.
+        lost_probability: That the robot was lost, 0 to 1.
     """
 
     time: float
     odometry: Pose
     ends: Floats
     agreement: Agreement
+    lost_probability: float
 
 
 class Localizer:
@@ -117,14 +128,41 @@ class Localizer:
             hypotheses = self._start(scan)
         estimate = self.amcl.update(odometry, scan)
         ends = choose_beams(scan, self._lidar, self.amcl.parameters, COMPARED_BEAMS).ends
-        agreement = compare(self.amcl.field, self._charted, ends, self._lidar, estimate.pose)
+        agreement = self._compare(ends, estimate.pose)
+        lost = self._detector.probability
         if not estimate.problem:
-            self._detector.observe(scan.time, agreement)
+            estimate, agreement = self._put_right(estimate, agreement, ends)
+            lost = self._detector.observe(scan.time, agreement)
             kept = self._watch(scan.time, odometry.pose, ends, agreement, converged=estimate.is_at_one_place)
-            if kept and self._detector.probability > DOUBTFUL and len(self._suspicious) >= FEWEST_SCANS:
+            if kept and self._doubt > DOUBTFUL and len(self._suspicious) >= FEWEST_SCANS:
                 hypotheses = self._start_anew(scan, odometry.pose)
-        wrong = 1.0 - estimate.weight * (1.0 - self._detector.probability)
+        wrong = 1.0 - estimate.weight * (1.0 - lost)
         return Localization(estimate, min(max(wrong, 0.0), 1.0), agreement, hypotheses)
+
+    @property
+    def _doubt(self) -> float:
+        """The worse of suspicion and probability: to look at other places, either will do."""
+        return max(self._detector.suspicion, self._detector.probability)
+
+    def _compare(self, ends: Floats, pose: Pose) -> Agreement:
+        return compare(self.amcl.field, self._charted, ends, self._lidar, pose)
+
+    def _put_right(self, estimate: Estimate, agreement: Agreement, ends: Floats) -> tuple[Estimate, Agreement]:
+        """Where a scan fits badly and beside it well, the wheels have slipped: believe half in the place beside."""
+        if not estimate.is_at_one_place or self._detector.contradiction(agreement) < ODD:
+            return estimate, agreement
+        sigma = self.amcl.parameters.refine_sigma
+        around = [estimate.pose @ slip for slip in SLIPS]
+        covariance = estimate.covariance + SLIP_COVARIANCE
+        matches = [match_scan(self.amcl.field, ends, estimate.pose, covariance, sigma, start=at) for at in around]
+        agreements = [self._compare(ends, match.pose) for match in matches]
+        best = max(range(len(matches)), key=lambda index: agreements[index].log_likelihood)
+        usual = self._detector.contradiction(agreements[best]) < ODD
+        if not usual or agreements[best].log_likelihood < agreement.log_likelihood + SLIP_MARGIN:
+            return estimate, agreement
+        found = matches[best]
+        self.amcl.initialize_at([(found.pose, found.covariance + FLOOR, 1.0)], kept=KEPT)
+        return replace(estimate, pose=found.pose), agreements[best]
 
     def _start(self, scan: Scan) -> tuple[Hypothesis, ...]:
         """Believe in the places that explain the first scan; if there are too many to list them, in all places."""
@@ -141,12 +179,12 @@ class Localizer:
         A belief in several places at once is not lost but still searching, and best left to the filter. Returns whether
         this scan was kept.
         """
-        if self._detector.probability < SUSPICION or not converged:
+        if self._doubt < SUSPICION or not converged:
             self._suspicious.clear()
             return False
         if self._suspicious and time - self._suspicious[-1].time < SPACING:
             return False
-        self._suspicious.append(SuspiciousScan(time, odometry, ends, agreement))
+        self._suspicious.append(SuspiciousScan(time, odometry, ends, agreement, self._detector.probability))
         del self._suspicious[:-MOST_SCANS]
         return True
 
@@ -154,7 +192,8 @@ class Localizer:
         """Believe in the places that explain the last scans better than where we seem to be, if there are any."""
         here = mean_agreement([seen.agreement for seen in self._suspicious])
         earlier = [(seen.odometry.relative_to(odometry), seen.ends) for seen in self._suspicious]
-        lost = self._detector.probability > ALARM and len(self._suspicious) == MOST_SCANS
+        surely = self._detector.suspicion > ALARM or all(seen.lost_probability > LIKELY for seen in self._suspicious)
+        lost = surely and len(self._suspicious) == MOST_SCANS
         found = self._relocalizer.confirm(self._relocalizer.search(scan).hypotheses, earlier)
         margin, least = (MARGIN, 0.0) if lost else (WIDE_MARGIN, PERFECT)
         better = tuple(
@@ -173,6 +212,5 @@ class Localizer:
 
 def _spread(hypotheses: tuple[Hypothesis, ...]) -> list[tuple[Pose, Floats, float]]:
     """Pose, covariance and share of the belief for every hypothesis."""
-    floor = np.diag(np.square(LEAST_DEVIATION))
     even = DOUBT / len(hypotheses)
-    return [(h.pose, h.covariance + floor, (1.0 - DOUBT) * h.probability + even) for h in hypotheses]
+    return [(h.pose, h.covariance + FLOOR, (1.0 - DOUBT) * h.probability + even) for h in hypotheses]
