@@ -107,6 +107,7 @@ def test_unknown_keys_are_named(tmp_path: Path) -> None:
         ("amcl: {laser_model_type: magic}", "laser_model_type: 'magic' is none of"),
         ("amcl: {initial_pose: 3}", "initial_pose: 3 is not a mapping"),
         ("amcl: {initial_pose: {x: .inf}}", "initial_pose.x: inf is not a number"),
+        ("amcl: {alpha1: 0.1, do_beamskip: maybe}", "do_beamskip: 'maybe' is not true or false"),
         ("amcl: [1, 2", "line 1: is not valid yaml"),
         ("- 1", "has no parameters: a yaml mapping"),
         ("controller: {speed: 1}", "has no parameters of amcl"),
@@ -123,3 +124,12 @@ def test_bad_files_are_named(tmp_path: Path, text: str, named: str) -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         load_parameters(tmp_path / "nowhere.yaml")
+
+
+def test_a_number_with_an_exponent_is_one_as_it_is_for_ros(tmp_path: Path) -> None:
+    assert load_parameters(write(tmp_path, "amcl: {alpha1: 1e-1}")).parameters.alpha1 == 0.1
+
+
+def test_a_file_that_refers_to_itself_ends(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nested too deeply"):
+        load_parameters(write(tmp_path, "amcl: &a\n  amcl: *a\n"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from wherry.localization.parameters import AmclParameters
 from wherry.space.pose import Pose
 
 LARGEST_FILE = 1_000_000  # bytes
+EXPONENT = re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+")  # a number for ROS and for YAML 1.2, a word for YAML 1.1
 NODE = "amcl"
 FIELDS: MappingProxyType[str, type] = MappingProxyType(
     {field.name: {"float": float, "int": int, "bool": bool, "str": str}[str(field.type)]
@@ -111,14 +113,15 @@ def load_parameters(path: str | Path) -> LoadedParameters:
     """
     try:
         content = yaml.safe_load(read_text(path, limit=LARGEST_FILE))
+        section = _section(content) if isinstance(content, dict) else None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         raise InputError(path, f"line {mark.line + 1}" if mark else "", "is not valid yaml") from error
     except RecursionError as error:
         raise InputError(path, "", "is nested too deeply") from error
-    if not isinstance(content, dict):
+    if section is None:
         raise InputError(path, "", "has no parameters: a yaml mapping is needed")
-    return _parse(_section(content), str(path))
+    return _parse(section, str(path))
 
 
 def _section(content: Mapping[Any, Any]) -> Mapping[Any, Any]:
@@ -137,7 +140,7 @@ def _parse(section: Mapping[Any, Any], source: str) -> LoadedParameters:
     pose = [0.0, 0.0, 0.0]
     covariance = list(AmclParameters().initial_covariance)
     unknown: list[str] = []
-    skip_beams = section.get("do_beamskip", False)
+    skip_beams = _value(source, "do_beamskip", section.get("do_beamskip", False), bool)
     for key, value in section.items():
         name = ROS1_NAMES.get(key, key)
         if name in FIELDS:
@@ -158,13 +161,13 @@ def _parse(section: Mapping[Any, Any], source: str) -> LoadedParameters:
 
 
 def _build(
-    source: str, values: dict[str, Any], pose: list[float], covariance: list[float], *, skip_beams: object
+    source: str, values: dict[str, Any], pose: list[float], covariance: list[float], *, skip_beams: bool
 ) -> AmclParameters:
     """The parameters, with amcl's names of models translated."""
     for key in ("robot_model_type", "laser_model_type"):
         if key in values:
             values[key] = MODEL_NAMES.get(values[key], values[key])
-    if values.get("laser_model_type") == "likelihood_field_prob" and skip_beams is not True:
+    if values.get("laser_model_type") == "likelihood_field_prob" and not skip_beams:
         values["laser_model_type"] = "likelihood_field"  # without beam skipping the two are the same model
     try:
         chosen = AmclParameters(**values)
@@ -185,6 +188,8 @@ def _read_pose(source: str, value: object, pose: list[float]) -> None:
 
 def _value(source: str, key: object, value: object, wanted: type) -> Any:
     """A value as the type that its field has; a whole number is also a real one, a truth value is neither."""
+    if wanted is float and isinstance(value, str) and EXPONENT.fullmatch(value):
+        value = float(value)
     convert: dict[type, Callable[[], Any]] = {
         float: lambda: float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None,
         int: lambda: value if isinstance(value, int) and not isinstance(value, bool) else None,
