@@ -129,3 +129,15 @@ def test_a_scan_without_readings_could_be_anywhere() -> None:
 def test_a_map_without_free_space_has_no_place() -> None:
     nowhere = OccupancyGrid(np.full((50, 50), 0.5, np.float32), 0.05)
     assert Relocalizer(nowhere, LIDAR).search(Building().scan(0.0, Pose(1.0, 1.0))).hypotheses == ()
+
+
+def test_an_earlier_scan_confirms_a_place_although_the_wheels_are_wrong_by_a_tenth_of_the_way() -> None:
+    earlier, now = Pose(2.7, 0.9, 0.5), Pose(4.5, 2.1, 0.8)
+    building = Building()
+    (found,) = RELOCALIZER.search(building.scan(1.0, now)).hypotheses[:1]
+    assert found.pose.distance_to(now) < 0.05
+    true = earlier.relative_to(now)
+    reported = Pose(1.1 * true.x, 1.1 * true.y, true.theta + 0.15)
+    ends = LIDAR.transform(building.scan(0.0, earlier).points())
+    (confirmed,) = RELOCALIZER.confirm([found], [(reported, ends)])
+    assert confirmed.agreement.explained > 0.95

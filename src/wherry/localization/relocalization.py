@@ -45,6 +45,7 @@ APART_HEADING = math.radians(20.0)
 SEARCH_COVARIANCE = np.diag([0.15**2, 0.15**2, math.radians(3.0) ** 2])  # m, m, rad, of a pose on the search grid
 MATCH_SIGMA = 0.05  # m
 DRIFT = np.diag([0.05**2, 0.05**2, math.radians(2.0) ** 2])  # m, m, rad, of the odometry from one scan to another
+DRIFT_SHARE = 0.1  # m/m, rad/m and rad/rad: how much more it is after a long way
 SHARPNESS = 25.0  # how many independent readings a scan is worth; between the best values for two real buildings
 AMBIGUOUS_BELOW = 0.9  # probability of the best hypothesis
 POOR = -1.0  # mean log likelihood of a beam below which a place explains the scan poorly
@@ -149,7 +150,8 @@ class Relocalizer:
     def _confirmed(self, found: Hypothesis, earlier: Sequence[tuple[Pose, Floats]]) -> Hypothesis:
         scans = [found.agreement]
         for seen_from, ends in earlier:
-            match = match_scan(self._field, ends, found.pose @ seen_from, found.covariance + DRIFT, MATCH_SIGMA)
+            covariance = found.covariance + _drift(seen_from)
+            match = match_scan(self._field, ends, found.pose @ seen_from, covariance, MATCH_SIGMA)
             scans.append(compare(self._field, self._charted, ends, self._lidar, match.pose))
         return replace(found, agreement=mean_agreement(scans))
 
@@ -178,6 +180,14 @@ class Relocalizer:
         return Hypothesis(
             fine.pose, fine.covariance, 0.0, compare(self._field, self._charted, ends, self._lidar, fine.pose)
         )
+
+
+def _drift(moved: Pose) -> Floats:
+    """[3, 3] m, m, rad: covariance of what the wheels say of a way that led so far."""
+    distance, turn = math.hypot(moved.x, moved.y), abs(moved.theta)
+    along, turned = DRIFT_SHARE * distance, DRIFT_SHARE * (distance + turn)
+    covariance: Floats = DRIFT + np.diag([along**2, along**2, turned**2])
+    return covariance
 
 
 def _distinct(judged: list[Hypothesis]) -> tuple[Hypothesis, ...]:
