@@ -202,7 +202,8 @@ class Mission:
         survey.begin_anew(standing, environment.taken)
         if not survey.would_show_more() or not environment.step_aside():
             return None
-        self._say(pilot, "explore", "A box has gone that stood in my way: I look at what lies behind.")
+        phase = "survey" if mapper is None else "explore"
+        self._say(pilot, phase, "A box has gone that stood in my way: I look at what lies behind.")
         if mapper is not None:
             pilot.stand()
             mapper.resume(pilot.pose)
