@@ -196,7 +196,7 @@ def test_ctrl_c_exits_with_130_and_keeps_the_rules(tmp_path: Path) -> None:
         assert process.stdout is not None
         process.stdout.readline()  # the robot says its first sentence
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=60)
+        process.communicate(timeout=120)
     assert process.returncode == 130
     assert (tmp_path / "out" / "rules.json").exists()
 

@@ -29,6 +29,7 @@ from wherry.commands.rviz import rviz
 from wherry.commands.view import view
 from wherry.commands.worlds import worlds
 from wherry.errors import InputError
+from wherry.interrupts import interrupts_are_kept
 
 BAD_INPUT = 2
 STOPPED = 130
@@ -59,7 +60,8 @@ app.add_typer(ros_app(2), name="ros2")
 def main() -> None:
     """Run a command; turn bad input and wrong usage into one line and exit status 2."""
     try:
-        status = app(prog_name="wherry", standalone_mode=False) or 0
+        with interrupts_are_kept():
+            status = app(prog_name="wherry", standalone_mode=False) or 0
     except (InputError, TyperException) as error:
         _say(str(error) if isinstance(error, InputError) else usage_error(error))
         status = BAD_INPUT
