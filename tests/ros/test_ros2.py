@@ -270,6 +270,7 @@ def test_a_process_that_is_killed_leaves_no_message_behind(monkeypatch: pytest.M
         assert len(heard.messages) == count
 
 
+@pytest.mark.realtime
 def test_a_listener_that_hangs_does_not_hold_up_the_publisher(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(HUNG))
     program = (
