@@ -15,4 +15,4 @@ def test_the_example_runs_and_learns() -> None:
     printed = subprocess.run(
         [sys.executable, "-c", example], capture_output=True, text=True, check=True, timeout=120
     ).stdout
-    assert "N: if not touch_N(robot, wall): robot.y += 1" in printed
+    assert "E: if not touch_E(janitor, wall): janitor.x += 1" in printed
