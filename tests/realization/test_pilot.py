@@ -11,9 +11,9 @@ import pytest
 from kinematic import KinematicRobot, Odometric
 from perfect_worlds import Eye
 from wherry.floorplan import find_world
-from wherry.realization.pilot import STILL, Pilot, Ride, shows_load, without_load
+from wherry.realization.pilot import LONGEST_DRIVE, STILL, Pilot, Ride, shows_load, without_load
 from wherry.realization.tracking import PoseTracker
-from wherry.robot import Scan
+from wherry.robot import Odometry, Scan
 from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
 from wherry.trace import Record, Seen
@@ -126,6 +126,30 @@ def test_going_to_a_pose_says_whether_it_got_there() -> None:
     assert robot.pose.theta == pytest.approx(math.pi / 2, abs=0.03)
     assert pilot.go_to(Pose(3.3, 3.0)) is False  # behind the wall
     assert robot.nearest_wall > BODY.radius
+
+
+class Jumping(Odometric):
+    """A localization that believes in two places in turn."""
+
+    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
+        return super().correct(odometry, scan) @ Pose(0.0, 0.05 if self.corrections % 2 else -0.05)
+
+
+def test_a_goal_that_is_never_reached_is_given_up_after_a_minute() -> None:
+    pilot, robot, _ = make()
+    pilot.localize_with(PoseTracker(Jumping(), START))
+    began = pilot.time
+    assert pilot.go_to(Pose(0.9, 3.0)) is False
+    assert LONGEST_DRIVE <= pilot.time - began < LONGEST_DRIVE + 5.0
+    assert abs(pilot.odometry.velocity.linear) <= STILL
+    assert robot.nearest_wall > BODY.radius
+
+
+def test_a_path_can_be_followed_in_reverse() -> None:
+    pilot, robot, _ = make()
+    assert pilot.follow(np.array([[0.3, 3.3], [1.5, 3.3]]), reverse=True) is Ride.ARRIVED
+    assert math.hypot(robot.pose.x - 1.5, robot.pose.y - 3.3) < 0.03
+    assert abs(math.remainder(robot.pose.theta - math.pi, math.tau)) < 0.1
 
 
 def test_another_tracker_goes_on_where_it_is_told() -> None:

@@ -96,10 +96,7 @@ class Survey:
         Raises:
             InputError: There are no walls to lay cells along.
         """
-        grid = self._map()
-        grid = without_boxes(
-            grid, standing_free(self.watch.boxes, grid, self.pilot.body.box_radius), self.pilot.body.box_radius
-        )
+        grid = without_boxes(self._map(), self.boxes(), self.pilot.body.box_radius)
         walls = grid.occupied_points()
         if not len(walls):
             raise InputError("map", "", "has no walls to lay cells along")
