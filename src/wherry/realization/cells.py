@@ -79,9 +79,10 @@ def occupied_cells(grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan) -> fr
     """The cells in whose middle the map shows something: not a wall, nor an obstacle's face, but maybe a box."""
     points = grid.occupied_points()
     cells = frame.cells_at(points)
-    middles = np.array([frame.centre(int(x), int(y)) for x, y in cells]).reshape(-1, 2)
+    middles = frame.origin.transform((cells + 0.5) * frame.cell_size)
     inner = np.hypot(*(points - middles).T) < frame.cell_size / 3
-    return frozenset(cell for cell in {Cell(int(x), int(y)) for x, y in cells[inner]} if plan.contains(cell))
+    found = {Cell(x, y) for x, y in np.unique(cells[inner], axis=0).tolist()}
+    return frozenset(cell for cell in found if plan.contains(cell))
 
 
 def _xy(cell: Cell) -> tuple[int, int]:
