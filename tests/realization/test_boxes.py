@@ -101,6 +101,31 @@ def test_walls_jambs_and_obstacles_seldom_look_round_and_never_become_boxes(name
     assert standing_free(boxes, grid, RADIUS) == ()
 
 
+def test_what_is_flat_in_full_view_is_no_box_for_long() -> None:
+    """A wall's end may look round in passing; each look from where a box would surely look round counts against it."""
+    end = Box(0, 1.2, 1.5, FEWEST_SIGHTINGS, FEWEST_SIGHTINGS)
+    before, far = Pose(1.0, 0.6, 0.0), Pose(3.6, 0.4, 0.0)
+    assert end.certain
+    (unseen,) = look_for_boxes([end], EXACT.scan(far, np.empty((0, 2))), far, BODY)
+    assert unseen == end, "too far away to tell"
+    hidden = EXACT.scan(before, np.array([[1.1, 1.05]]))
+    assert look_for_boxes([end], hidden, before, BODY)[0] == end, "behind a box"
+    boxes: tuple[Box, ...] = (end,)
+    for _ in range(FEWEST_SIGHTINGS + 1):
+        boxes = look_for_boxes(boxes, EXACT.scan(before, np.empty((0, 2))), before, BODY)
+    assert not boxes[0].certain
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_box_in_full_view_is_not_overlooked(place: tuple[float, float]) -> None:
+    eye, boxes = Eye(HALL, noise=0.01), tuple[Box, ...]()
+    for heading in np.linspace(-3.0, 3.0, 60):
+        pose = Pose(1.2, 0.9, heading)
+        boxes = look_for_boxes(boxes, eye.scan(pose, np.array([place])), pose, BODY)
+    (box,) = (box for box in boxes if math.hypot(box.x - place[0], box.y - place[1]) < 0.05)
+    assert box.sightings >= 0.8 * box.looks
+
+
 def test_in_an_empty_hall_only_a_walls_end_may_look_round_and_from_few_places() -> None:
     grid = perfect_map(HALL)
     seen = []

@@ -16,6 +16,7 @@ from wherry.space.pose import Floats, Pose
 
 # What counts as round. Ranges have about 1 cm of noise; a door jamb or a wall's end is flat or goes on.
 FARTHEST = 2.2  # m; beyond it fewer than five beams of a degree meet a box of 10 cm
+UNMISTAKABLE = 1.5  # m, within which a box in full view is not overlooked
 FEWEST_BEAMS = 5
 STANDS_OUT = 0.12  # m that the beams at both sides must reach beyond the box's rim
 LARGEST_RESIDUAL = 0.02  # m, rms distance of its points from the circle
@@ -130,7 +131,8 @@ def look_for_boxes(boxes: Sequence[Box], scan: Scan, pose: Pose, body: Body) -> 
         body: The robot's shape.
 
     Returns:
-        The new belief: places of boxes seen again are averaged, places seen empty count against a box.
+        The new belief: places of boxes seen again are averaged; what is seen empty, or in full view and not round,
+        counts against a box.
     """
     lidar = pose @ body.lidar
     found = lidar.transform(round_things(scan, body.box_radius))
@@ -141,7 +143,7 @@ def look_for_boxes(boxes: Sequence[Box], scan: Scan, pose: Pose, body: Body) -> 
         if distances and min(distances) < SAME_BOX:
             index = unmatched.pop(int(np.argmin(distances)))
             updated.append(_seen_again(box, found[index], lidar))
-        elif _sees_past(scan, lidar, box, body.box_radius):
+        elif _sees_past(scan, lidar, box, body.box_radius) or _sees_whole(scan, lidar, box, body.box_radius):
             updated.append(replace(box, looks=box.looks + 1))
         else:
             updated.append(box)
@@ -165,16 +167,28 @@ def _seen_again(box: Box, found: Floats, lidar: Pose) -> Box:
 
 def _sees_past(scan: Scan, lidar: Pose, box: Box, radius: float) -> bool:
     """Whether the beams towards a box's place, near enough to tell, all reach well beyond it."""
-    dx, dy = box.x - lidar.x, box.y - lidar.y
-    distance = math.hypot(dx, dy)
+    distance = math.hypot(box.x - lidar.x, box.y - lidar.y)
     if not 3 * radius < distance < FARTHEST:
         return False
+    return bool(np.all(_ranges_towards(scan, lidar, box, radius) > distance + 2 * radius))
+
+
+def _sees_whole(scan: Scan, lidar: Pose, box: Box, radius: float) -> bool:
+    """Whether nothing stands before a box's place, so near that a box there would surely be seen to be round."""
+    distance = math.hypot(box.x - lidar.x, box.y - lidar.y)
+    if not 3 * radius < distance < UNMISTAKABLE:
+        return False
+    return bool(np.all(_ranges_towards(scan, lidar, box, 1.5 * radius) > distance - 1.5 * radius))
+
+
+def _ranges_towards(scan: Scan, lidar: Pose, box: Box, radius: float) -> Floats:
+    """[N] m, of the beams that would meet a cylinder of some radius at a box's place; 0 where they tell nothing."""
+    dx, dy = box.x - lidar.x, box.y - lidar.y
     bearing = math.atan2(dy, dx) - lidar.theta
     middle = round((bearing - scan.angle_min) / scan.angle_increment)
-    half = max(int(math.asin(radius / distance) / abs(scan.angle_increment)), 1)
+    half = max(int(math.asin(radius / math.hypot(dx, dy)) / abs(scan.angle_increment)), 1)
     beams = np.arange(middle - half, middle + half + 1) % len(scan.ranges)
-    ranges = np.where(np.isnan(scan.ranges[beams]), 0.0, scan.ranges[beams])
-    return bool(np.all(ranges > distance + 2 * radius))
+    return np.where(np.isnan(scan.ranges[beams]), 0.0, scan.ranges[beams])
 
 
 def standing_free(boxes: Sequence[Box], grid: OccupancyGrid, radius: float) -> tuple[Box, ...]:
