@@ -87,11 +87,22 @@ class Page:
 def firefox(profile: Path) -> Iterator[Page]:
     """A Firefox without a screen, with this folder as its profile."""
     command = [PROGRAM, "--headless", "--no-remote", "--profile", profile, "--remote-debugging-port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+    told = profile / "told.txt"
+    with told.open("w") as errors, subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors) as process:
         try:
-            assert process.stderr is not None
-            address = next(found for line in process.stderr if (found := re.search(r"ws://\S+", line)))
-            with connect(f"{address.group()}/session", max_size=None, open_timeout=PATIENCE) as socket:
+            with connect(f"{_address(told)}/session", max_size=None, open_timeout=PATIENCE) as socket:
                 yield Page(socket)
         finally:
             process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(10.0)
+            process.kill()
+
+
+def _address(told: Path) -> str:
+    """Where Firefox listens, once it has told."""
+    deadline = time.monotonic() + PATIENCE
+    while (found := re.search(r"ws://\S+", told.read_text())) is None:
+        assert time.monotonic() < deadline, told.read_text()
+        time.sleep(0.05)
+    return found.group()
