@@ -1,7 +1,7 @@
 """Make docs/images/page.png: the page of a run, at a telling moment.
 
     ./wherry deliver --seed 0
-    .venv/bin/python docs/images/page.py runs/rooms-seed0 docs/images/page.png --at 661.8
+    .venv/bin/python docs/images/page.py runs/rooms-seed0 docs/images/page.png --at 762
 
 Needs the packages of the extra "dev", and Debian's chromium.
 """
@@ -26,7 +26,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="A picture of a run's page.")
     parser.add_argument("run", type=Path, help="the run's folder")
     parser.add_argument("picture", type=Path, help="the PNG to write")
-    parser.add_argument("--at", type=float, default=661.8, help="s, on the robot's clock")
+    parser.add_argument("--at", type=float, default=762.0, help="s, on the robot's clock")
     parser.add_argument("--theme", choices=("light", "dark"), default="light")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as tools:
