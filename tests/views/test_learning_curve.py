@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from wherry.experiments.taxi import LEARNERS
 from wherry.views.learning_curve import Needed, as_bytes, learning_curves, solved_by, steps_needed
 
 RUNS = {"quick": [[(10, 0), (20, 6)], [(12, 3), (30, 6)]], "slow": [[(100, 1), (5000, 6)]]}
@@ -23,6 +24,14 @@ def test_a_line_rises_to_all_probes_and_ends_there() -> None:
     assert (np.diff(quick[:, 1]) >= 0).all()
     assert axes.get_xscale() == "log"
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("steps in the environment", "probes solved optimally, of 6")
+
+
+def test_no_learner_is_left_out_and_all_of_taxis_have_their_own_colour() -> None:
+    runs = dict.fromkeys(LEARNERS, RUNS["quick"])
+    (axes,) = learning_curves(runs, 6, "All").axes
+    lines = {str(line.get_label()): str(line.get_color()) for line in axes.get_lines() if line.get_marker() == "None"}
+    assert set(lines) == set(LEARNERS)
+    assert len(set(lines.values())) == len(LEARNERS)
 
 
 def test_curves_of_like_length_share_a_linear_axis() -> None:

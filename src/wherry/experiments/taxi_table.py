@@ -13,6 +13,7 @@ from wherry.experiments.taxi import LEARNERS, LESS_PATIENCE, LETTER, Result, Set
 from wherry.views.learning_curve import Needed, as_bytes, learning_curves, steps_needed
 
 SIZES = (5, 10)
+SHORTEST = 0.001  # ms; what takes less is not told to the digit
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,12 +177,16 @@ def _names(size: int, learners: Mapping[str, Result]) -> list[str]:
 
 def _row(name: str, size: int, result: Result | None) -> list[str]:
     published = next((row for row in PUBLISHED if (row.name, row.size) == (name, size)), None)
-    steps = "–" if published is None else f"{published.steps:g} ({published.source})"
+    steps = "–" if published is None else f"{published.steps:,g} ({published.source})"
     speed = "–" if published is None or published.ms_per_step is None else f"{published.ms_per_step:g}"
     if result is None:
         return [steps, "–", "–", speed, "–", "–"]
     converged = f"{result.converged}/{result.repetitions}"
     if result.steps_mean is None or result.steps_sd is None or result.steps_p95 is None:
-        return [steps, "–", "–", speed, f"{result.ms_per_step:.2g}", converged]
-    mean = f"{result.steps_mean:.0f} ± {result.steps_sd:.0f}"
-    return [steps, mean, f"{result.steps_p95:.0f}", speed, f"{result.ms_per_step:.2g}", converged]
+        return [steps, "–", "–", speed, _milliseconds(result.ms_per_step), converged]
+    mean = f"{result.steps_mean:,.0f} ± {result.steps_sd:,.0f}"
+    return [steps, mean, f"{result.steps_p95:,.0f}", speed, _milliseconds(result.ms_per_step), converged]
+
+
+def _milliseconds(value: float) -> str:
+    return f"{value:.2g}" if value >= SHORTEST else f"< {SHORTEST:g}"

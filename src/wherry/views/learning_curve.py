@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from typing import Any, Literal
 
 import matplotlib as mpl
@@ -16,8 +17,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from wherry.space.pose import Floats
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#6a6a6a", "#56b4e9", "#b8860b", "#000000")
-"""Okabe and Ito's, which most colour-blind people can tell apart; in the order in which learners are given."""
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#6a6a6a", "#56b4e9", "#b8860b", "#000000", "#7b3294")
+"""Those that most colour-blind people can tell apart, after Okabe and Ito; in the order in which learners are given."""
 
 BAND = (10, 90)  # percentiles
 POINTS = 400  # of a curve
@@ -63,7 +64,7 @@ def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) 
     logarithmic = last > 30 * min(ends.values())
     first = min(run[0][0] for lives in runs.values() for run in lives)
     steps = np.geomspace(max(1, first / 2), last, POINTS) if logarithmic else np.linspace(0, last, POINTS)
-    for (name, lives), colour in zip(runs.items(), COLOURS, strict=False):
+    for (name, lives), colour in zip(runs.items(), cycle(COLOURS), strict=False):
         solved = np.array([solved_by(run, steps) for run in lives])
         low, median, high = np.percentile(solved, [BAND[0], 50, BAND[1]], axis=0)
         axes.fill_between(steps, low, high, color=colour, alpha=0.16, linewidth=0, step="post")
