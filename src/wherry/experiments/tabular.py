@@ -6,8 +6,9 @@ go into making and hashing states. On tables they do the same, compiled; how sta
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ Booleans = NDArray[np.bool_]
 
 Curve = tuple[tuple[int, int], ...]
 """After every episode the steps so far, and how many probes were solved then."""
+
+Block = tuple[list[tuple[int, int]], float]
+"""Some episodes: the steps of each, and how many probes were solved after it; and the seconds that they took."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +69,22 @@ class Tables:
         return np.array([(self.numbers[state], fewest) for state, fewest in probes], np.int32)
 
 
-class TabularLearner(Protocol):
+class TabularLearner(ABC):
     """A learner that goes through the whole protocol by itself."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def blocks(self, tables: Tables, tests: Integers, rng: np.random.Generator, *, longest: int) -> Iterator[Block]:
+        """Learn, from knowing nothing on, for as long as it is asked to.
+
+        Args:
+            tables: The world.
+            tests: [P, 2] the probes as numbers, see `Tables.tests`.
+            rng: Of all that is random.
+            longest: The most steps of an episode.
+        """
+        ...
 
     def learn(
         self,
@@ -90,4 +108,12 @@ class TabularLearner(Protocol):
             The curve; and the seconds that all this took, the environment's steps and the tests included, which are
             not told apart here.
         """
-        ...
+        curve, steps, total = list[tuple[int, int]](), 0, 0.0
+        for episodes, seconds in self.blocks(tables, tables.tests(probes), rng, longest=longest):
+            for length, solved in episodes:
+                steps += length
+                curve.append((steps, solved))
+            total += seconds
+            if curve[-1][1] == len(probes) or steps >= patience:
+                break
+        return tuple(curve), total

@@ -6,19 +6,19 @@ It is `wherry.learning.q_learning` under the same protocol as the other learners
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from wherry.experiments.tabular import Booleans, Curve, Floats, Integers, Tables
+from wherry.experiments.tabular import Block, Booleans, Floats, Integers, Tables, TabularLearner
 from wherry.kernels import kernel
-from wherry.oomdp.objects import State
 
 BLOCK = 64  # episodes whose random numbers are drawn at once
 
 
 @dataclass(frozen=True, slots=True)
-class TabularQLearning:
+class TabularQLearning(TabularLearner):
     """Q-learning (Watkins 1989) with one-step backups; see `wherry.learning.q_learning.QLearning`.
 
     Attributes:
@@ -33,21 +33,10 @@ class TabularQLearning:
     exploration: float = 0.1
     first_value: float = 0.0
 
-    def learn(
-        self,
-        tables: Tables,
-        probes: tuple[tuple[State, int], ...],
-        rng: np.random.Generator,
-        *,
-        longest: int,
-        patience: int,
-    ) -> tuple[Curve, float]:
-        """Learn until the greedy policy solves all probes, or patience ends (see `TabularLearner`)."""
+    def blocks(self, tables: Tables, tests: Integers, rng: np.random.Generator, *, longest: int) -> Iterator[Block]:
+        """As `TabularLearner.blocks`; a block ends early when all probes are solved."""
         values = np.full(tables.successor.shape, self.first_value)
-        tests = tables.tests(probes)
-        curve = list[tuple[int, int]]()
-        steps, solved, seconds = 0, 0, 0.0
-        while solved < len(probes) and steps < patience:
+        while True:
             starts = rng.integers(tables.starts, size=BLOCK, dtype=np.int32)
             draws = rng.random((BLOCK, longest, 2))
             began = time.thread_time()
@@ -55,12 +44,8 @@ class TabularQLearning:
                 starts, draws, tables.successor, tables.reward, tables.ends, values, tests,
                 self.discount, self.learning_rate, self.exploration,
             )  # fmt: skip
-            seconds += time.thread_time() - began
-            for length, now in zip(lengths.tolist(), found.tolist(), strict=True):
-                steps += length
-                curve.append((steps, now))
-            solved = curve[-1][1]
-        return tuple(curve), seconds
+            seconds = time.thread_time() - began
+            yield list(zip(lengths.tolist(), found.tolist(), strict=True)), seconds
 
 
 @kernel

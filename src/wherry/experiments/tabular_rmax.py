@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.experiments.tabular import Booleans, Curve, Floats, Integers, Tables
+from wherry.experiments.tabular import Block, Booleans, Floats, Integers, Tables, TabularLearner
 from wherry.kernels import kernel
 from wherry.learning.factored_rmax import WORTH, Parent, Parents, Variable, parent_value
 from wherry.oomdp.domain import Domain
@@ -151,7 +151,7 @@ def _several(entries: Integers, values: Integers) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class TabularRmax:
+class TabularRmax(TabularLearner):
     """R-max (Brafman and Tennenholtz 2002) with m = 1, factored or not, as its entries say.
 
     Attributes:
@@ -166,16 +166,8 @@ class TabularRmax:
     r_max: float = 20.0
     tolerance: float = 1e-6
 
-    def learn(
-        self,
-        tables: Tables,
-        probes: tuple[tuple[State, int], ...],
-        rng: np.random.Generator,
-        *,
-        longest: int,
-        patience: int,
-    ) -> tuple[Curve, float]:
-        """Learn until the greedy policy solves all probes, or patience ends (see `TabularLearner`).
+    def blocks(self, tables: Tables, tests: Integers, rng: np.random.Generator, *, longest: int) -> Iterator[Block]:
+        """As `TabularLearner.blocks`, of an episode each.
 
         Raises:
             ValueError: A step is worth more than R_max: then it would not be optimism to expect that.
@@ -183,17 +175,12 @@ class TabularRmax:
         if tables.reward.max() > self.r_max:
             raise ValueError(f"R_max is {self.r_max:g}, and a step is worth {tables.reward.max():g}")
         world = self._world(tables)
-        knowledge, tests = _nothing_known(world), tables.tests(probes)
-        curve = list[tuple[int, int]]()
-        steps, solved, seconds = 0, 0, 0.0
-        while solved < len(probes) and steps < patience:
+        knowledge = _nothing_known(world)
+        while True:
             start = int(rng.integers(tables.starts))
             began = time.thread_time()
-            steps += _episode(start, longest, world, knowledge)
-            solved = _solved(tests, world, knowledge)
-            seconds += time.thread_time() - began
-            curve.append((steps, solved))
-        return tuple(curve), seconds
+            episode = _episode(start, longest, world, knowledge), _solved(tests, world, knowledge)
+            yield [episode], time.thread_time() - began
 
     def _world(self, tables: Tables) -> World:
         needed = self.entries.needed
