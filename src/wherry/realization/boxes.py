@@ -143,7 +143,7 @@ def look_for_boxes(boxes: Sequence[Box], scan: Scan, pose: Pose, body: Body) -> 
         if distances and min(distances) < SAME_BOX:
             index = unmatched.pop(int(np.argmin(distances)))
             updated.append(_seen_again(box, found[index], lidar))
-        elif _sees_past(scan, lidar, box, body.box_radius) or _sees_whole(scan, lidar, box, body.box_radius):
+        elif _would_be_seen(scan, lidar, box, body.box_radius):
             updated.append(replace(box, looks=box.looks + 1))
         else:
             updated.append(box)
@@ -165,28 +165,25 @@ def _seen_again(box: Box, found: Floats, lidar: Pose) -> Box:
     )
 
 
-def _sees_past(scan: Scan, lidar: Pose, box: Box, radius: float) -> bool:
-    """Whether the beams towards a box's place, near enough to tell, all reach well beyond it."""
-    distance = math.hypot(box.x - lidar.x, box.y - lidar.y)
+def _would_be_seen(scan: Scan, lidar: Pose, box: Box, radius: float) -> bool:
+    """Whether a scan shows a box's place so well that a box there would be among its round things.
+
+    Either the beams towards it all reach well beyond it; or nothing stands before it, so near that it is unmistakable.
+    """
+    dx, dy = box.x - lidar.x, box.y - lidar.y
+    distance, bearing = math.hypot(dx, dy), math.atan2(dy, dx) - lidar.theta
     if not 3 * radius < distance < FARTHEST:
         return False
-    return bool(np.all(_ranges_towards(scan, lidar, box, radius) > distance + 2 * radius))
+    if np.all(_ranges_towards(scan, bearing, math.asin(radius / distance)) > distance + 2 * radius):
+        return True
+    beside = _ranges_towards(scan, bearing, math.asin(1.5 * radius / distance))
+    return distance < UNMISTAKABLE and bool(np.all(beside > distance - 1.5 * radius))
 
 
-def _sees_whole(scan: Scan, lidar: Pose, box: Box, radius: float) -> bool:
-    """Whether nothing stands before a box's place, so near that a box there would surely be seen to be round."""
-    distance = math.hypot(box.x - lidar.x, box.y - lidar.y)
-    if not 3 * radius < distance < UNMISTAKABLE:
-        return False
-    return bool(np.all(_ranges_towards(scan, lidar, box, 1.5 * radius) > distance - 1.5 * radius))
-
-
-def _ranges_towards(scan: Scan, lidar: Pose, box: Box, radius: float) -> Floats:
-    """[N] m, of the beams that would meet a cylinder of some radius at a box's place; 0 where they tell nothing."""
-    dx, dy = box.x - lidar.x, box.y - lidar.y
-    bearing = math.atan2(dy, dx) - lidar.theta
+def _ranges_towards(scan: Scan, bearing: float, aside: float) -> Floats:
+    """[N] m, of the beams up to an angle aside of a bearing, rad, lidar frame; 0 where they tell nothing."""
     middle = round((bearing - scan.angle_min) / scan.angle_increment)
-    half = max(int(math.asin(radius / math.hypot(dx, dy)) / abs(scan.angle_increment)), 1)
+    half = max(int(aside / abs(scan.angle_increment)), 1)
     beams = np.arange(middle - half, middle + half + 1) % len(scan.ranges)
     return np.where(np.isnan(scan.ranges[beams]), 0.0, scan.ranges[beams])
 
@@ -224,17 +221,9 @@ class _Surroundings:
     @classmethod
     def of(cls, box: Box, grid: OccupancyGrid, radius: float) -> _Surroundings:
         """Cut them out of a map."""
-        middle = np.array([box.x, box.y])
-        row, column = grid.cells_at(middle[None, :])[0]
-        half = math.ceil((radius + RIM + ALONE) / grid.resolution) + 1
-        rows, columns = (
-            slice(max(row - half, 0), max(row + half + 1, 0)),
-            slice(max(column - half, 0), column + half + 1),
-        )
-        free = grid.free[rows, columns]
-        cells = np.argwhere(np.ones_like(free)) + np.array([rows.start, columns.start])
-        away = np.hypot(*(grid.centres(cells) - middle).T).reshape(free.shape) - radius - RIM
-        return cls(away, free, grid.occupied[rows, columns])
+        place = _around(box, grid, radius + RIM + ALONE)
+        away = _distances(box, grid, place) - radius - RIM
+        return cls(away, grid.free[place], grid.occupied[place])
 
     @property
     def go_on(self) -> bool:
@@ -263,12 +252,31 @@ class _Surroundings:
 
 
 def without_boxes(grid: OccupancyGrid, boxes: Sequence[Box], radius: float) -> OccupancyGrid:
-    """The map with the boxes' places free, since boxes go and walls stay."""
+    """The map with the boxes' places free, since boxes go and walls stay; the map itself where there are no boxes."""
+    if not boxes:
+        return grid
     probability = grid.probability.copy()
-    rows, columns = np.indices(probability.shape)
-    cells = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) * grid.resolution
-    points = grid.origin.transform(cells).reshape((*probability.shape, 2))
+    reach = radius + 1.5 * grid.resolution
     for box in boxes:
-        near = np.hypot(points[..., 0] - box.x, points[..., 1] - box.y) < radius + 1.5 * grid.resolution
-        probability[near] = 0.0
+        place = _around(box, grid, reach)
+        probability[place][_distances(box, grid, place) < reach] = 0.0
     return replace(grid, probability=probability)
+
+
+def _around(box: Box, grid: OccupancyGrid, reach: float) -> tuple[slice, slice]:
+    """Rows and columns of a map that hold all its cells within a reach, m, of a box's middle."""
+    row, column = grid.cells_at(np.array([[box.x, box.y]]))[0].tolist()
+    half = math.ceil(reach / grid.resolution) + 1
+    return (
+        slice(max(row - half, 0), max(row + half + 1, 0)),
+        slice(max(column - half, 0), max(column + half + 1, 0)),
+    )
+
+
+def _distances(box: Box, grid: OccupancyGrid, place: tuple[slice, slice]) -> Floats:
+    """[H, W] m, from a box's middle to the middles of a map's cells in some rows and columns."""
+    rows, columns = place
+    shape = grid.probability[place].shape
+    cells = np.argwhere(np.ones(shape, np.bool_)) + np.array([rows.start, columns.start])
+    distances: Floats = np.hypot(*(grid.centres(cells) - [box.x, box.y]).T).reshape(shape)
+    return distances
