@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perfect_worlds import Eye, centre, heading_of
 from wherry.floorplan import Cell, FloorPlan
+from wherry.realization.tracking import OnePose
 from wherry.robot import Body, Odometry, Scan, Velocity
 from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
@@ -75,7 +75,7 @@ class KinematicRobot:
         self.nearest_wall = min(self.nearest_wall, float(np.hypot(ends[:, 0], ends[:, 1]).min()))
 
 
-class Odometric:
+class Odometric(OnePose):
     """A `Corrector` that believes the wheels: base_link in a map whose origin is given in the odom frame."""
 
     def __init__(self, odom_from_map: Pose = IDENTITY) -> None:
@@ -85,11 +85,3 @@ class Odometric:
     def correct(self, odometry: Odometry, scan: Scan) -> Pose:
         self.corrections += 1
         return self._map_from_odom @ odometry.pose
-
-    @property
-    def particles(self) -> NDArray[np.float64]:
-        return np.empty((0, 3))
-
-    @property
-    def lost(self) -> bool:
-        return False

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wherry.localization.localizer import Localizer
 from wherry.mapping.graph_slam import GraphSlam
-from wherry.realization.tracking import Corrector
+from wherry.realization.tracking import Corrector, OnePose
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
@@ -18,8 +18,8 @@ UNSURE = 0.5  # probability of being lost from which on a robot stops and looks 
 SURE, SURE_SCANS = 0.1, 10  # probability of being lost that a robot accepts, in so many scans in a row
 
 
-class SlamCorrector:
-    """Corrects the pose by making the map."""
+class SlamCorrector(OnePose):
+    """Corrects the pose by making the map; where the robot is, there the map is, so it is never lost."""
 
     def __init__(self, slam: GraphSlam) -> None:
         self._slam = slam
@@ -35,16 +35,6 @@ class SlamCorrector:
             return self._slam.add(scan, odometry)
         pose, self._resumed_at = self._resumed_at, None
         return self._slam.resume(scan, odometry, pose)
-
-    @property
-    def particles(self) -> NDArray[np.float64]:
-        """None: SLAM here believes in one pose."""
-        return np.empty((0, 3))
-
-    @property
-    def lost(self) -> bool:
-        """Never: the map is wherever the robot is."""
-        return False
 
 
 class Mapper(Protocol):
@@ -119,8 +109,11 @@ class MapCorrector:
         return self._lost
 
 
-class Searcher:
-    """Looks for the robot's place on a map while the robot drives by odometry alone, in the odom frame."""
+class Searcher(OnePose):
+    """Looks for the robot's place on a map while the robot drives by odometry alone, in the odom frame.
+
+    There it is where its wheels say, and the belief on the map has no place.
+    """
 
     def __init__(self, localizer: Localizer) -> None:
         self._localizer = localizer
@@ -138,13 +131,3 @@ class Searcher:
         self._sure_scans = self._sure_scans + 1 if located.lost_probability < SURE else 0
         self.found = located.pose
         return odometry.pose
-
-    @property
-    def particles(self) -> NDArray[np.float64]:
-        """None that would fit into the odom frame."""
-        return np.empty((0, 3))
-
-    @property
-    def lost(self) -> bool:
-        """Never: in the odom frame the robot is where its wheels say."""
-        return False

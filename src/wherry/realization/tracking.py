@@ -29,6 +29,20 @@ class Corrector(Protocol):
         ...
 
 
+class OnePose:
+    """The rest of a `Corrector` that has one pose, not a belief, and relies on it."""
+
+    @property
+    def particles(self) -> NDArray[np.float64]:
+        """None."""
+        return np.empty((0, 3))
+
+    @property
+    def lost(self) -> bool:
+        """Never."""
+        return False
+
+
 class PoseTracker:
     """Keeps the transform from the map to the odom frame, as ROS's localization nodes do.
 
