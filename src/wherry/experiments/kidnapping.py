@@ -22,7 +22,7 @@ from wherry.robot import Odometry, Scan, Velocity
 from wherry.simulation import Simulation, build
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Floats, Pose, wrap
+from wherry.space.pose import Floats, Pose
 
 RESOLUTION = 0.05  # m, of the map
 MAPPING_VIEWS = 4  # headings that every cell is mapped from
@@ -84,7 +84,7 @@ class Sight:
 
 def is_found(pose: Pose, truth: Pose) -> bool:
     """Whether a believed pose is so near to the true one that the robot is not lost."""
-    return pose.distance_to(truth) < FOUND and abs(wrap(pose.theta - truth.theta)) < FOUND_HEADING
+    return pose.is_near(truth, FOUND, FOUND_HEADING)
 
 
 @dataclass(frozen=True, slots=True)

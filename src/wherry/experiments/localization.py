@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw
 
 from wherry.bags import is_bag, read_bag
 from wherry.errors import InputError
-from wherry.files import write_atomically
+from wherry.files import make_folder, write_atomically
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameter_files import load_parameters
 from wherry.localization.parameters import AmclParameters
@@ -282,10 +282,7 @@ class LocalizationRun:
         Raises:
             InputError: The folder cannot be written to.
         """
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(folder, "", f"cannot be made: {error.strerror}") from error
+        make_folder(folder)
         save_tum(self.trajectory, folder / "trajectory.tum")
         write_atomically(folder / "localization.png", self.picture())
         return [folder / "trajectory.tum", folder / "localization.png"]
