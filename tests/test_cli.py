@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from wherry import cli
-from wherry.floorplan import find_world, format_world
+from wherry.floorplan.world_files import find_world, format_world
 
 COMMAND = [sys.executable, "-m", "wherry"]
 SMALL = format_world(find_world("small"))

@@ -22,10 +22,11 @@ from wherry.domains.delivery import (
 )
 from wherry.domains.taxi import taxi_grid
 from wherry.episodes import GoalAgent, PolicyAgent, Step, run
-from wherry.floorplan import Cell, FloorPlan, built_in_worlds, find_world
+from wherry.floorplan.plan import Cell, FloorPlan
+from wherry.floorplan.world_files import built_in_worlds, find_world
 from wherry.learning.doormax import Doormax, FailureScope
 from wherry.learning.learners import LEARNERS, RuleLearner
-from wherry.learning.rules import load_rules, save_rules
+from wherry.learning.rule_files.files import load_rules, save_rules
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Environment, Transition
 from wherry.oomdp.objects import State

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from wherry.views.recordings import find_trace, load_frames
+from wherry.trace.recordings import find_trace, load_frames
 from wherry.views.web.page import player_page
 
 SIZE = {"width": 1280, "height": 800}

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 
-from environment_contract import EnvironmentContract
 from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi, delivered, reward
 from wherry.episodes import PolicyAgent, run
 from wherry.errors import InputError
 from wherry.learning.learners import LEARNERS
 from wherry.oomdp.domain import Action
 from wherry.planning.value_iteration import ValueIteration
+from wherry_testing.environment_contract import EnvironmentContract
 
 TASK = {"reward": reward, "terminated": delivered}
 

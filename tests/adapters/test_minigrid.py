@@ -11,7 +11,6 @@ import pytest
 from minigrid.core.world_object import Door
 from minigrid.minigrid_env import MiniGridEnv
 
-from environment_contract import EnvironmentContract
 from wherry.adapters.minigrid import ACTIONS, EFFECT_TYPES, MiniGrid, at_goal
 from wherry.episodes import PolicyAgent, run
 from wherry.errors import InputError
@@ -21,6 +20,7 @@ from wherry.oomdp.domain import Action
 from wherry.oomdp.effects import Effect, eff_att
 from wherry.oomdp.objects import enumeration
 from wherry.planning.value_iteration import ValueIteration
+from wherry_testing.environment_contract import EnvironmentContract
 
 DOORMAX = {"failure_scope": "attribute", "max_effects": 4}  # the agent looks to four sides
 SETTINGS = {"doormax": DOORMAX, "bayes": {}}

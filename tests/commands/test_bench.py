@@ -13,7 +13,7 @@ import pytest
 from wherry.commands import bench as command
 from wherry.experiments import bench
 from wherry.experiments.bench import BENCHES, ELSEWHERE, MEASURED, Bench, Outside, Time
-from wherry.experiments.taxi import Repetition, Result, Settings
+from wherry.pipelines.grids.learning import Repetition, Result, Settings
 
 Call = Callable[..., tuple[int, str, str]]
 

@@ -10,9 +10,9 @@ from types import ModuleType
 import pytest
 
 from wherry.errors import InputError
-from wherry.experiments import installation
-from wherry.experiments.installation import CHECKS, Finding, failed
-from wherry.ros import ros1_messages
+from wherry.pipelines import installation
+from wherry.pipelines.installation import CHECKS, Finding, failed
+from wherry.ros.transports import ros1_messages
 
 Call = Callable[..., tuple[int, str, str]]
 

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from wherry.commands import learn as command
-from wherry.experiments.arenas import ARENAS
-from wherry.experiments.taxi import LEARNERS
+from wherry.pipelines.grids.arenas import ARENAS
+from wherry.pipelines.grids.learning import LEARNERS
 
 Call = Callable[..., tuple[int, str, str]]
 

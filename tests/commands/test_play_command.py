@@ -15,7 +15,7 @@ from collections.abc import Callable
 import pytest
 
 from wherry.commands import play as command
-from wherry.experiments.play import LEARNERS, TABLES
+from wherry.pipelines.grids.play import LEARNERS, TABLES
 
 Call = Callable[..., tuple[int, str, str]]
 

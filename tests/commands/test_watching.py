@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from wherry.commands import watching
-from wherry.trace import Said
+from wherry.trace.records import Said
 
 
 @pytest.mark.parametrize(("opened", "constant"), [(True, "OPENED_VISITOR"), (False, "FIRST_VISITOR")])

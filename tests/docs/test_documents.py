@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from wherry.experiments.delivery import Settings, prepare
-from wherry.floorplan import load_world
-from wherry.trace import ignore
+from wherry.floorplan.world_files import load_world
+from wherry.pipelines.delivery.simulated import Settings, prepare
+from wherry.trace.records import ignore
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,7 +7,8 @@ import pytest
 
 from wherry.domains.delivery import Box, Site, all_delivered, delivery_grid, transition
 from wherry.errors import InputError
-from wherry.floorplan import Cell, FloorPlan, Wall, find_world
+from wherry.floorplan.plan import Cell, FloorPlan, Wall
+from wherry.floorplan.world_files import find_world
 from wherry.oomdp.domain import Action
 from wherry.oomdp.objects import State
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from environment_contract import EnvironmentContract
 from wherry.domains.delivery import delivery_grid
-from wherry.floorplan import find_world
+from wherry.floorplan.world_files import find_world
 from wherry.oomdp.mdp import Environment
+from wherry_testing.environment_contract import EnvironmentContract
 
 
 class TestDelivery(EnvironmentContract):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wherry.domains.taxi import PROBES, TaxiGrid, taxi_grid
-from wherry.floorplan import Cell, Wall
+from wherry.floorplan.plan import Cell, Wall
 from wherry.oomdp.domain import Action
 from wherry.oomdp.objects import State
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wherry.experiments.kidnapping import Settings, run, summarize
-from wherry.experiments.localization_study import CONTENDERS, Claim, Row, claims
+from wherry.experiments.localization.kidnapping import Settings, run, summarize
+from wherry.experiments.localization.study import CONTENDERS, Claim, Row, claims
 
 
 @pytest.mark.slow

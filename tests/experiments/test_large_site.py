@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from wherry.experiments.large_site import RESOLUTION, SPACING, TURN, drive, run, site
+from wherry.experiments.mapping.large_site import RESOLUTION, SPACING, TURN, drive, run, site
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.pieces import SubmapStore
 from wherry.robot import Odometry, Scan, Velocity

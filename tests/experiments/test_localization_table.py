@@ -9,9 +9,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from wherry.experiments import kidnapping, localization_study
-from wherry.experiments.localization_table import FILTERS, RELIABILITY, RELIABILITY_INTEL, Extent, reproduce
-from wherry.experiments.recorded_localization import most_together
+from wherry.experiments.localization import kidnapping
+from wherry.experiments.localization import study as localization_study
+from wherry.experiments.localization.recorded import most_together
+from wherry.experiments.localization.table import FILTERS, RELIABILITY, RELIABILITY_INTEL, Extent, reproduce
 from wherry.views.reliability import MARGIN, SIDE, reliability_diagram
 
 

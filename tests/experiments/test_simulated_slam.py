@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from wherry.experiments.simulated_slam import Result, explore, table
-from wherry.floorplan import find_world
+from wherry.experiments.mapping.simulated import Result, explore, table
+from wherry.floorplan.world_files import find_world
 
 
 def test_the_smallest_world_is_mapped_to_two_centimetres() -> None:

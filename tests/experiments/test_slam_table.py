@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from wherry.errors import InputError
-from wherry.experiments.drifting_odometry import Result as Drifting
-from wherry.experiments.drifting_odometry import drifted
-from wherry.experiments.slam import Result
-from wherry.experiments.slam_table import PUBLISHED, drifting_table, intel_table, reproduce
+from wherry.experiments.mapping.drifting_odometry import Result as Drifting
+from wherry.experiments.mapping.drifting_odometry import drifted
+from wherry.experiments.mapping.table import PUBLISHED, drifting_table, intel_table, reproduce
+from wherry.pipelines.logs.mapping import Result
 
 RESULT = Result(0.05, 0.07, 1.5, 2.9, 2984, 0.05, 0.9, 60.0, 6.0, 180, 214, 910, 0, "graph", "some.log")
 

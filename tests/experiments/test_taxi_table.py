@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from wherry.experiments.learning.taxi_table import PUBLISHED, Extent, markdown, reproduce
 from wherry.experiments.results import write_picture, write_section
-from wherry.experiments.taxi import LEARNERS, Settings, TaxiExperiment
-from wherry.experiments.taxi_table import PUBLISHED, Extent, markdown, reproduce
+from wherry.pipelines.grids.learning import LEARNERS, Settings, TaxiExperiment
 
 QUICK = {(learner, size): 0 for learner in LEARNERS for size in (5, 10)} | {
     ("bayes", 5): 2, ("bayes", 10): 1, ("q-learning", 5): 1, ("doormax", 5): 1, ("doormax", 10): 1,

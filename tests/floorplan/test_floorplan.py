@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from wherry.errors import InputError
-from wherry.floorplan import Cell, Direction, FloorPlan, Wall, generate_world, parse_world, place_boxes
+from wherry.floorplan.generation import generate_world, place_boxes
+from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
+from wherry.floorplan.world_files import parse_world
 
 CORRIDOR = FloorPlan("corridor", 7, 1, start=Cell(0, 0), warehouse=frozenset({Cell(6, 0)}))
 

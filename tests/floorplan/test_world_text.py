@@ -11,19 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wherry.errors import InputError
-from wherry.floorplan import (
-    Cell,
-    Direction,
-    FloorPlan,
-    Wall,
-    built_in_worlds,
-    find_world,
-    format_world,
-    generate_world,
-    load_world,
-    parse_world,
-    place_boxes,
-)
+from wherry.floorplan.generation import generate_world, place_boxes
+from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
+from wherry.floorplan.world_files import built_in_worlds, find_world, format_world, load_world, parse_world
 
 TINY = """\
 wherry-world: 1

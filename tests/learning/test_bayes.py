@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learning.machine import PULL, ask, counter_of, machine_domain, state_of, teach
 from wherry.learning.bayes import BayesianLearner
 from wherry.oomdp.mdp import Transition
+from wherry_testing.machine import PULL, ask, counter_of, machine_domain, state_of, teach
 
 
 def learner(switches: int = 3, **options: object) -> BayesianLearner:

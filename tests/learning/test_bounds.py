@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from learning.machine import PRESS, machine_domain, state_of
 from wherry.domains.delivery import delivery_grid
 from wherry.domains.taxi import taxi_grid
-from wherry.floorplan import find_world
+from wherry.floorplan.world_files import find_world
 from wherry.learning.bounds import UnknownAnswers, attribute_bound, unknown_answers_bound
 from wherry.learning.doormax import Doormax
 from wherry.oomdp.mdp import DeterministicMdp, Transition
+from wherry_testing.machine import PRESS, machine_domain, state_of
 
 
 def test_the_formulas() -> None:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from learning.machine import PULL, ask, counter_of, machine_domain, state_of, teach
 from wherry.domains.delivery import Box, Site, all_delivered, reward, transition
-from wherry.floorplan import Cell, FloorPlan
+from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.learning.doormax import Doormax
 from wherry.learning.predictions import Subject
 from wherry.oomdp.domain import Action
 from wherry.oomdp.effects import EFFECT_TYPES
 from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import EXISTS
+from wherry_testing.machine import PULL, ask, counter_of, machine_domain, state_of, teach
 
 COUNTER = Subject("PRESS", "Machine", "counter")
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learning.machine import ask, counter_of, machine_domain, teach
 from wherry.learning.doormax import Doormax
 from wherry.learning.near_miss import NearMisses
 from wherry.oomdp.conditions import Condition
+from wherry_testing.machine import ask, counter_of, machine_domain, teach
 
 
 def test_a_near_miss_proves_its_term_necessary() -> None:

@@ -16,19 +16,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from learning.machine import ask, machine_domain, teach
+from wherry.baselines.q_learning import QLearning
 from wherry.domains.delivery import Site, all_delivered, delivery_grid, reward
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
-from wherry.floorplan import find_world
+from wherry.floorplan.world_files import find_world
 from wherry.learning.doormax import Doormax
 from wherry.learning.learners import LEARNERS, RuleLearner
 from wherry.learning.predictions import Subject
-from wherry.learning.q_learning import QLearning
-from wherry.learning.rules import load_rules, save_rules
+from wherry.learning.rule_files.files import load_rules, save_rules
 from wherry.oomdp.effects import EFFECT_TYPES
 from wherry.oomdp.mdp import DeterministicMdp, Prediction
 from wherry.oomdp.objects import State
+from wherry_testing.machine import ask, machine_domain, teach
 
 
 def wander(environment: DeterministicMdp, learner: RuleLearner, steps: int, seed: int = 0) -> list[State]:
@@ -228,7 +228,7 @@ SAVING = """
 import sys
 from wherry.domains.taxi import taxi_grid
 from wherry.learning.bayes import BayesianLearner
-from wherry.learning.rules import save_rules
+from wherry.learning.rule_files.files import save_rules
 learner = BayesianLearner(taxi_grid(5).domain)
 print("ready", flush=True)
 while True:

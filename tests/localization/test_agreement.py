@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rooms import LIDAR, Building
 from wherry.localization.agreement import compare
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
+from wherry_testing.rooms import LIDAR, Building
 
 FIELD = DistanceField.of(Building().grid(), 2.0)
 KNOWN = ~Building().grid().unknown

@@ -9,13 +9,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rooms import LIDAR, Building, drive, wheel_odometry
 from wherry.errors import InputError
 from wherry.localization.amcl import Amcl, Estimate
 from wherry.localization.parameters import PRECISE, AmclParameters
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
+from wherry_testing.rooms import LIDAR, Building, drive, wheel_odometry
 
 CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])
 BOXES = ((2.1, 3.0, 0.1), (4.5, 2.7, 0.1), (5.1, 1.5, 0.1), (8.1, 3.9, 0.1), (5.1, 6.3, 0.1), (2.1, 6.3, 0.1))

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from rooms import LIDAR, Building, drive, wheel_odometry
 from wherry.localization.ekf import EkfLocalization
 from wherry.localization.parameters import AmclParameters
 from wherry.robot import Odometry, Velocity
 from wherry.space.pose import Pose
+from wherry_testing.rooms import LIDAR, Building, drive, wheel_odometry
 
 PARAMETERS = AmclParameters(alpha1=0.05, alpha2=0.05, alpha3=0.05, alpha4=0.05, sigma_hit=0.1)
 CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])

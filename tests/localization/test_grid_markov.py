@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rooms import LIDAR, Building, drive, wheel_odometry
 from wherry.localization.grid_markov import GridMarkov
 from wherry.localization.parameters import AmclParameters
 from wherry.space.pose import Pose
+from wherry_testing.rooms import LIDAR, Building, drive, wheel_odometry
 
 PARAMETERS = AmclParameters(alpha1=0.05, alpha2=0.05, alpha3=0.05, alpha4=0.05)
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rooms import LIDAR, THICK, Building, drive, wheel_odometry
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameters import PRECISE
 from wherry.robot import Odometry
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
+from wherry_testing.rooms import LIDAR, THICK, Building, drive, wheel_odometry
 
 CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])
 

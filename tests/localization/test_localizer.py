@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from rooms import LIDAR, Building, drive, wheel_odometry
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameters import PRECISE
 from wherry.robot import Odometry
 from wherry.space.pose import Pose
+from wherry_testing.rooms import LIDAR, Building, drive, wheel_odometry
 
 GRID = Building().grid()
 BUILDING = Building(circles=((2.1, 3.0, 0.1), (4.5, 2.7, 0.1), (8.1, 3.9, 0.1), (5.1, 6.3, 0.1), (2.1, 6.3, 0.1)))

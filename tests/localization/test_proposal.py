@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rooms import LIDAR, Building
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import PRECISE, AmclParameters
 from wherry.localization.proposal import draw_around_match
@@ -17,6 +16,7 @@ from wherry.localization.sensor import choose_beams
 from wherry.robot import Odometry, Velocity
 from wherry.space.distance_field import DistanceField
 from wherry.space.pose import Pose
+from wherry_testing.rooms import LIDAR, Building
 
 GRID = Building().grid()
 TRUTH = Pose(4.5, 2.0, 0.4)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wherry.experiments.localization import Settings, prepare
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.relocalization import Relocalizer
-from wherry.logs import LidarLog, read_log, read_rows
+from wherry.logs.carmen import LidarLog, read_log, read_rows
+from wherry.pipelines.logs.localization import Settings, prepare
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from rooms import LIDAR, Building
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.refinement import agrees, match_scan
 from wherry.localization.sensor import choose_beams
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
+from wherry_testing.rooms import LIDAR, Building
 
 PRIOR = np.diag([0.1**2, 0.1**2, 0.05**2])
 

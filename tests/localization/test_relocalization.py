@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from rooms import LIDAR, THICK, Building, drive
 from wherry.localization.relocalization import Relocalizer, _bordered, _branch_and_bound, _score, _window_maxima
 from wherry.robot import Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose, wrap
+from wherry_testing.rooms import LIDAR, THICK, Building, drive
 
 RELOCALIZER = Relocalizer(Building().grid(), LIDAR)
 

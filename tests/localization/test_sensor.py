@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rooms import LIDAR, Building
 from wherry.localization.parameters import LASER_MODELS, AmclParameters
 from wherry.localization.sensor import SENSOR_MODELS, Beams, choose_beams, trace_ray
 from wherry.robot import Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
+from wherry_testing.rooms import LIDAR, Building
 
 PARAMETERS = AmclParameters()
 

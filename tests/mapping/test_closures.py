@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 from wherry.mapping.closures import (
     LARGEST_WINDOW,
     LARGEST_WINDOW_ANGLE,
@@ -24,6 +23,7 @@ from wherry.mapping.submap import Submap
 from wherry.robot import Scan
 from wherry.space.pose import Pose
 from wherry.space.raycast import cast_rays
+from wherry_testing.buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 
 HERE = Pose(2.4, 2.0, 0.4)
 

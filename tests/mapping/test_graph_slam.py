@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from buildings import LIDAR, Drive, building, drive, shared_data, wall_distances
-from wherry.experiments.drifting_odometry import FALSE_DISTANCE, closure_errors, drifted, map_building
-from wherry.experiments.slam import merged_odometry
-from wherry.logs import read_log, read_odometry
+from wherry.evaluation import absolute_trajectory_error, load_relations, relation_errors
+from wherry.experiments.mapping.drifting_odometry import FALSE_DISTANCE, closure_errors, drifted, map_building
+from wherry.logs.carmen import read_log, read_odometry
 from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
 from wherry.mapping.localizer import MapLocalizer, place_on_map
-from wherry.mapping.metric import absolute_trajectory_error, load_relations, relation_errors
 from wherry.mapping.pieces import STEADY, Edge, Front
+from wherry.pipelines.logs.mapping import merged_odometry
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Floats, Pose, relative
+from wherry_testing.buildings import LIDAR, Drive, building, drive, shared_data, wall_distances
 
 SETTINGS = GraphSlamSettings(resolution=0.025)
 

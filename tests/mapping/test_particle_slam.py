@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from buildings import LIDAR, drive, shared_data
-from wherry.experiments.slam import merged_odometry
-from wherry.logs import read_log, read_odometry
+from wherry.evaluation import load_relations, relation_errors
+from wherry.logs.carmen import read_log, read_odometry
 from wherry.mapping.cloud import Cloud
-from wherry.mapping.metric import load_relations, relation_errors
 from wherry.mapping.particle_slam import ParticleSlam, ParticleSlamSettings, _drawn
 from wherry.mapping.shared_tiles import SharedTiles, log_likelihood
 from wherry.mapping.submap import Submap
+from wherry.pipelines.logs.mapping import merged_odometry
 from wherry.space.pose import Pose, relative
+from wherry_testing.buildings import LIDAR, drive, shared_data
 
 IDENTITY_LOGS = np.arange(256, dtype=np.float64)
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from buildings import LIDAR, ROOM, Drive, alike, drive, wall_distances, way_along_alike
 from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
 from wherry.space.pose import Floats, Pose, relative
+from wherry_testing.buildings import LIDAR, ROOM, Drive, alike, drive, wall_distances, way_along_alike
 
 VISITS = [(1, 1), (3, -1), (5, 1), (4, 1), (2, -1), (0, 1)]
 STRAIGHT = [(5, 1), (0, -1), (5, -1)]  # up and down the whole corridor, with alike rooms at its ends

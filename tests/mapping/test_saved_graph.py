@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from buildings import LIDAR, Drive, drive
 from wherry.errors import InputError
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph, save_graph
+from wherry_testing.buildings import LIDAR, Drive, drive
 
 
 @pytest.fixture(scope="module")

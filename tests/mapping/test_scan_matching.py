@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 from wherry.mapping.cloud import SPACING, Cloud, merged
 from wherry.mapping.correlative import Window, correlate, response_at
 from wherry.mapping.motion_prior import ODOMETRY
@@ -20,6 +19,7 @@ from wherry.mapping.submap import RESOLUTION as CELL
 from wherry.robot import Scan
 from wherry.space.pose import Pose
 from wherry.space.raycast import cast_rays
+from wherry_testing.buildings import LIDAR, RANGE_MAX, RESOLUTION, building
 
 HERE = Pose(2.4, 2.0, 0.4)
 

@@ -9,11 +9,11 @@ import pytest
 from unified_planning.io import PDDLReader
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
-from planning.small_worlds import DOMAIN, Tabular, at
 from wherry.domains.delivery import Box, DeliverySteps, Site, all_delivered, boxes_left, reward, transition
 from wherry.domains.taxi import PROBES, TaxiGrid, taxi_grid
 from wherry.episodes import GoalAgent, PolicyAgent, run
-from wherry.floorplan import Cell, find_world
+from wherry.floorplan.plan import Cell
+from wherry.floorplan.world_files import find_world
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
 from wherry.learning.learners import LEARNERS, RuleLearner
@@ -27,6 +27,7 @@ from wherry.planning.pddl import Pddl, export_pddl
 from wherry.planning.search import a_star
 from wherry.planning.successors import Successors
 from wherry.planning.value_iteration import ValueIteration
+from wherry_testing.small_worlds import DOMAIN, Tabular, at
 
 get_environment().credits_stream = None
 

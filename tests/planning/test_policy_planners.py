@@ -8,7 +8,6 @@ from collections import deque
 import numpy as np
 import pytest
 
-from planning.small_worlds import LEFT, RIGHT, Tabular, at, grounded, optimal_values, random_world
 from wherry.domains.taxi import PROBES, TaxiGrid, taxi_grid
 from wherry.learning.doormax import Doormax
 from wherry.oomdp.mdp import UNKNOWN, Prediction
@@ -21,6 +20,7 @@ from wherry.planning.policy import Planner
 from wherry.planning.policy_iteration import PolicyIteration
 from wherry.planning.uct import Uct
 from wherry.planning.value_iteration import ValueIteration
+from wherry_testing.small_worlds import LEFT, RIGHT, Tabular, at, grounded, optimal_values, random_world
 
 EXACT = ("value-iteration", "policy-iteration", "lrtdp")
 CORRIDOR = {

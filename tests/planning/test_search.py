@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from wherry.domains.delivery import Box, DeliverySteps, Site, boxes_left, delivery_grid
-from wherry.floorplan import Cell, FloorPlan, find_world, generate_world
+from wherry.floorplan.generation import generate_world
+from wherry.floorplan.plan import Cell, FloorPlan
+from wherry.floorplan.world_files import find_world
 from wherry.learning.bayes import BayesianLearner
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import UNKNOWN, DeterministicMdp, Prediction

@@ -7,12 +7,12 @@ import time
 import numpy as np
 import pytest
 
-from planning.small_worlds import LEFT, RIGHT, Tabular, at, grounded
 from wherry.domains.taxi import PROBES, taxi_grid
 from wherry.learning.doormax import Doormax
 from wherry.oomdp.outcomes import Grounded
 from wherry.planning.state_space import StateSpace
 from wherry.planning.value_iteration import ValueIteration
+from wherry_testing.small_worlds import LEFT, RIGHT, Tabular, at, grounded
 
 CORRIDOR = {
     (0, "left"): ((1.0, 0, -1.0, False),),

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from perfect_worlds import Eye, centre, frame_of, perfect_map
-from wherry.floorplan import Cell, FloorPlan, Wall, find_world, parse_world
+from wherry.floorplan.plan import Cell, FloorPlan, Wall
+from wherry.floorplan.world_files import find_world, parse_world
 from wherry.realization.boxes import (
     FEWEST_SIGHTINGS,
     Box,
@@ -24,6 +24,7 @@ from wherry.robot import Scan
 from wherry.simulation.model import BODY
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
+from wherry_testing.perfect_worlds import Eye, centre, frame_of, perfect_map
 
 RADIUS = BODY.box_radius
 HALL = parse_world(

@@ -7,14 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from perfect_worlds import Eye, centre, frame_of, perfect_map
-from wherry.floorplan import Cell, Direction, FloorPlan, built_in_worlds, find_world
+from wherry.floorplan.plan import Cell, Direction, FloorPlan
+from wherry.floorplan.world_files import built_in_worlds, find_world
 from wherry.realization.cells import aligned, occupied_cells, plan_of_map, ways_seen
 from wherry.realization.pilot import without_load
 from wherry.simulation.model import BODY
 from wherry.space.frame import CellFrame, lay_cells
 from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
+from wherry_testing.perfect_worlds import Eye, centre, frame_of, perfect_map
 
 NOTHING = np.empty((0, 2))
 ROOMS = find_world("rooms").with_boxes(())

@@ -7,11 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from deliveries import hall, stand_ready
-from environment_contract import EnvironmentContract
-from perfect_worlds import centre
 from wherry.domains.delivery import DROPOFF, PICKUP
-from wherry.floorplan import Cell
+from wherry.floorplan.plan import Cell
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Environment
 from wherry.realization.boxes import Box
@@ -20,6 +17,9 @@ from wherry.realization.tracking import PoseTracker
 from wherry.simulation import BoxPlace, Simulation
 from wherry.simulation.simulator import LATCH_REACH
 from wherry.space.pose import Pose
+from wherry_testing.deliveries import hall, stand_ready
+from wherry_testing.environment_contract import EnvironmentContract
+from wherry_testing.perfect_worlds import centre
 
 N, S, E, W = (Action(name) for name in "NSEW")
 HOME = 0.03  # m from a cell's middle

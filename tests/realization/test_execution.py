@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from deliveries import hall
-from kinematic import KinematicRobot, Odometric
-from perfect_worlds import centre
-from wherry.floorplan import Cell, Direction
+from wherry.floorplan.plan import Cell, Direction
 from wherry.realization.execution import move
 from wherry.realization.pilot import Pilot
 from wherry.realization.tracking import PoseTracker
 from wherry.simulation.model import BODY
-from wherry.trace import ignore
+from wherry.trace.records import ignore
+from wherry_testing.deliveries import hall
+from wherry_testing.kinematic import KinematicRobot, Odometric
+from wherry_testing.perfect_worlds import centre
 
 PLAN = hall()  # the robot in (1, 2), a box in (3, 2), a wall east of (4, 2)
 

@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from perfect_worlds import centre, heading_of, perfect_map
-from wherry.experiments.delivery import order_of
-from wherry.floorplan import Cell, Direction, FloorPlan, find_world, place_boxes
+from wherry.floorplan.generation import place_boxes
+from wherry.floorplan.plan import Cell, Direction, FloorPlan
+from wherry.floorplan.world_files import find_world
+from wherry.pipelines.delivery.simulated import order_of
 from wherry.realization.mission import Mission, Ready
 from wherry.simulation import Simulation, build
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace import Explored, Record, Said, Seen
+from wherry.trace.records import Explored, Record, Said, Seen
+from wherry_testing.perfect_worlds import centre, heading_of, perfect_map
 
 
 @dataclass(frozen=True)

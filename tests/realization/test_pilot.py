@@ -8,15 +8,15 @@ import math
 import numpy as np
 import pytest
 
-from kinematic import KinematicRobot, Odometric
-from perfect_worlds import Eye
-from wherry.floorplan import find_world
+from wherry.floorplan.world_files import find_world
 from wherry.realization.pilot import LONGEST_DRIVE, STILL, Pilot, Ride, shows_load, without_load
 from wherry.realization.tracking import PoseTracker
 from wherry.robot import Odometry, Scan
 from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
-from wherry.trace import Record, Seen
+from wherry.trace.records import Record, Seen
+from wherry_testing.kinematic import KinematicRobot, Odometric
+from wherry_testing.perfect_worlds import Eye
 
 SMALL = find_world("small").with_boxes(())  # 4.8 × 3.6 m, the robot at (0.3, 3.3) looking east
 START = Pose(0.3, 3.3, 0.0)

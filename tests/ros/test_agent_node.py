@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bus import Bus, wait_for
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.agent_node import MOST_PARTICLES, TOLERANCE, AgentNode
 from wherry.ros.conversion import from_grid, from_pose, links_between, seconds_of
 from wherry.ros.diagnostics import OK, status_of
 from wherry.ros.names import load_names
+from wherry.ros.nodes.agent import MOST_PARTICLES, TOLERANCE, AgentNode
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace import Began, CellsLaid, Explored, Perceived, Said, Seen, Stepped
+from wherry.trace.records import Began, CellsLaid, Explored, Perceived, Said, Seen, Stepped
+from wherry_testing.bus import Bus, wait_for
 
 NAMES = load_names()
 TERMS = ("touch_N", "touch_S", "on_box")

@@ -12,14 +12,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from bus import Bus
-from wherry.experiments.ros_simulation import node_of
+from wherry.pipelines.delivery.simulator import node_of
 from wherry.ros import messages as ros
 from wherry.ros.conversion import seconds_of
 from wherry.ros.description import robot_description
 from wherry.ros.names import load_names
 from wherry.simulation.model import robot_urdf
-from worlds import hall
+from wherry_testing.bus import Bus
+from wherry_testing.worlds import hall
 
 TOPICS = load_names().topics
 FLOAT = np.float32  # of a LaserScan's numbers

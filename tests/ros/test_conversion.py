@@ -32,7 +32,7 @@ from wherry.ros.conversion import (
     to_transform,
     to_twist,
 )
-from wherry.ros.latch import (
+from wherry.ros.nodes.latch import (
     LatchCommand,
     LatchState,
     from_latch_command,

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros.conversion import MessageError
-from wherry.ros.measurements import Row, StampGuard, TimeWentBackError
+from wherry.ros.nodes.measurements import Row, StampGuard, TimeWentBackError
 from wherry.space.pose import Pose
 
 

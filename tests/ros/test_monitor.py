@@ -3,14 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bus import Bus
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros import monitor as monitoring
 from wherry.ros.conversion import to_laser_scan, to_odometry
-from wherry.ros.monitor import Monitor
 from wherry.ros.names import load_names
+from wherry.ros.nodes import monitor as monitoring
+from wherry.ros.nodes.monitor import Monitor
 from wherry.space.pose import Pose
+from wherry_testing.bus import Bus
 
 TOPICS = load_names().topics
 

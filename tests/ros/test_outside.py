@@ -12,26 +12,26 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from bus import Bus
-from perfect_worlds import frame_of, perfect_map
 from wherry.cli import app
 from wherry.errors import InputError
-from wherry.experiments.delivery import order_of
-from wherry.experiments.ros_delivery import Stack, is_own, order_from
-from wherry.experiments.ros_simulation import node_of
+from wherry.pipelines.delivery.ros import Stack, is_own, order_from
+from wherry.pipelines.delivery.simulated import order_of
+from wherry.pipelines.delivery.simulator import node_of
 from wherry.realization.mission import Ready
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.bodies import load_body
 from wherry.ros.conversion import Link, from_estimate, from_odometry, header_of, to_grid, to_pose, to_transform
 from wherry.ros.names import load_names
-from wherry.ros.outside import OutsideMap, OutsidePose
-from wherry.ros.robot import RosRobot
+from wherry.ros.nodes.outside import OutsideMap, OutsidePose
+from wherry.ros.nodes.robot import RosRobot
 from wherry.simulation import Simulation
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace import ignore
-from worlds import hall
+from wherry.trace.records import ignore
+from wherry_testing.bus import Bus
+from wherry_testing.perfect_worlds import frame_of, perfect_map
+from wherry_testing.worlds import hall
 
 NAMES = load_names()
 TOPICS = NAMES.topics

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bus import free_domain
-from wherry.experiments.ros_simulation import WHEEL_JOINTS, node_of
+from wherry.pipelines.delivery.simulator import WHEEL_JOINTS, node_of
 from wherry.ros import messages as ros
 from wherry.ros.conversion import to_grid, to_pose_array
 from wherry.ros.names import load_names
-from wherry.ros.ros2 import DdsTransport
+from wherry.ros.transports.ros2 import DdsTransport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from worlds import hall
+from wherry_testing.bus import free_domain
+from wherry_testing.worlds import hall
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 

@@ -23,24 +23,24 @@ from mcap_ros2.decoder import DecoderFactory
 from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.highlevel import AnyReader
 
-from wherry.bags import is_bag, read_bag
 from wherry.commands.recording import recorded
 from wherry.errors import InputError
-from wherry.floorplan import find_world
-from wherry.logs import LidarLog
+from wherry.floorplan.world_files import find_world
+from wherry.logs.carmen import LidarLog
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
+from wherry.ros.bags.reading import is_bag, read_bag
+from wherry.ros.bags.recording import Bag, LogRecording, RecordedTransport, Recording
 from wherry.ros.conversion import header_of
 from wherry.ros.messages import Message, fields_of, message_types
 from wherry.ros.names import load_names
-from wherry.ros.recording import Bag, LogRecording, RecordedTransport, Recording
-from wherry.ros.transport import Quality, Topic
+from wherry.ros.transports.transport import Quality, Topic
 from wherry.simulation import build
 from wherry.simulation.model import BODY
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.space.trajectory import Trajectory
-from wherry.trace import Explored, Said, Seen, Stepped
+from wherry.trace.records import Explored, Said, Seen, Stepped
 
 NAMES = ("run.bag", "run.mcap", "run")
 ROS2_ONLY = {"texture_resource", "texture", "uv_coordinates", "mesh_file", "structure_needs_at_least_one_member"}
@@ -398,8 +398,8 @@ def test_a_terminated_recording_is_a_whole_bag(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_killed_recording_is_called_unfinished(tmp_path: Path, name: str) -> None:
     program = (
-        "import sys, time; from wherry.ros.recording import Bag; from wherry.ros import messages as ros; "
-        "from wherry.ros.transport import Topic; bag = Bag(sys.argv[1]); "
+        "import sys, time; from wherry.ros.bags.recording import Bag; from wherry.ros import messages as ros; "
+        "from wherry.ros.transports.transport import Topic; bag = Bag(sys.argv[1]); "
         "bag.write(Topic('/said', ros.String), ros.String('x'), 0.0); print('ready', flush=True); time.sleep(60)"
     )
     path = tmp_path / name
@@ -420,8 +420,9 @@ def test_a_killed_recording_is_called_unfinished(tmp_path: Path, name: str) -> N
 def kill_while_recording(path: Path) -> Path:
     """Kill a process by force that has recorded 3.9 s of driving, and goes on; returns what is left."""
     program = (
-        "import sys; import numpy as np; from test_recording import drive; from wherry.floorplan import find_world; "
-        "from wherry.ros.recording import Bag, Recording; from wherry.simulation import build; "
+        "import sys; import numpy as np; from test_recording import drive; "
+        "from wherry.floorplan.world_files import find_world; "
+        "from wherry.ros.bags.recording import Bag, Recording; from wherry.simulation import build; "
         "robot = Recording(Bag(sys.argv[1])).robot(build(find_world('taxi'), np.random.default_rng(0)).robot); "
         "drive(robot, 3.9); print('ready', flush=True); sys.stdin.read()"
     )

@@ -10,17 +10,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bus import Bus, BusTransport, DdsBus, free_domain, wait_for
 from wherry.errors import InputError
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros import robot as ros_robot
 from wherry.ros.bodies import load_body
 from wherry.ros.conversion import Link, to_laser_scan, to_odometry, to_transform
-from wherry.ros.latch import LatchState, from_latch_command, to_latch_state
 from wherry.ros.names import load_names
-from wherry.ros.robot import RobotLostError, RosRobot
+from wherry.ros.nodes import robot as ros_robot
+from wherry.ros.nodes.latch import LatchState, from_latch_command, to_latch_state
+from wherry.ros.nodes.robot import RobotLostError, RosRobot
 from wherry.space.pose import Pose
+from wherry_testing.bus import Bus, BusTransport, DdsBus, free_domain, wait_for
 
 NAMES = load_names()
 TOPICS = NAMES.topics

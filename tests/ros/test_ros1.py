@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from ros1_system import Peer, Program, Roscore, require, wait_until
 from wherry.errors import InputError
-from wherry.ros.ros1_master import Master, MasterError, choose_interface, wait_for_master
+from wherry.ros.transports.ros1_master import Master, MasterError, choose_interface, wait_for_master
+from wherry_testing.ros1_system import Peer, Program, Roscore, require, wait_until
 
 pytestmark = pytest.mark.realtime
 
@@ -21,8 +21,8 @@ ECHO = """
 import sys
 from wherry.errors import InputError
 from wherry.ros.messages import LaserScan, String
-from wherry.ros.ros1 import Ros1
-from wherry.ros.transport import Quality, Topic
+from wherry.ros.transports.ros1 import Ros1
+from wherry.ros.transports.transport import Quality, Topic
 
 there, back = (Topic(name, LaserScan, Quality.SENSOR) for name in ("/there", "/back"))
 latched = Topic("/latched", String, Quality.LATCHED)
@@ -192,7 +192,7 @@ def test_what_is_no_address_is_told(environment: pytest.MonkeyPatch, uri: str) -
 
 
 def test_no_master_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wherry.ros.ros1_master.PATIENCE", 0.3)
+    monkeypatch.setattr("wherry.ros.transports.ros1_master.PATIENCE", 0.3)
     with pytest.raises(InputError, match="no ROS master answers there; start one: roscore"):
         wait_for_master(f"http://127.0.0.1:{_closed_port()}")
 

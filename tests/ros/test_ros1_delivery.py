@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from robots_clock import GRANULARITY, STANDING, Heard, stopped_after
-from ros1_system import Roscore, require, stamp, values_of, wait_until
+from wherry_testing.robots_clock import GRANULARITY, STANDING, Heard, stopped_after
+from wherry_testing.ros1_system import Roscore, require, stamp, values_of, wait_until
 
 SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--json")
 # The world's two warehouse cells as seen from its robot.

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ros1_system import require
 from wherry.errors import InputError
 from wherry.ros import messages as ros
-from wherry.ros import ros1_messages
 from wherry.ros.messages import Field, Message, fields_of, message_types
+from wherry.ros.transports import ros1_messages
+from wherry_testing.ros1_system import require
 
 ROS2_ONLY_TYPES = {"visualization_msgs/msg/UVCoordinate", "visualization_msgs/msg/MeshFile"}
 SHARED = sorted(set(message_types()) - ROS2_ONLY_TYPES)
@@ -100,7 +100,7 @@ def test_a_field_that_ros1_lacks_without_our_knowing_is_an_error(monkeypatch: py
 
 def test_rospy_shadows_nothing_of_the_environment() -> None:
     code = """
-from wherry.ros.ros1_messages import ros1_module
+from wherry.ros.transports.ros1_messages import ros1_module
 ros1_module("rospy")
 import numpy, yaml, sys
 print(any(module.__file__.startswith("/usr/lib/python3") for module in (numpy, yaml)))

@@ -12,12 +12,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from robots_clock import GRANULARITY
-from ros1_system import Peer, Program, Roscore, heading, require, stamp, values_of, wait_until
-from wherry.experiments.ros_simulation import Settings, prepare
+from wherry.pipelines.delivery.simulator import Settings, prepare
 from wherry.robot import Scan
-from wherry.ros.ros1_master import Master
+from wherry.ros.transports.ros1_master import Master
 from wherry.simulation.drive import WHEEL_RADIUS
+from wherry_testing.robots_clock import GRANULARITY
+from wherry_testing.ros1_system import Peer, Program, Roscore, heading, require, stamp, values_of, wait_until
 
 pytestmark = pytest.mark.realtime
 

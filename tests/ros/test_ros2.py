@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from bus import free_domain
 from wherry.errors import InputError
 from wherry.ros import messages as ros
 from wherry.ros.messages import Field, Message, fields_of, message_types
 from wherry.ros.names import load_names
-from wherry.ros.ros2 import DdsTransport, configuration, domain_id, from_idl, idl_class, to_idl
+from wherry.ros.transports.ros2 import DdsTransport, configuration, domain_id, from_idl, idl_class, to_idl
+from wherry_testing.bus import free_domain
 
 TOPICS = load_names().topics
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -253,7 +253,7 @@ def test_only_others_are_counted(pair: tuple[DdsTransport, DdsTransport]) -> Non
 def test_a_process_that_is_killed_leaves_no_message_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(KILLED))
     program = (
-        "import time; from wherry.ros.ros2 import DdsTransport; from wherry.ros.names import load_names\n"
+        "import time; from wherry.ros.transports.ros2 import DdsTransport; from wherry.ros.names import load_names\n"
         "from wherry.ros.messages import Bool, Twist\n"
         "transport, topics = DdsTransport(), load_names().topics\n"
         "while True: transport.publish(topics.cmd_vel, Twist()); time.sleep(0.02)"
@@ -274,7 +274,7 @@ def test_a_process_that_is_killed_leaves_no_message_behind(monkeypatch: pytest.M
 def test_a_listener_that_hangs_does_not_hold_up_the_publisher(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(HUNG))
     program = (
-        "import time; from wherry.ros.ros2 import DdsTransport; from wherry.ros.names import load_names\n"
+        "import time; from wherry.ros.transports.ros2 import DdsTransport; from wherry.ros.names import load_names\n"
         "transport, topics = DdsTransport(), load_names().topics\n"
         "transport.subscribe(topics.tf, lambda message: None); time.sleep(60)"
     )

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bus import free_domain
-from dds import ended, simulator, wherry
-from wherry.experiments.delivery import order_of
-from wherry.experiments.ros_simulation import Settings, prepare
+from wherry.pipelines.delivery.simulated import order_of
+from wherry.pipelines.delivery.simulator import Settings, prepare
 from wherry.ros import messages as ros
 from wherry.ros.conversion import from_grid, links_between
 from wherry.ros.names import load_names
-from wherry.ros.ros2 import DdsTransport
+from wherry.ros.transports.ros2 import DdsTransport
 from wherry.space.map_files import load_map
+from wherry_testing.bus import free_domain
+from wherry_testing.dds import ended, simulator, wherry
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 

@@ -13,19 +13,19 @@ from pathlib import Path
 
 import pytest
 
-from bus import free_domain
-from dds import ended, simulator, wait_until
-from robot_contract import RobotContract
-from robots_clock import GRANULARITY, Heard, stopped_after
-from wherry.experiments.ros_simulation import node_of
+from wherry.pipelines.delivery.simulator import node_of
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.bodies import load_body
 from wherry.ros.conversion import from_odometry, to_twist
 from wherry.ros.names import load_names
-from wherry.ros.robot import RosRobot
-from wherry.ros.ros2 import DdsTransport
-from worlds import HALL, hall
+from wherry.ros.nodes.robot import RosRobot
+from wherry.ros.transports.ros2 import DdsTransport
+from wherry_testing.bus import free_domain
+from wherry_testing.dds import ended, simulator, wait_until
+from wherry_testing.robot_contract import RobotContract
+from wherry_testing.robots_clock import GRANULARITY, Heard, stopped_after
+from wherry_testing.worlds import HALL, hall
 
 NAMES = load_names()
 TOPICS = NAMES.topics
@@ -39,7 +39,7 @@ DRIVER = """
 import time
 from wherry.ros.names import load_names
 from wherry.ros.messages import Twist, Vector3
-from wherry.ros.ros2 import DdsTransport
+from wherry.ros.transports.ros2 import DdsTransport
 transport, topics = DdsTransport(), load_names().topics
 while True:
     transport.publish(topics.cmd_vel, Twist(Vector3(0.3)))

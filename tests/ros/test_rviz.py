@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from ros1_system import Peer, Program, Roscore, heading, require, wait_until
 from wherry.errors import InputError
 from wherry.ros import rviz
 from wherry.ros.description import robot_description
 from wherry.ros.names import load_names
 from wherry.simulation.model import robot_urdf
+from wherry_testing.ros1_system import Peer, Program, Roscore, heading, require, wait_until
 
 BLUE, RED, GREEN = "0; 0; 255", "255; 0; 0", "0; 255; 0"
 

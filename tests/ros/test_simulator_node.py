@@ -9,19 +9,19 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from bus import Bus
 from wherry.errors import InputError
-from wherry.experiments.ros_simulation import WHEEL_JOINTS, Settings, node_of, prepare
+from wherry.pipelines.delivery.simulator import WHEEL_JOINTS, Settings, node_of, prepare
 from wherry.robot import Velocity
 from wherry.ros import messages as ros
 from wherry.ros.conversion import from_laser_scan, from_odometry, from_transform, header_of, seconds_of, to_twist
-from wherry.ros.latch import LatchCommand, LatchState, from_latch_state, to_latch_command
 from wherry.ros.names import Names, load_names
-from wherry.ros.transport import Topic
+from wherry.ros.nodes.latch import LatchCommand, LatchState, from_latch_state, to_latch_command
+from wherry.ros.transports.transport import Topic
 from wherry.simulation import Simulation
 from wherry.simulation.model import LASER_HEIGHT, robot_urdf
 from wherry.space.pose import Pose
-from worlds import HALL, hall
+from wherry_testing.bus import Bus
+from wherry_testing.worlds import HALL, hall
 
 NAMES = load_names()
 TOPICS = NAMES.topics

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from bus import Bus
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros.bodies import load_body
 from wherry.ros.conversion import to_laser_scan, to_odometry
 from wherry.ros.names import load_names
-from wherry.ros.robot import RosRobot
+from wherry.ros.nodes.robot import RosRobot
 from wherry.space.pose import Pose
+from wherry_testing.bus import Bus
 
 TOPICS = load_names().topics
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop
 from wherry.robot import Odometry, Scan
 from wherry.simulation import build
 from wherry.simulation.faults import blind, kidnap, random_pose, slippery
 from wherry.simulation.solids import clearance
 from wherry.space.pose import Pose
+from wherry_testing.halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop
 
 
 def _odometry(measurements: list[Scan | Odometry]) -> Odometry:

@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from halls import exact, hall
-from wherry.floorplan import FloorPlan, find_world, generate_world, place_boxes
+from wherry.floorplan.generation import generate_world, place_boxes
+from wherry.floorplan.plan import FloorPlan
+from wherry.floorplan.world_files import find_world
 from wherry.simulation import build
 from wherry.simulation.lidar import Lidar, LidarSpecification, cast_rays
 from wherry.simulation.model import BODY, BOX_RADIUS
 from wherry.simulation.solids import Solids, clearance
 from wherry.space.pose import Pose
+from wherry_testing.halls import exact, hall
 
 ROOM = Solids.of(FloorPlan("room", 5, 4, cell_size=1.0))
 NOTHING = np.empty((0, 2))

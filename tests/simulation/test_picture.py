@@ -8,9 +8,9 @@ import sys
 import numpy as np
 import pytest
 
-from halls import exact, hall
 from wherry.errors import InputError
 from wherry.simulation.picture import Photographer
+from wherry_testing.halls import exact, hall
 
 
 def _photographer(width: int, height: int) -> Photographer:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from halls import CELL, drive, drive_to_x, exact, hall, stop, turn_to
-from wherry.floorplan import Cell
+from wherry.floorplan.plan import Cell
 from wherry.simulation.referee import FORK_HALF_WIDTH, FORK_REACH, Referee, box_in_fork
 from wherry.simulation.solids import Solids
 from wherry.space.pose import Pose
+from wherry_testing.halls import CELL, drive, drive_to_x, exact, hall, stop, turn_to
 
 
 def test_distance_to_walls_and_obstacles() -> None:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from wherry.errors import InputError
-from wherry.floorplan import Cell, find_world, place_boxes
+from wherry.floorplan.generation import place_boxes
+from wherry.floorplan.plan import Cell
+from wherry.floorplan.world_files import find_world
 from wherry.simulation.scenes import choose_scene
 
 

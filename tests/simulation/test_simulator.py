@@ -10,15 +10,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop, turn_to
-from robot_contract import RobotContract
 from wherry.errors import InputError
-from wherry.floorplan import FloorPlan, find_world, place_boxes
+from wherry.floorplan.generation import place_boxes
+from wherry.floorplan.plan import FloorPlan
+from wherry.floorplan.world_files import find_world
 from wherry.robot import Odometry, Robot, Scan, Velocity
 from wherry.simulation import BoxPlace, Simulation, build
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.simulator import LARGEST_BOX_OFFSET
 from wherry.space.pose import Pose
+from wherry_testing.halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop, turn_to
+from wherry_testing.robot_contract import RobotContract
 
 BOX_X = 4.5 * CELL  # m, the middle of the cell of the hall's box before the robot
 

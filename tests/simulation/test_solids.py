@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from wherry.floorplan import Cell, Direction, FloorPlan, Wall, find_world, generate_world
+from wherry.floorplan.generation import generate_world
+from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
+from wherry.floorplan.world_files import find_world
 from wherry.simulation.solids import FREE, OBSTACLE, WALL, Solids, clearance, distances_to
 
 ROOM = Solids.of(FloorPlan("room", 2, 1, cell_size=1.0))

@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from halls import drive, stop, turn_to
-from wherry.floorplan import Cell, Direction, FloorPlan, find_world, place_boxes
+from wherry.floorplan.generation import place_boxes
+from wherry.floorplan.plan import Cell, Direction, FloorPlan
+from wherry.floorplan.world_files import find_world
 from wherry.simulation import Simulation, build
+from wherry_testing.halls import drive, stop, turn_to
 
 
 def _way(plan: FloorPlan, start: Cell, goal: Cell, avoid: set[Cell]) -> list[Cell]:

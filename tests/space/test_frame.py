@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perfect_worlds import is_solid, perfect_map
-from wherry.floorplan import built_in_worlds, find_world
+from wherry.floorplan.world_files import built_in_worlds, find_world
 from wherry.simulation.solids import Solids
 from wherry.space.frame import CellFrame, lay_cells
 from wherry.space.pose import Floats, Pose
+from wherry_testing.perfect_worlds import is_solid, perfect_map
 
 CELL = 0.6  # m
 WIDTH, HEIGHT = 7, 5  # cells

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from playwright import sync_api as playwright
 
-from browsing import DESK
+from wherry_testing.browsing import DESK
 
 CHROMIUM = Path("/usr/bin/chromium")
 

@@ -10,20 +10,11 @@ from pathlib import Path
 import pytest
 from playwright import sync_api as playwright
 
-from browsing import DESK, PHONE, SCREENSHOTS, faint_texts, until
 from wherry.errors import InputError
-from wherry.floorplan import (
-    Cell,
-    Direction,
-    FloorPlan,
-    Wall,
-    built_in_worlds,
-    find_world,
-    format_world,
-    load_world,
-    parse_world,
-)
+from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
+from wherry.floorplan.world_files import built_in_worlds, find_world, format_world, load_world, parse_world
 from wherry.views.web.editor import checked, first_draft, serve_editor
+from wherry_testing.browsing import DESK, PHONE, SCREENSHOTS, faint_texts, until
 
 PLAN = FloorPlan(
     "attic",

@@ -9,11 +9,13 @@ from typing import cast
 import pytest
 from rich.console import Console
 
-from wherry.experiments import localization, slam, taxi
 from wherry.mapping import closures
-from wherry.ros.monitor import Monitor
+from wherry.pipelines.grids import learning as taxi
+from wherry.pipelines.logs import localization
+from wherry.pipelines.logs import mapping as slam
 from wherry.ros.names import load_names
-from wherry.ros.transport import Transport
+from wherry.ros.nodes.monitor import Monitor
+from wherry.ros.transports.transport import Transport
 from wherry.views.figures import HEARD, LEARNING, LOCALIZATION, MAPPING, REFUSALS, Words, in_words
 from wherry.views.terminal import print_figures
 

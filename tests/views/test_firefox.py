@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from browsing import SCREENSHOTS
-from firefox import PROGRAM, Page, firefox
-from runs import LASER, short_run
-from wherry.floorplan import parse_world
-from wherry.views.frames import Encoder
+from wherry.floorplan.world_files import parse_world
+from wherry.trace.codec import Encoder
 from wherry.views.web.broadcast import Broadcast
 from wherry.views.web.editor import serve_editor
 from wherry.views.web.page import player_page
 from wherry.views.web.server import serve
+from wherry_testing.browsing import SCREENSHOTS
+from wherry_testing.firefox import PROGRAM, Page, firefox
+from wherry_testing.runs import LASER, short_run
 
 pytestmark = pytest.mark.slow
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wherry.experiments.taxi import LEARNERS
+from wherry.pipelines.grids.learning import LEARNERS
 from wherry.views.learning_curve import Needed, as_bytes, learning_curves, solved_by, steps_needed
 
 RUNS = {"quick": [[(10, 0), (20, 6)], [(12, 3), (30, 6)]], "slow": [[(100, 1), (5000, 6)]]}

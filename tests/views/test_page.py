@@ -17,16 +17,16 @@ import numpy as np
 import pytest
 from playwright import sync_api as playwright
 
-from browsing import DESK, PHONE, SCREENSHOTS, faint_texts, until
-from runs import BOX, LASER, TERMS, room, seen, short_run, taxi_ride
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace import Began, Explored, Record, Said, Seen
-from wherry.views.frames import Encoder
-from wherry.views.recordings import FILE_NAME, Recorder
+from wherry.trace.codec import Encoder
+from wherry.trace.recordings import FILE_NAME, Recorder
+from wherry.trace.records import Began, Explored, Record, Said, Seen
 from wherry.views.web.broadcast import Broadcast
 from wherry.views.web.page import player_page
 from wherry.views.web.server import serve
+from wherry_testing.browsing import DESK, PHONE, SCREENSHOTS, faint_texts, until
+from wherry_testing.runs import BOX, LASER, TERMS, room, seen, short_run, taxi_ride
 
 
 @pytest.fixture(scope="session")
@@ -527,8 +527,8 @@ def test_a_live_run_is_followed_and_its_end_is_told(page: playwright.Page, tmp_p
 SERVED = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
-from browsing import DESK, PHONE, SCREENSHOTS, until
-from runs import short_run
+from wherry_testing.browsing import DESK, PHONE, SCREENSHOTS, until
+from wherry_testing.runs import short_run
 from wherry.views.web.broadcast import Broadcast
 from wherry.views.web.server import serve
 broadcast = Broadcast()

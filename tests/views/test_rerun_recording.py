@@ -14,7 +14,7 @@ from wherry.errors import InputError
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace import Began, CellsLaid, Explored, Learnt, LearntRule, Perceived, Record, Said, Seen, Stepped
+from wherry.trace.records import Began, CellsLaid, Explored, Learnt, LearntRule, Perceived, Record, Said, Seen, Stepped
 from wherry.views.rerun_recording import rerun_recording
 
 NOWHERE = np.empty((0, 2), np.float32)

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from playwright import sync_api as playwright
 
-from browsing import DESK, PHONE, SCREENSHOTS, until
+from wherry_testing.browsing import DESK, PHONE, SCREENSHOTS, until
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 

@@ -14,13 +14,13 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection, connect
 
-from runs import seen, short_run
 from wherry.errors import InputError
-from wherry.trace import Record, Said
-from wherry.views.frames import Decoder, split
+from wherry.trace.codec import Decoder, split
+from wherry.trace.records import Record, Said
 from wherry.views.web import broadcast as broadcasting
 from wherry.views.web.broadcast import Broadcast
 from wherry.views.web.server import LARGEST_REQUEST, OVER, Server, serve
+from wherry_testing.runs import seen, short_run
 
 
 @pytest.fixture

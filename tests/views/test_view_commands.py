@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from runs import short_run
 from wherry.cli import app
 from wherry.errors import InputError
-from wherry.floorplan import built_in_worlds, find_world, parse_world
-from wherry.views.recordings import FILE_NAME, Recorder
+from wherry.floorplan.world_files import built_in_worlds, find_world, parse_world
+from wherry.trace.recordings import FILE_NAME, Recorder
+from wherry_testing.runs import short_run
 
 
 def test_worlds_are_listed_with_their_sizes() -> None:

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace import Explored, Record, Said, Seen, Stepped
+from wherry.trace.records import Explored, Record, Said, Seen, Stepped
 from wherry.views.drawing import MARGIN, MOST_PARTICLES, Scene, draw
 from wherry.views.report import Picture, Report, render
 from wherry.views.terminal import DeliveryProgress, print_rules, print_table

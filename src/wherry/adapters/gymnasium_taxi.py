@@ -15,7 +15,7 @@ from gymnasium.envs.toy_text.taxi import TaxiEnv
 
 from wherry.domains.taxi import DELIVERY_REWARD, ILLEGAL_REWARD, STEP_REWARD, WALL
 from wherry.errors import InputError
-from wherry.floorplan import Cell, Direction, Wall
+from wherry.floorplan.plan import Cell, Direction, Wall
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer

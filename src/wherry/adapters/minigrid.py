@@ -17,7 +17,7 @@ from minigrid.core.world_object import Door, WorldObj
 from minigrid.minigrid_env import MiniGridEnv
 
 from wherry.errors import InputError
-from wherry.floorplan import Cell
+from wherry.floorplan.plan import Cell
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import PAPER_TYPES, EffectType
 from wherry.oomdp.mdp import Transition

@@ -43,10 +43,10 @@ def deliver(
     quiet: QuietOption = False,
 ) -> None:
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
-    from wherry.experiments import delivery
     from wherry.kernels import are_compiled
+    from wherry.pipelines.delivery import simulated as delivery
     from wherry.simulation.model import LASER_HEIGHT
-    from wherry.trace import both
+    from wherry.trace.records import both
     from wherry.views.terminal import DeliveryProgress, print_rules, print_table
 
     settings = delivery.Settings(

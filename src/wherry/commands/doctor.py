@@ -9,7 +9,7 @@ import typer
 from wherry.commands.common import JsonOption, QuietOption, console_for, print_json
 
 if TYPE_CHECKING:
-    from wherry.experiments.installation import Finding
+    from wherry.pipelines.installation import Finding
 
 
 def doctor(as_json: JsonOption = False, quiet: QuietOption = False) -> None:
@@ -17,7 +17,7 @@ def doctor(as_json: JsonOption = False, quiet: QuietOption = False) -> None:
 
     Exit status 1 where something is broken that wherry cannot do without.
     """
-    from wherry.experiments.installation import CHECKS, failed
+    from wherry.pipelines.installation import CHECKS, failed
 
     console = console_for(as_json=as_json, quiet=quiet)
     findings = []

@@ -39,9 +39,9 @@ def gazebo(
     as_json: JsonOption = False,
 ) -> None:
     """Write a world, the robot, and launch files for Gazebo Sim with ROS 2 and for classic Gazebo with ROS 1."""
-    from wherry.experiments.delivery import order_of
-    from wherry.floorplan import find_world
-    from wherry.ros import gazebo as exporter
+    from wherry.floorplan.world_files import find_world
+    from wherry.gazebo import export as exporter
+    from wherry.pipelines.delivery.simulated import order_of
 
     files = exporter.export(
         exporter.Settings(world=world, folder=folder, generation=generation, boxes=boxes, seed=seed, force=force)

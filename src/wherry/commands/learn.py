@@ -61,9 +61,9 @@ def learn(
     if out is not None and out.suffix not in (".png", ".svg"):
         raise InputError("--out", str(out), "must end in .png or .svg")
     chosen = _learner(learner, inference)
-    from wherry.experiments.taxi import Settings, TaxiExperiment
     from wherry.files import write_atomically
-    from wherry.learning.rules import save_rules
+    from wherry.learning.rule_files.files import save_rules
+    from wherry.pipelines.grids.learning import Settings, TaxiExperiment
     from wherry.views.figures import LEARNING
     from wherry.views.terminal import print_figures, print_rules
 

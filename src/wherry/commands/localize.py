@@ -44,8 +44,8 @@ def localize(
     quiet: QuietOption = False,
 ) -> None:
     """Find the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
-    from wherry.experiments import localization
-    from wherry.experiments.log_trace import LogTrace
+    from wherry.pipelines.logs import localization
+    from wherry.pipelines.logs.trace import LogTrace
     from wherry.views.figures import LOCALIZATION
     from wherry.views.terminal import print_figures
 

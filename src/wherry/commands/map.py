@@ -62,9 +62,9 @@ def map_log(
     quiet: QuietOption = False,
 ) -> None:
     """Make a map and a trajectory of recorded scans and odometry (SLAM)."""
-    from wherry.experiments import slam
-    from wherry.experiments.log_trace import LogTrace
     from wherry.mapping.closures import refusals
+    from wherry.pipelines.logs import mapping as slam
+    from wherry.pipelines.logs.trace import LogTrace
     from wherry.views.figures import MAPPING, REFUSALS
     from wherry.views.terminal import print_figures, print_table
 

@@ -12,8 +12,8 @@ import typer
 from wherry.commands.common import BoxesOption, JsonOption, SeedOption, console_for, one_of, print_json
 
 if TYPE_CHECKING:
-    from wherry.experiments.play import Game
     from wherry.oomdp.domain import Action
+    from wherry.pipelines.grids.play import Game
     from wherry.views.play_screen import Screen
 
 DOMAINS = ("taxi", "delivery")
@@ -39,7 +39,7 @@ def play(
 
     Keys act at once. What comes through a pipe is read line by line: keys, or an action's name.
     """
-    from wherry.experiments.play import Game, Settings
+    from wherry.pipelines.grids.play import Game, Settings
     from wherry.views.play_screen import render
 
     game = Game(Settings(domain=domain, size=size, world=world, boxes=boxes, seed=seed, learner=learner, rules=rules))

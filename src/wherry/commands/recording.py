@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from wherry.logs import LidarLog
+    from wherry.logs.carmen import LidarLog
     from wherry.robot import Robot
+    from wherry.ros.bags.recording import LogRecording
     from wherry.ros.names import Names
-    from wherry.ros.recording import LogRecording
-    from wherry.ros.transport import Transport
-    from wherry.trace import Sink
+    from wherry.ros.transports.transport import Transport
+    from wherry.trace.records import Sink
 
 RecordOption = Annotated[
     Path | None,
@@ -39,12 +39,12 @@ def recorded(path: Path | None, *, laser_height: float = 0.0) -> Iterator[tuple[
     Raises:
         InputError: The bag cannot be written.
     """
-    from wherry.trace import ignore
+    from wherry.trace.records import ignore
 
     if path is None:
         yield ignore, lambda robot: robot
         return
-    from wherry.ros.recording import Bag, Recording
+    from wherry.ros.bags.recording import Bag, Recording
 
     with _interrupted_when_terminated(), Bag(path) as bag:
         recording = Recording(bag, laser_height=laser_height)
@@ -65,7 +65,7 @@ def recorded_log(path: Path | None, log: LidarLog) -> Iterator[LogRecording | No
     if path is None:
         yield None
         return
-    from wherry.ros.recording import Bag, LogRecording
+    from wherry.ros.bags.recording import Bag, LogRecording
 
     with _interrupted_when_terminated(), Bag(path) as bag:
         yield LogRecording(bag, log)
@@ -86,7 +86,7 @@ def recorded_transport(path: Path | None, transport: Transport, names: Names) ->
     if path is None:
         yield transport
         return
-    from wherry.ros.recording import Bag, RecordedTransport
+    from wherry.ros.bags.recording import Bag, RecordedTransport
 
     with _interrupted_when_terminated(), Bag(path) as bag:
         recorded = RecordedTransport(transport, bag, names)

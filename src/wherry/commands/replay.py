@@ -38,7 +38,7 @@ def replay(
 
     Localization is then compared with mapping's own trajectory.
     """
-    from wherry.experiments import replay as experiment
+    from wherry.pipelines.logs import replay as experiment
     from wherry.views.figures import LOCALIZATION, MAPPING
     from wherry.views.terminal import print_figures
 

@@ -19,31 +19,31 @@ Progress = Callable[[int, int], None]
 
 
 def _taxi(data: Path, images: Path, progress: Progress) -> str:
-    from wherry.experiments import taxi_table
+    from wherry.experiments.learning import taxi_table
 
     return taxi_table.reproduce(images, progress)
 
 
 def _slam(data: Path, images: Path, progress: Progress) -> str:
-    from wherry.experiments import slam_table
+    from wherry.experiments.mapping import table as slam_table
 
     return slam_table.reproduce(data, progress)
 
 
 def _sites(data: Path, folder: Path, progress: Progress) -> str:
-    from wherry.experiments import large_site
+    from wherry.experiments.mapping import large_site
 
     return large_site.reproduce(progress)
 
 
 def _localization(data: Path, images: Path, progress: Progress) -> str:
-    from wherry.experiments import localization_table
+    from wherry.experiments.localization import table as localization_table
 
     return localization_table.reproduce(data, images, progress)
 
 
 def _delivery(data: Path, images: Path, progress: Progress) -> str:
-    from wherry.experiments import delivery_study
+    from wherry.experiments.delivery import study as delivery_study
 
     with tempfile.TemporaryDirectory() as folder:
         return delivery_study.reproduce(Path(folder), progress)

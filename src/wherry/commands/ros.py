@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from wherry.ros.names import Names
-    from wherry.ros.transport import Transport
+    from wherry.ros.transports.transport import Transport
 
 NamesOption = Annotated[
     Path | None, typer.Option("--names", help="A YAML file with namespace, frame_prefix, topics, frames and rates.")
@@ -82,7 +82,7 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
         quiet: QuietOption = False,
     ) -> None:
         """A simulated robot with /scan, /odom, /tf and /clock that obeys /cmd_vel; until Ctrl-C."""
-        from wherry.experiments import ros_simulation
+        from wherry.pipelines.delivery import simulator as ros_simulation
         from wherry.ros.names import load_names
 
         name, remappings = from_launch(arguments, "wherry_simulator", remap)
@@ -157,16 +157,17 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         quiet: QuietOption = False,
     ) -> None:
         """The agent on a robot of ROS: it explores, maps, learns what its actions do, and delivers every box."""
-        from wherry.experiments import delivery, ros_delivery
-        from wherry.experiments.robot_delivery import delivery_learner
         from wherry.files import make_folder
         from wherry.kernels import are_compiled
-        from wherry.ros.agent_node import AgentNode
+        from wherry.pipelines.delivery import ros as ros_delivery
+        from wherry.pipelines.delivery import simulated as delivery
+        from wherry.pipelines.delivery.agent import delivery_learner
         from wherry.ros.bodies import load_body
         from wherry.ros.names import load_names
-        from wherry.ros.robot import RobotLostError, RosRobot
+        from wherry.ros.nodes.agent import AgentNode
+        from wherry.ros.nodes.robot import RobotLostError, RosRobot
         from wherry.space.map_files import load_map
-        from wherry.trace import both
+        from wherry.trace.records import both
         from wherry.views.terminal import DeliveryProgress, print_rules
 
         name, remappings = from_launch(arguments, "wherry_agent", remap)
@@ -226,8 +227,8 @@ def _add_monitor(app: typer.Typer, generation: int) -> None:
         """Listen to a robot and its agent: messages that are missing, and the time from a scan to a velocity."""
         import time
 
-        from wherry.ros.monitor import Monitor
         from wherry.ros.names import load_names
+        from wherry.ros.nodes.monitor import Monitor
         from wherry.views.figures import HEARD
         from wherry.views.terminal import print_figures
 
@@ -256,7 +257,7 @@ def _add_gazebo_latch(app: typer.Typer) -> None:
         quiet: QuietOption = False,
     ) -> None:
         """Make Gazebo's detachable joints the latch that the agent works; until Ctrl-C."""
-        from wherry.ros.gazebo_latch import GazeboLatch, load_site
+        from wherry.gazebo.latch import GazeboLatch, load_site
         from wherry.ros.names import load_names
 
         world = load_site(site)
@@ -287,7 +288,7 @@ def _describe_robot(transport: Transport, names: Names) -> None:
     """Say what the robot looks like: in ROS 1 as a parameter, beside the one that time is simulated."""
     from wherry.ros.description import robot_description
     from wherry.ros.messages import String
-    from wherry.ros.ros1 import Ros1
+    from wherry.ros.transports.ros1 import Ros1
     from wherry.simulation.model import robot_urdf
 
     description = robot_description(robot_urdf())
@@ -317,9 +318,9 @@ def _asked_to_end() -> Iterator[threading.Event]:
 def open_transport(generation: int, name: str, namespace: str, interface: str) -> Transport:
     """Become a node."""
     if generation == 1:
-        from wherry.ros.ros1 import Ros1
+        from wherry.ros.transports.ros1 import Ros1
 
         return Ros1(name, namespace, interface)
-    from wherry.ros.ros2 import LOOPBACK, DdsTransport
+    from wherry.ros.transports.ros2 import LOOPBACK, DdsTransport
 
     return DdsTransport(interface or LOOPBACK)

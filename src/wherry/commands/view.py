@@ -24,7 +24,7 @@ def view(
     import contextlib
 
     from wherry.files import write_atomically
-    from wherry.views.recordings import find_trace, load_frames
+    from wherry.trace.recordings import find_trace, load_frames
     from wherry.views.web.page import player_page
     from wherry.views.web.server import serve_recording
 

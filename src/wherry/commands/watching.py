@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from wherry.simulation import Simulation
-    from wherry.trace import Sink
+    from wherry.trace.records import Sink
     from wherry.views.web.server import Server
 
 ViewOption = Annotated[bool, typer.Option("--view", help="Show the run on a page in the browser, live.")]
@@ -55,7 +55,7 @@ def watched(
         InputError: The folder cannot be written to, or the address cannot be served on, or there is one without a page.
     """
     from wherry.errors import InputError
-    from wherry.trace import both, ignore
+    from wherry.trace.records import both, ignore
 
     for option, given, usual in (("--host", host, LOOPBACK), ("--port", port, PORT)):
         if given != usual and not view:
@@ -64,7 +64,7 @@ def watched(
         sinks: list[Sink] = []
         if out is not None:
             from wherry.files import make_folder
-            from wherry.views.recordings import FILE_NAME, Recorder
+            from wherry.trace.recordings import FILE_NAME, Recorder
 
             make_folder(out)
             sinks.append(stack.enter_context(Recorder(out / FILE_NAME)))
@@ -110,7 +110,7 @@ def films(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> 
     Raises:
         InputError: Something that this needs is not installed, or a file cannot be written.
     """
-    from wherry.trace import both, ignore
+    from wherry.trace.records import both, ignore
 
     with contextlib.ExitStack() as stack:
         sinks: list[Sink] = []
@@ -119,7 +119,7 @@ def films(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> 
 
             sinks.append(stack.enter_context(rerun_recording(rerun)))
         if video is not None:
-            from wherry.experiments.film import filmed
+            from wherry.pipelines.delivery.film import filmed
 
             sinks.append(stack.enter_context(filmed(video, simulation)))
         yield both(*sinks) if sinks else ignore

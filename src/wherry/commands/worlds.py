@@ -21,7 +21,7 @@ worlds = typer.Typer(
 @worlds.command("list")
 def list_worlds() -> None:
     """List the built-in worlds with their sizes."""
-    from wherry.floorplan import built_in_worlds, find_world
+    from wherry.floorplan.world_files import built_in_worlds, find_world
 
     for name in built_in_worlds():
         plan = find_world(name)
@@ -33,7 +33,7 @@ def list_worlds() -> None:
 @worlds.command("show")
 def show_world(world: WorldArgument) -> None:
     """Print a world as text, the way it can be saved and changed."""
-    from wherry.floorplan import find_world, format_world
+    from wherry.floorplan.world_files import find_world, format_world
 
     typer.echo(format_world(find_world(world)), nl=False)
 

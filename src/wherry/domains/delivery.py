@@ -21,7 +21,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.floorplan import Cell, Direction, FloorPlan, Wall, place_boxes
+from wherry.floorplan.generation import place_boxes
+from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer

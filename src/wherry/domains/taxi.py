@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from wherry.floorplan import Cell, Direction, FloorPlan, Wall, find_world
+from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
+from wherry.floorplan.world_files import find_world
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer

@@ -16,7 +16,8 @@ from wherry.domains.taxi import taxi_grid
 from wherry.environments.observations import Observation, Observer
 from wherry.environments.pictures import Figure, in_colour, in_text
 from wherry.errors import InputError
-from wherry.floorplan import Cell, FloorPlan, find_world
+from wherry.floorplan.plan import Cell, FloorPlan
+from wherry.floorplan.world_files import find_world
 from wherry.oomdp.mdp import DeterministicMdp
 from wherry.oomdp.objects import Object, State
 

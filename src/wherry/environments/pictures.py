@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from wherry.floorplan import Cell, Direction, FloorPlan, drawing
+from wherry.floorplan.plan import Cell, Direction, FloorPlan
+from wherry.floorplan.world_files import drawing
 
 CELL_PIXELS = 48
 WALL_PIXELS = 4

@@ -20,15 +20,15 @@ import numpy as np
 from wherry.domains.delivery import DeliverySteps, boxes_left, delivery_grid
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
-from wherry.experiments.kidnapping import true_map
-from wherry.experiments.localization_speed import RANGE, angles_of, drive
+from wherry.experiments.localization.kidnapping import true_map
+from wherry.experiments.localization.speed import RANGE, angles_of, drive
 from wherry.experiments.machine import load_in_words
-from wherry.experiments.slam_speed import measure
-from wherry.experiments.taxi import Settings, TaxiExperiment
-from wherry.floorplan import find_world
+from wherry.experiments.mapping.speed import measure
+from wherry.floorplan.world_files import find_world
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
 from wherry.oomdp.outcomes import Grounded
+from wherry.pipelines.grids.learning import Settings, TaxiExperiment
 from wherry.planning.search import a_star
 from wherry.planning.state_space import StateSpace
 from wherry.planning.successors import Successors

@@ -13,21 +13,23 @@ from PIL import Image
 from wherry.domains.taxi import taxi_grid
 from wherry.environments.grids import taxi_figures
 from wherry.environments.pictures import in_colour
-from wherry.experiments.delivery import order_of
-from wherry.experiments.delivery_page import pictures_of
-from wherry.experiments.kidnapping import Wanderer, true_map
+from wherry.experiments.localization.kidnapping import Wanderer, true_map
 from wherry.experiments.results import write_picture
-from wherry.experiments.robot_delivery import Delivery, delivery_learner
-from wherry.floorplan import FloorPlan, find_world, place_boxes
+from wherry.floorplan.generation import place_boxes
+from wherry.floorplan.plan import FloorPlan
+from wherry.floorplan.world_files import find_world
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
 from wherry.navigation.controller import safe_velocity
+from wherry.pipelines.delivery.agent import Delivery, delivery_learner
+from wherry.pipelines.delivery.page import pictures_of
+from wherry.pipelines.delivery.simulated import order_of
 from wherry.realization.mission import Mission
 from wherry.robot import Odometry
 from wherry.simulation import Simulation, build
 from wherry.simulation.picture import Photographer
 from wherry.space.pose import Floats, Pose
-from wherry.trace import Record, Seen
+from wherry.trace.records import Record, Seen
 from wherry.views.drawing import Scene, draw
 
 Progress = Callable[[int, int], None]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.floorplan import Cell, FloorPlan
+from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.realization.boxes import FARTHEST, FEWEST_SIGHTINGS, Box, look_for_boxes, standing_alone, standing_free
 from wherry.realization.pilot import Load, Pilot, without_load
 from wherry.robot import Scan

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from wherry.floorplan import Cell, Direction, FloorPlan, Wall
+from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
 from wherry.robot import Scan
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wherry.domains.delivery import DROPOFF, MOVES, PICKUP, Box, Site, reward
-from wherry.floorplan import Cell, Direction, Wall
+from wherry.floorplan.plan import Cell, Direction, Wall
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import State
@@ -20,7 +20,7 @@ from wherry.realization.pilot import Load, Pilot, shows_load, without_load
 from wherry.robot import Scan
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Floats, Pose
-from wherry.trace import Said
+from wherry.trace.records import Said
 
 LOOK_EVERY = 3  # scans between two in which the boxes are looked for
 LONGEST_INTAKE = 50  # scans that the robot waits for a conveyor to take its box

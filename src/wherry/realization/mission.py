@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from wherry.domains.delivery import Site
 from wherry.errors import InputError
-from wherry.floorplan import Cell, FloorPlan
+from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import PRECISE
 from wherry.navigation.path import shortest_path
@@ -29,7 +29,7 @@ from wherry.robot import Robot
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace import Explored, Said, Sink
+from wherry.trace.records import Explored, Said, Sink
 
 START_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad² of a pose that SLAM just gave
 LONGEST_LEG, MOST_LEGS = 1.5, 30  # m, and how many such legs a robot drives to find out where it is

@@ -15,7 +15,7 @@ from wherry.navigation.path import NO_DISCS
 from wherry.realization.tracking import PoseTracker
 from wherry.robot import Body, Odometry, Robot, Scan, Velocity
 from wherry.space.pose import Floats, Pose
-from wherry.trace import TIME_SLACK, Said, Seen, Sink
+from wherry.trace.records import TIME_SLACK, Said, Seen, Sink
 
 STANDSTILL = Velocity()
 LOOKING_AROUND = Velocity(0.0, 0.6)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.floorplan import Cell, Direction, FloorPlan
+from wherry.floorplan.plan import Cell, Direction, FloorPlan
 from wherry.navigation.exploration import Viewpoint, frontier_cells, next_viewpoint, visible_unknown
 from wherry.navigation.path import Costmap, shortest_path
 from wherry.realization.box_watch import ENOUGH_LOOKS, LOOK_EVERY, BoxWatch, SeenCells
@@ -23,7 +23,7 @@ from wherry.realization.pilot import Pilot, Ride
 from wherry.space.frame import CellFrame, lay_cells
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace import Explored, Said
+from wherry.trace.records import Explored, Said
 
 REPLAN = 1.5  # s of driving after which the growing map is looked at again
 OWN_PLACE = 0.35  # m around itself that a robot knows to be free although its lidar cannot see it

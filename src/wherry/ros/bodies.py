@@ -9,8 +9,8 @@ from typing import Any
 
 from wherry.errors import InputError
 from wherry.robot import Body
-from wherry.ros.yaml_files import check_number, load_mapping, parse_mapping
 from wherry.space.pose import Pose
+from wherry.yaml_files import check_number, load_mapping, parse_mapping
 
 LARGEST = 100.0  # of any number in it
 LIDAR = ("x", "y", "theta")

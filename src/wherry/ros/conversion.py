@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.logs import MOST_BEAMS
+from wherry.logs.carmen import MOST_BEAMS
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.space.map_files import LARGEST_GRID

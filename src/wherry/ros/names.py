@@ -17,8 +17,8 @@ from typing import Any, TypeVar
 
 from wherry.errors import InputError
 from wherry.ros import messages as ros
-from wherry.ros.transport import Quality, Topic
-from wherry.ros.yaml_files import check_number, load_mapping
+from wherry.ros.transports.transport import Quality, Topic
+from wherry.yaml_files import check_number, load_mapping
 
 TOPIC_NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 FRAME_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")

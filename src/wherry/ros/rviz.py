@@ -20,7 +20,7 @@ import yaml
 
 from wherry.errors import InputError
 from wherry.ros.names import Names, Topics, load_names
-from wherry.ros.ros1_master import Master, choose_interface, wait_for_master
+from wherry.ros.transports.ros1_master import Master, choose_interface, wait_for_master
 
 PROGRAMS = {1: "rviz", 2: "rviz2"}
 INSTALL = {

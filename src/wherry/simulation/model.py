@@ -7,7 +7,7 @@ from importlib import resources
 import mujoco
 import numpy as np
 
-from wherry.floorplan import FloorPlan
+from wherry.floorplan.plan import FloorPlan
 from wherry.robot import Body
 from wherry.simulation.drive import WHEEL_RADIUS
 from wherry.simulation.solids import OBSTACLE, WALL, Solids

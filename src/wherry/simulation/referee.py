@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from wherry.floorplan import Cell, FloorPlan
+from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.simulation.physics import Kind, Physics, Thing
 from wherry.simulation.solids import Solids, distances_to
 from wherry.space.pose import Floats, Pose

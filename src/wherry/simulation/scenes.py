@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.floorplan import FloorPlan, place_boxes
+from wherry.floorplan.generation import place_boxes
+from wherry.floorplan.plan import FloorPlan
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.floorplan import Cell, FloorPlan
+from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.robot import Body, Odometry, Robot, Scan, Velocity
 from wherry.simulation.drive import Drive, EncoderErrors, Encoders
 from wherry.simulation.lidar import Lidar, LidarSpecification

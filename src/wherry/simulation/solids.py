@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.floorplan import Cell, Direction, FloorPlan
+from wherry.floorplan.plan import Cell, Direction, FloorPlan
 from wherry.kernels import kernel
 from wherry.space.pose import Floats
 

@@ -16,7 +16,7 @@ from PIL import Image
 
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace import Seen
+from wherry.trace.records import Seen
 
 Coordinates = NDArray[np.floating[Any]]  # traces keep single precision
 

@@ -71,7 +71,7 @@ MAPPING: Words = {
     "ms_per_scan_p99": ("processor time a scan (99th percentile)", milliseconds),
     "seconds": ("processor time in all", seconds),
 }
-"""Of `wherry.experiments.slam.Result`."""
+"""Of `wherry.pipelines.logs.mapping.Result`."""
 
 LOCALIZATION: Words = {
     "scans": ("scans", count),
@@ -87,7 +87,7 @@ LOCALIZATION: Words = {
     "unknown_parameters": ("unknown parameters", listed),
     "seed": ("seed", str),
 }
-"""Of `wherry.experiments.localization.Result`."""
+"""Of `wherry.pipelines.logs.localization.Result`."""
 
 LEARNING: Words = {
     "learner": ("learner", str),
@@ -101,7 +101,7 @@ LEARNING: Words = {
     "unknown_answers": ("answers “I do not know” (most)", count),
     "unknown_answers_bound": ("how many the theorem allows", count),
 }
-"""Of `wherry.experiments.taxi.Result`."""
+"""Of `wherry.pipelines.grids.learning.Result`."""
 
 HEARD: Words = {
     "scans": ("scans", count),
@@ -113,7 +113,7 @@ HEARD: Words = {
     "scan to velocity, median, ms": ("from a scan to its velocity (median)", milliseconds),
     "scan to velocity, 99 %, ms": ("from a scan to its velocity (99th percentile)", milliseconds),
 }
-"""Of `wherry.ros.monitor.Monitor`."""
+"""Of `wherry.ros.nodes.monitor.Monitor`."""
 
 REFUSALS = {
     "response": "the points fit too badly",

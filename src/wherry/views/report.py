@@ -8,7 +8,7 @@ from importlib import resources
 
 import jinja2
 
-from wherry.trace import Said
+from wherry.trace.records import Said
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wherry.errors import InputError
 from wherry.files import growing_file
-from wherry.trace import Began, CellsLaid, Explored, Learnt, Perceived, Record, Said, Seen, Sink, Stepped
+from wherry.trace.records import Began, CellsLaid, Explored, Learnt, Perceived, Record, Said, Seen, Sink, Stepped
 
 if TYPE_CHECKING:
     import rerun

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from wherry.trace import Explored, Record, Said, Stepped
+from wherry.trace.records import Explored, Record, Said, Stepped
 from wherry.views.figures import Words, in_words, not_measured
 
 

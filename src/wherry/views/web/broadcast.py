@@ -6,8 +6,8 @@ import secrets
 from dataclasses import dataclass
 from itertools import accumulate
 
-from wherry.trace import Record, Seen
-from wherry.views.frames import Encoder
+from wherry.trace.codec import Encoder
+from wherry.trace.records import Record, Seen
 
 LARGEST_MESSAGE = 1_000_000  # bytes, after which the rest goes into the next message
 LARGEST_BACKLOG = 16_000_000  # bytes of Seen that a page may lie behind; beyond that it is sent fewer of them

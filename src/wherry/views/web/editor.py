@@ -1,4 +1,4 @@
-"""The world editor: a page that draws a world file, checked and saved by `wherry.floorplan` alone."""
+"""The world editor: a page that draws a world file, checked and saved by `wherry.floorplan.plan` alone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wherry.errors import InputError
 from wherry.files import write_atomically
-from wherry.floorplan import LARGEST_FILE, Cell, Direction, FloorPlan, format_world, load_world, parse_world
+from wherry.floorplan.plan import Cell, Direction, FloorPlan
+from wherry.floorplan.world_files import LARGEST_FILE, format_world, load_world, parse_world
 from wherry.views.web.page import assemble
 from wherry.views.web.server import DEFAULT_HOST, DEFAULT_PORT, Server, running
 

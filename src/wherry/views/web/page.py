@@ -9,7 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
 
-from wherry.views.recordings import packed
+from wherry.trace.recordings import packed
 
 SCRIPTS = ("trace.js", "map.js", "player.js", "scene.js", "panels.js", "app.js")
 

@@ -22,7 +22,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wherry.errors import InputError
-from wherry.views.frames import split
+from wherry.trace.codec import split
 from wherry.views.web.broadcast import Broadcast
 from wherry.views.web.guard import Door, Guard
 from wherry.views.web.page import player_page

@@ -1,0 +1,1 @@
+"""Learners to compare with: tables, R-max, Factored R-max, Q-learning."""

@@ -1,0 +1,200 @@
+"""The published Taxi table beside our own: every learner, both sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from wherry.experiments.machine import load_in_words
+from wherry.experiments.results import markdown_table, write_picture
+from wherry.pipelines.grids.arenas import Arena
+from wherry.pipelines.grids.learning import (
+    LEARNERS,
+    LESS_PATIENCE,
+    LETTER,
+    Result,
+    Settings,
+    TaxiExperiment,
+    solved_at_once,
+)
+from wherry.views.learning_curve import Needed, as_bytes, learning_curves, steps_needed
+
+SIZES = (5, 10)
+SHORTEST = 0.001  # ms; what takes less is not told to the digit
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """What others have measured.
+
+    Attributes:
+        name: Who learns: a key of `LEARNERS` where we have the same.
+        size: The grid's side.
+        steps: Mean steps until all probes are solved.
+        ms_per_step: Time for a step, on the machines of the time; None where it is not told.
+        source: Where it stands.
+    """
+
+    name: str
+    size: int
+    steps: float
+    ms_per_step: float | None
+    source: str
+
+
+PUBLISHED = (
+    Published("doormax", 5, 529, 13.88, "ICML 2008"),
+    Published("doormax", 10, 821, 293.72, "ICML 2008"),
+    Published("factored-rmax", 5, 1676, 43.59, "ICML 2008"),
+    Published("factored-rmax", 10, 19866, 306.71, "ICML 2008"),
+    Published("rmax", 5, 4151, 74.0, "Diuk 2010"),
+    Published("q-learning", 5, 106859, None, "Diuk 2010"),
+    Published("q-learning-optimistic", 5, 29350, None, "Diuk 2010"),
+    Published("people", 5, 101, None, "Diuk 2010"),
+    Published("people who play games", 5, 48.8, None, "Diuk 2010"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How much is run; the defaults are what the results file shows.
+
+    Attributes:
+        repetitions: Of every learner on every size.
+        fewer: Of some learners only so many, by learner and size; 0 leaves one out.
+    """
+
+    repetitions: int = 100
+    fewer: Mapping[tuple[str, int], int] = field(default_factory=dict)
+
+    def of(self, learner: str, size: int) -> int:
+        """How many repetitions a learner has on a grid."""
+        return min(self.repetitions, self.fewer.get((learner, size), self.repetitions))
+
+    def total(self) -> int:
+        """How many repetitions there are in all."""
+        return sum(self.of(learner, size) for learner in LEARNERS for size in SIZES)
+
+
+def reproduce(images: Path, progress: Callable[[int, int], None], extent: Extent | None = None) -> str:
+    """Run every learner on both sizes and return the tables as Markdown.
+
+    Args:
+        images: The folder for pictures, beside the results file.
+        progress: Told how many repetitions are done, of how many.
+        extent: How much to run; all of it by default.
+    """
+    chosen = extent or Extent()
+    large, done = Arena.of_size(10), 0
+    results: dict[int, dict[str, Result]] = {size: {} for size in SIZES}
+    transfers = []
+    for learner in LEARNERS:
+        for size in SIZES:
+            repetitions = chosen.of(learner, size)
+            if not repetitions:
+                continue
+            experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=repetitions))
+            taken = [0, 0]
+            for _ in experiment.repetitions():
+                done += 1
+                progress(done, chosen.total())
+                if size == 5 and experiment.learner is not None and learner != LETTER:
+                    taken[0] += solved_at_once(experiment.learner, large) == len(large.probes)
+                    taken[1] += 1
+            results[size][learner] = experiment.result()
+            if taken[1]:
+                transfers.append(f"{learner} in {taken[0]} of {taken[1]}")
+    return markdown(results, transfers, _pictures(results, images))
+
+
+def _pictures(results: Mapping[int, Mapping[str, Result]], images: Path) -> str:
+    """Steps needed by all, and what was known when; as Markdown."""
+    panels = {
+        f"{size}×{size}": [
+            *(Needed(name, [run.steps for run in result.runs]) for name, result in results[size].items()),
+            *(Needed(row.name, [row.steps], published=True) for row in PUBLISHED if row.size == size),
+        ]
+        for size in SIZES
+    }
+    written = [
+        write_picture(
+            images,
+            "taxi-steps.svg",
+            as_bytes(steps_needed(panels, "Taxi: from knowing nothing to the optimum"), "svg"),
+            "Steps to the optimum of every learner, ours and published",
+        )
+    ]
+    for size in SIZES:
+        curves = {name: [run.curve for run in result.runs] for name, result in results[size].items()}
+        figure = learning_curves(curves, 6, f"Taxi {size}×{size}: probes solved after so many steps")
+        written.append(
+            write_picture(
+                images, f"taxi-curves-{size}.svg", as_bytes(figure, "svg"), f"Learning curves on {size}×{size}"
+            )
+        )
+    return "\n\n".join(written)
+
+
+def markdown(results: Mapping[int, Mapping[str, Result]], transfers: list[str], pictures: str) -> str:
+    """A table for every size, ours beside what was published."""
+    parts = [
+        "## Taxi\nSteps until the policy is optimal from six probes: mean ± standard deviation, and the 95th "
+        "percentile, over as many repetitions as the last column says; rewards and ends of episodes learnt. Times are "
+        "a core's, for a whole step (predict, learn, plan), medians of the repetitions, on a machine with a "
+        f"{load_in_words()}; the published ones are from the machines of their time. Q-learning, R-max "
+        "and Factored R-max are compiled together with the grid. Factored R-max is told what depends on what in terms "
+        "of the taxi's cell, the passenger's location and the destination; factored-rmax-minimal is told that, once "
+        f"the passenger is in the taxi, it does not matter where that was. Of {LETTER} a repetition that has not "
+        f"converged is ended after {LESS_PATIENCE[LETTER]:,} steps, and does not count in its mean.",
+        pictures,
+    ]
+    header = ["learner", "published steps", "steps", "95 %", "published ms/step", "ms/step", "converged"]
+    for size, learners in results.items():
+        rows = [[f"**{name}**", *_row(name, size, learners.get(name))] for name in _names(size, learners)]
+        parts.append(f"### {size}×{size}\n\n{markdown_table(header, rows)}")
+    if unknown := _unknown_answers(results):
+        parts.append(unknown)
+    if transfers:
+        parts.append(
+            f"Rules learnt on 5×5 solved 10×10 optimally, with no further step: {', '.join(transfers)} repetitions. "
+            "Where they did not, a step was needed that the learner did not know yet, having met too few conditions."
+        )
+    return "\n\n".join(parts) + "\n"
+
+
+def _unknown_answers(results: Mapping[int, Mapping[str, Result]]) -> str | None:
+    """How many "I don't know" there were and the bound allows, in words; None where none were counted."""
+    counted = [
+        f"{result.unknown_answers} by {name} on {size}×{size} ({result.unknown_answers_bound})"
+        for size, learners in results.items()
+        for name, result in learners.items()
+        if result.unknown_answers is not None
+    ]
+    if not counted:
+        return None
+    return (
+        'The most "I don\'t know" of any repetition for one action, attribute and type of effect, failures aside; in '
+        f"brackets the theorem's bound, nk + k + 1: {', '.join(counted)}."
+    )
+
+
+def _names(size: int, learners: Mapping[str, Result]) -> list[str]:
+    return list(dict.fromkeys([*learners, *(row.name for row in PUBLISHED if row.size == size)]))
+
+
+def _row(name: str, size: int, result: Result | None) -> list[str]:
+    published = next((row for row in PUBLISHED if (row.name, row.size) == (name, size)), None)
+    steps = "–" if published is None else f"{published.steps:,g} ({published.source})"
+    speed = "–" if published is None or published.ms_per_step is None else f"{published.ms_per_step:g}"
+    if result is None:
+        return [steps, "–", "–", speed, "–", "–"]
+    converged = f"{result.converged}/{result.repetitions}"
+    if result.steps_mean is None or result.steps_sd is None or result.steps_p95 is None:
+        return [steps, "–", "–", speed, _milliseconds(result.ms_per_step), converged]
+    mean = f"{result.steps_mean:,.0f} ± {result.steps_sd:,.0f}"
+    return [steps, mean, f"{result.steps_p95:,.0f}", speed, _milliseconds(result.ms_per_step), converged]
+
+
+def _milliseconds(value: float) -> str:
+    return f"{value:.2g}" if value >= SHORTEST else f"< {SHORTEST:g}"

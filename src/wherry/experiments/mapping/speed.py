@@ -1,0 +1,70 @@
+"""How long a scan takes, beside yag_slam (Karto's matcher for Python) where that is installed."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from wherry.logs.carmen import LidarLog, read_log
+from wherry.mapping.backends import BACKENDS
+from wherry.pipelines.logs.mapping import Settings, run
+
+
+def measure(log: Path) -> Mapping[str, float]:
+    """Map a log with everything that is installed.
+
+    Args:
+        log: The lidar log.
+
+    Returns:
+        The median of ms a scan, of processor time, by method.
+
+    Raises:
+        InputError: The log cannot be used.
+    """
+    ours = {f"wherry, {backend}": run(Settings(log, backend=backend)).ms_per_scan_median for backend in BACKENDS}
+    return {**ours, **others(log)}
+
+
+def others(log: Path) -> Mapping[str, float]:
+    """As `measure`, of what others have made alone."""
+    if importlib.util.find_spec("yag_slam") is None:
+        return {}
+    return {"yag_slam": _yag_slam(read_log(log))}
+
+
+def _yag_slam(log: LidarLog) -> float:
+    """The median of ms a scan that yag_slam takes, with its own settings."""
+    from yag_slam.graph_slam import GraphSlam, default_config, default_config_loop  # noqa: PLC0415
+    from yag_slam.models import LocalizedRangeScan  # noqa: PLC0415
+    from yag_slam.scan_matching import Scan2DMatcherCpp  # noqa: PLC0415
+
+    slam = GraphSlam(Scan2DMatcherCpp(default_config), Scan2DMatcherCpp(default_config_loop))
+    taken = []
+    for scan, odometry in zip(log.scans, log.scan_odometry, strict=True):
+        if odometry is None:
+            continue
+        lidar = odometry.pose @ log.lidar
+        last = scan.angle_min + scan.angle_increment * (len(scan.ranges) - 1)
+        ranges = np.where(scan.valid, scan.ranges, scan.range_max)
+        before = time.process_time()
+        slam.process_scan(
+            LocalizedRangeScan(
+                ranges,
+                scan.angle_min,
+                last,
+                scan.angle_increment,
+                scan.range_min,
+                scan.range_max,
+                min(scan.range_max, 12.0),
+                lidar.x,
+                lidar.y,
+                lidar.theta,
+            )
+        )
+        taken.append(1e3 * (time.process_time() - before))
+    return float(np.median(taken))

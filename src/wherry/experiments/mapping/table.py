@@ -1,0 +1,156 @@
+"""Maps of recorded buildings beside the published ones (Kümmerle et al. 2009, table 1; Hess et al. 2016, table II)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from wherry.experiments.mapping import simulated as simulated_slam
+from wherry.experiments.mapping.drifting_odometry import BUILDINGS, map_building
+from wherry.experiments.mapping.drifting_odometry import Result as Drifting
+from wherry.experiments.mapping.speed import others
+from wherry.experiments.results import markdown_table
+from wherry.floorplan.world_files import find_world
+from wherry.mapping.backends import BACKENDS
+from wherry.pipelines.logs.mapping import Result, Settings, run
+
+INTEL_LOG = "intel_910_rawodom.clf.gz"
+SEEDS = 5  # drifts of each building
+SIMULATED_SEEDS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A method's error on Intel.
+
+    Attributes:
+        method: What it is called.
+        translational_error_m: Mean.
+        translational_sd_m: Standard deviation; None where it is not at hand.
+    """
+
+    method: str
+    translational_error_m: float
+    translational_sd_m: float | None
+
+
+PUBLISHED = (
+    Row("scan matching", 0.220, 0.296),
+    Row("RBPF, 50 particles (gmapping)", 0.070, 0.083),
+    Row("graph mapping", 0.031, 0.026),
+    Row("Cartographer", 0.0229, None),
+)
+
+
+def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
+    """Map the recorded buildings with every method, and a simulated one; a results section in Markdown.
+
+    Args:
+        data: The folder that holds ``intel/`` and ``radish/``.
+        progress: Told how many runs are done, of how many.
+
+    Raises:
+        InputError: A file is missing.
+    """
+    total = len(BACKENDS) + len(BUILDINGS) * SEEDS + SIMULATED_SEEDS
+    progress(0, total)
+    intel = []
+    for backend in BACKENDS:
+        intel.append(run(intel_settings(data / "intel", backend)))
+        progress(len(intel), total)
+    drifting: list[Drifting] = []
+    for name in BUILDINGS:
+        for seed in range(SEEDS):
+            drifting.append(map_building(data / "radish" / f"{name}-corrected.log.gz", name, seed))
+            progress(len(intel) + len(drifting), total)
+    simulated_slam.warm_up()
+    world = find_world(simulated_slam.WORLD)
+    simulated: list[simulated_slam.Result] = []
+    for seed in range(SIMULATED_SEEDS):
+        simulated.append(simulated_slam.explore(world, seed))
+        progress(len(intel) + len(drifting) + len(simulated), total)
+    ours = {f"wherry, {result.backend}": result.ms_per_scan_median for result in intel}
+    speed = {**ours, **others(data / "intel" / INTEL_LOG)}
+    return "\n".join(
+        [
+            "## SLAM",
+            "Intel Research Lab, 910 scans, scored by the relations of Kümmerle et al. 2009. Rows without times are",
+            "published ones. Times are a core's own, whatever else the machine did.",
+            "",
+            intel_table(intel),
+            "",
+            "Buildings whose odometry was lost, with odometry that drifts, made from the corrected poses of their",
+            f"logs: {SEEDS} drifts each. Errors are distances to those poses, an earlier SLAM's, after alignment. A",
+            "closure is false if it is off them by more than 1 m or 5°.",
+            "",
+            drifting_table(drifting),
+            "",
+            "A simulated robot that explores its world, with noise, drift and boxes in the way. The map is laid on the",
+            "world by the robot's first pose alone; × real time is how long it drove, ÷ what its scans and the maps it",
+            "asked for took.",
+            "",
+            simulated_slam.table(simulated),
+            "",
+            "The median time of a scan on Intel, with all that is installed:",
+            "",
+            markdown_table(["method", "ms a scan"], [[name, f"{median:.2f}"] for name, median in speed.items()]),
+        ]
+    )
+
+
+def intel_settings(intel: Path, backend: str) -> Settings:
+    """How Intel is mapped and scored; ``intel`` is the folder of its files."""
+    return Settings(intel / INTEL_LOG, intel / "intel_rawodom_dense.txt.gz", intel / "intel.relations.gz", backend)
+
+
+def intel_table(results: Sequence[Result]) -> str:
+    """The results under the published rows, as Markdown; those without relations are left out."""
+    rows = [
+        [row.method, _pair(row.translational_error_m, row.translational_sd_m), "", "", "", "", ""] for row in PUBLISHED
+    ]
+    for result in results:
+        if result.translational_error_m is None or result.far_translational_error_m is None:
+            continue
+        closures = str(result.closures_accepted) if result.closures_accepted else ""
+        rows.append(
+            [
+                f"wherry, {result.backend}",
+                _pair(result.translational_error_m, result.translational_sd_m),
+                f"{result.far_translational_error_m:.3f}",
+                _pair(result.rotational_error_deg, result.rotational_sd_deg),
+                closures,
+                f"{result.ms_per_scan_median:.2f}",
+                f"{result.seconds:.1f}",
+            ]
+        )
+    header = ["method", "error, m", "over 60 s apart, m", "error, °", "closures", "ms a scan", "in all, s"]
+    return markdown_table(header, rows)
+
+
+def drifting_table(results: Sequence[Drifting]) -> str:
+    """A row a building: what its runs came to, as Markdown."""
+    rows = []
+    for name in dict.fromkeys(result.building for result in results):
+        runs = [result for result in results if result.building == name]
+        errors = [result.rmse_m for result in runs]
+        rows.append(
+            [
+                name,
+                f"{min(result.odometry_rmse_m for result in runs):.1f}–{max(r.odometry_rmse_m for r in runs):.1f}",
+                f"{sum(errors) / len(errors):.3f}",
+                f"{max(errors):.3f}",
+                str(sum(result.closures for result in runs)),
+                f"{max(result.worst_closure_m for result in runs):.2f}",
+                str(sum(result.false_closures for result in runs)),
+            ]
+        )
+    header = ["building", "odometry rmse, m", "mean rmse, m", "worst, m", "closures", "farthest off, m", "false"]
+    return markdown_table(header, rows)
+
+
+def _pair(mean: float | None, deviation: float | None) -> str:
+    """A mean with its standard deviation where there is one."""
+    if mean is None:
+        return ""
+    return f"{mean:.3f}" if deviation is None else f"{mean:.3f} ± {deviation:.3f}"

@@ -1,0 +1,1 @@
+"""Floor plans: cells and walls, world files, and random buildings."""

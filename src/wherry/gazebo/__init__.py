@@ -1,0 +1,1 @@
+"""Worlds, robot and latch for Gazebo."""

@@ -1,0 +1,1 @@
+"""Learnt rules as JSON."""

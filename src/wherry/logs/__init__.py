@@ -1,0 +1,1 @@
+"""Recorded scans and odometry."""

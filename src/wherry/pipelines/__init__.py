@@ -1,0 +1,1 @@
+"""What commands run: deliveries, logs and grids, from checked settings to a result."""

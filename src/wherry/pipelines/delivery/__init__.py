@@ -1,0 +1,1 @@
+"""Deliveries: in the simulator, over ROS, and what is told and scored of them."""

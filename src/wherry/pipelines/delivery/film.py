@@ -1,0 +1,60 @@
+"""A film of a run in the simulated world: the robot from behind on the left, the whole building on the right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from wherry.errors import InputError
+from wherry.files import growing_file
+from wherry.simulation import Simulation
+from wherry.simulation.picture import Photographer
+from wherry.trace.records import Record, Seen, Sink
+
+WIDTH, HEIGHT = 640, 720  # pixels of each of the two pictures
+FRAME_RATE = 25  # Hz
+SPEED = 8.0  # times faster than the robot's clock
+PERIOD = SPEED / FRAME_RATE  # s on the robot's clock, from one frame to the next
+
+
+@contextmanager
+def filmed(path: Path, simulation: Simulation) -> Iterator[Sink]:
+    """A sink that films the simulation whenever the robot tells what it sees; H.264 in an MP4 file.
+
+    Args:
+        path: The film.
+        simulation: The world.
+
+    Raises:
+        InputError: The encoder is not installed, nothing can be rendered here, or the file cannot be written.
+    """
+    try:
+        import av  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise InputError("--video", "av", 'is not installed: pip install "wherry[video]"') from error
+    if path.suffix != ".mp4":
+        raise InputError("--video", str(path), "must end in .mp4")
+    with (
+        Photographer(simulation, WIDTH, HEIGHT) as photographer,
+        growing_file(path) as unfinished,
+        av.open(unfinished, "w") as container,
+    ):
+        stream = container.add_stream("libx264", rate=FRAME_RATE, options={"crf": "23"})
+        stream.width, stream.height, stream.pix_fmt = 2 * WIDTH, HEIGHT, "yuv420p"
+        shown = -1
+
+        def watch(record: Record) -> None:
+            nonlocal shown
+            if not isinstance(record, Seen) or (number := math.floor(record.time / PERIOD)) <= shown:
+                return
+            picture = np.hstack([photographer.chase(), photographer.overhead()])
+            for _ in range(number - shown):  # a picture is shown until the next one
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture)))
+            shown = number
+
+        yield watch
+        container.mux(stream.encode())

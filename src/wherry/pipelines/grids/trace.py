@@ -1,0 +1,81 @@
+"""What those who watch are told while a learner acts in a grid, where an action takes a second."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wherry.episodes import Step
+from wherry.learning.learners import RuleLearner
+from wherry.learning.unknowns import UnknownPairs
+from wherry.oomdp.objects import State
+from wherry.pipelines.delivery.agent import learnt, perceived
+from wherry.space.frame import CellFrame
+from wherry.space.pose import Pose
+from wherry.trace.records import Began, CellsLaid, Said, Sink, Stepped
+
+NO_PLAN = np.empty((0, 2), np.float32)
+
+
+class GridTrace:
+    """Tells a sink of one learner's way from knowing nothing, episode by episode.
+
+    Args:
+        title: What to call the world.
+        learner: What it learns with.
+        sink: Who is told.
+    """
+
+    def __init__(self, title: str, learner: RuleLearner, sink: Sink) -> None:
+        self._learner = learner
+        self._sink = sink
+        self._unknown = UnknownPairs(learner)
+        self._told: dict[str, int] | None = None
+        self._time = 0.0
+        self._ended = 0
+        domain = learner.domain
+        sink(Began("learn", title, type(learner).__name__, domain.term_names, tuple(domain.actions)))
+
+    def step(self, step: Step) -> None:
+        """Tell of one action."""
+        state, after = step.transition.state, step.transition.next_state
+        if self._told is None:
+            self._sink(_cells_of(state))
+            self._say("I know nothing of what my actions do.")
+        self._time += 1.0
+        self._unknown.meet(state)
+        done = step.transition.terminated
+        self._ended += done
+        self._sink(
+            Stepped(
+                time=self._time,
+                condition=str(step.condition),
+                action=str(step.action),
+                learning=step.learning,
+                moved=not step.transition.failed,
+                unknown=self._unknown.count(),
+                delivered=self._ended,
+                remaining=0,
+                plan=NO_PLAN,
+            )
+        )
+        self._sink(perceived(self._learner.domain, after, self._time))
+        if self._learner.revisions != self._told:
+            self._told = dict(self._learner.revisions)
+            self._sink(learnt(self._learner, self._time))
+
+    def episode_ended(self, solved: int, probes: int) -> None:
+        """Tell how many probes the policy solves in the fewest steps by now."""
+        self._say(f"By what I know now I solve {solved} of {probes} probes in the fewest steps.")
+        if solved == probes:
+            self._sink(Said(self._time, "done", "My policy is optimal from every probe."))
+
+    def _say(self, text: str) -> None:
+        self._sink(Said(self._time, "learn", text))
+
+
+def _cells_of(state: State) -> CellsLaid:
+    """The walls, and the cells where things are to go, of a state's scene."""
+    walls = [(wall.x, wall.y, wall.north) for wall in state.scene.of_class("Wall")]
+    goals = [(cell.x, cell.y) for cell in state.scene.of_class("Warehouse")]
+    frame = CellFrame(Pose(), 1.0)
+    return CellsLaid(0.0, frame, np.array(goals, np.int32).reshape(-1, 2), np.array(walls, np.int32).reshape(-1, 3))

@@ -1,0 +1,1 @@
+"""Recorded logs: mapping, localization, and both of a bag."""

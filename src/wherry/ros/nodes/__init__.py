@@ -1,0 +1,1 @@
+"""Our robot and our agent as nodes."""

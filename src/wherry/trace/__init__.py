@@ -1,0 +1,1 @@
+"""What a run tells: its records, as bytes, and as files."""

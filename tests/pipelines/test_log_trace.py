@@ -1,0 +1,99 @@
+"""What is told of a log that is gone through, and of a learner on a grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wherry.logs.carmen import LidarLog
+from wherry.mapping.closures import Closure
+from wherry.pipelines.grids.learning import Settings, TaxiExperiment
+from wherry.pipelines.logs.trace import LogTrace
+from wherry.robot import Odometry, Scan, Velocity
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+from wherry.space.trajectory import Trajectory
+from wherry.trace.records import Began, CellsLaid, Explored, Learnt, Perceived, Record, Said, Seen, Stepped
+
+LIDAR = Pose(0.1, 0.0, 0.0)
+
+
+def log() -> LidarLog:
+    """Two scans of one beam straight ahead, 2 m, one and a half seconds apart."""
+    scans = tuple(Scan(time, np.array([2.0]), 0.0, 0.1, 0.1, 10.0) for time in (1000.0, 1001.5))
+    odometry = tuple(Odometry(scan.time, Pose(), Velocity()) for scan in scans)
+    return LidarLog(scans, odometry, Trajectory(np.array([1000.0]), np.zeros((1, 3))), LIDAR, ())
+
+
+def test_times_count_from_the_first_scan_and_points_lie_in_the_map() -> None:
+    told: list[Record] = []
+    trace = LogTrace("localize", "walk.log", log(), told.append)
+    grid = OccupancyGrid(np.full((2, 2), 0.5, np.float32), 0.1)
+    trace.map(grid)
+    trace.scan(1, Pose(1.0, 2.0, np.pi / 2), np.array([[1.0, 2.0, 0.5]]))
+    assert [type(record) for record in told] == [Began, Said, Explored, Seen]
+    seen = told[-1]
+    assert isinstance(seen, Seen)
+    assert seen.time == 1.5
+    np.testing.assert_allclose(seen.points, [[1.0, 4.1]], atol=1e-6)
+    np.testing.assert_allclose(seen.particles, [[1.0, 2.0, 0.5]])
+    assert isinstance(told[2], Explored)
+    assert told[2].grid is grid
+
+
+def test_doubt_is_said_once_and_so_is_its_end() -> None:
+    told: list[Record] = []
+    trace = LogTrace("localize", "walk.log", log(), told.append)
+    for probability in (0.1, 0.6, 0.9, 0.2, 0.1):
+        trace.doubt(1, probability)
+    assert [record.text for record in told[2:] if isinstance(record, Said)] == [
+        "I no longer know where I am.",
+        "Now I know where I am.",
+    ]
+
+
+def test_loops_are_counted_when_more_were_tried() -> None:
+    told: list[Record] = []
+    trace = LogTrace("map", "walk.log", log(), told.append)
+    tried = [closure(""), closure("response 0.3"), closure("")]
+    for count in (0, 2, 2, 3):
+        trace.closures(1, tried[:count])
+    assert [record.text for record in told[2:] if isinstance(record, Said)] == [
+        "Loops so far: 1 closed, 1 refused.",
+        "Loops so far: 2 closed, 1 refused.",
+    ]
+
+
+def closure(refused: str) -> Closure:
+    """A loop that was tried."""
+    return Closure(1000.0, 1, 0, Pose(), np.eye(3), 0.5, 0.0, 1.0, refused)
+
+
+@pytest.fixture(scope="module")
+def learning() -> list[Record]:
+    told: list[Record] = []
+    experiment = TaxiExperiment(Settings(learner="doormax", repetitions=2, seed=0))
+    experiment.watch = told.append
+    steps = [repetition.steps for repetition in experiment.repetitions()]
+    assert sum(isinstance(record, Stepped) for record in told) == steps[0]  # the first one alone
+    return told
+
+
+def test_a_learner_on_a_grid_is_told_from_knowing_nothing(learning: list[Record]) -> None:
+    assert isinstance(learning[0], Began)
+    assert learning[0].terms[0] == "touch_N(taxi, wall)"
+    assert sum(isinstance(record, CellsLaid) for record in learning) == 1
+    steps = [record for record in learning if isinstance(record, Stepped)]
+    assert [record.time for record in steps] == [1.0 + at for at in range(len(steps))]
+    assert max(record.unknown for record in steps) > 5
+    assert steps[-1].unknown <= 2
+    assert sum(isinstance(record, Perceived) for record in learning) == len(steps)
+
+
+def test_rules_are_told_when_they_change_and_the_last_are_the_true_ones(learning: list[Record]) -> None:
+    learnt = [record for record in learning if isinstance(record, Learnt)]
+    assert len({record.rules for record in learnt}) > 5
+    rules = {(rule.action, rule.condition, rule.effect) for rule in learnt[-1].rules}
+    assert {("N", "0******", "taxi.y += 1"), ("S", "*0*****", "taxi.y -= 1")} <= rules
+    assert isinstance(learning[-1], Said)
+    assert learning[-1].phase == "done"

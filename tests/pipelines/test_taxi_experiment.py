@@ -1,0 +1,131 @@
+"""The published protocol: what it measures, and that the learners do as well as is claimed."""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import pairwise
+
+import pytest
+
+from wherry.errors import InputError
+from wherry.learning.bayes import BayesianLearner
+from wherry.learning.doormax import Doormax
+from wherry.pipelines.grids.learning import LEARNERS, Arena, Result, Settings, TaxiExperiment, solved_at_once
+
+
+def run(learner: str, size: int, repetitions: int, seed: int = 0) -> Result:
+    experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=repetitions, seed=seed))
+    for _ in experiment.repetitions():
+        pass
+    return experiment.result()
+
+
+@pytest.mark.parametrize(("size", "lengths"), [(5, [10, 14, 13, 13, 10, 13]), (10, [17, 22, 20, 24, 13, 21])])
+def test_the_probes_are_the_published_ones(size: int, lengths: list[int]) -> None:
+    assert [length for _, length in Arena.of_size(size).probes] == lengths
+
+
+@pytest.mark.parametrize(
+    ("learner", "repetitions", "mean"), [("doormax", 20, 450), ("doormax-near-miss", 10, 220), ("bayes", 10, 80)]
+)
+def test_all_converge_on_the_small_grid_and_fast(learner: str, repetitions: int, mean: float) -> None:
+    result = run(learner, 5, repetitions)
+    assert result.converged == repetitions
+    assert result.steps_mean is not None
+    assert result.steps_mean <= mean
+
+
+@pytest.mark.parametrize(("learner", "mean"), [("doormax", 1000), ("doormax-near-miss", 320), ("bayes", 110)])
+def test_all_converge_on_the_large_grid(learner: str, mean: float) -> None:
+    result = run(learner, 10, 5)
+    assert result.converged == 5
+    assert result.steps_mean is not None
+    assert result.steps_mean <= mean
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("learner", "size", "mean", "p95"),
+    [
+        ("doormax", 5, 450, math.inf),
+        ("doormax", 10, 800, math.inf),
+        ("doormax-near-miss", 5, 200, math.inf),
+        ("doormax-near-miss", 10, 260, math.inf),
+        ("bayes", 5, 80, 150),
+        ("bayes", 10, 110, 200),
+    ],
+)
+def test_a_hundred_repetitions_are_as_good_as_is_claimed(learner: str, size: int, mean: float, p95: float) -> None:
+    result = run(learner, size, 100)
+    assert result.converged == 100
+    assert result.steps_mean is not None
+    assert result.steps_p95 is not None
+    assert result.steps_mean <= mean
+    assert result.steps_p95 <= p95
+
+
+@pytest.mark.parametrize("learner", ["rmax", "factored-rmax", "q-learning", "q-learning-optimistic"])
+def test_the_baselines_converge_later(learner: str) -> None:
+    result = run(learner, 5, 1)
+    assert result.converged == 1
+    assert result.steps_mean is not None
+    assert result.steps_mean > 600
+
+
+@pytest.mark.parametrize("learner", ["bayes", "doormax"])
+def test_what_was_learnt_on_the_small_grid_solves_the_large_one(learner: str) -> None:
+    large = Arena.of_size(10)
+    experiment = TaxiExperiment(Settings(size=5, learner=learner, repetitions=5))
+    for _ in experiment.repetitions():
+        assert isinstance(experiment.learner, Doormax | BayesianLearner)
+        assert solved_at_once(experiment.learner, large) == 6
+
+
+def test_the_theorem_holds_in_the_experiment() -> None:
+    result = run("doormax", 5, 2)
+    assert result.unknown_answers is not None
+    assert result.unknown_answers_bound == 17
+    assert 0 < result.unknown_answers <= result.unknown_answers_bound
+
+
+def test_the_same_seed_gives_the_same_steps() -> None:
+    steps = [[repetition.steps for repetition in run("bayes", 5, 3, seed).runs] for seed in (4, 4, 5)]
+    assert steps[0] == steps[1] != steps[2]
+
+
+def test_a_curve_ends_with_all_probes_solved() -> None:
+    (repetition,) = run("bayes", 5, 1).runs
+    assert repetition.curve[-1] == (repetition.steps, 6)
+    assert all(earlier[0] < later[0] for earlier, later in pairwise(repetition.curve))
+
+
+def test_the_result_is_plain_data() -> None:
+    figures = json.loads(json.dumps(run("bayes", 5, 2).as_json(), allow_nan=False))
+    assert {"steps_mean", "steps_sd", "steps_p95", "converged", "repetitions", "ms_per_step"} <= figures.keys()
+    assert figures["repetitions"] == figures["converged"] == 2
+
+
+def test_the_last_learner_is_kept_with_its_rules() -> None:
+    experiment = TaxiExperiment(Settings(learner="bayes", repetitions=1))
+    list(experiment.repetitions())
+    assert experiment.learner is not None
+    assert "N: if not touch_N(taxi, wall): taxi.y += 1" in experiment.learner.sentences()
+
+
+@pytest.mark.parametrize(
+    ("settings", "source"),
+    [
+        (Settings(size=7), "--size"),
+        (Settings(learner="oracle"), "--learner"),
+        (Settings(repetitions=0), "--repetitions"),
+    ],
+)
+def test_what_there_is_not_is_refused(settings: Settings, source: str) -> None:
+    with pytest.raises(InputError) as caught:
+        TaxiExperiment(settings)
+    assert caught.value.source == source
+
+
+def test_every_learner_has_a_name_people_use() -> None:
+    assert {"bayes", "doormax", "rmax", "factored-rmax", "q-learning"} <= set(LEARNERS)

@@ -1,0 +1,132 @@
+"""The metric and trajectories, on cases whose answers are exact."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wherry.errors import InputError
+from wherry.evaluation import (
+    Relations,
+    absolute_trajectory_error,
+    alignment,
+    load_relations,
+    relation_errors,
+)
+from wherry.logs.carmen import read_odometry
+from wherry.space.pose import compose, relative
+from wherry.space.trajectory import Trajectory, save_tum
+from wherry_testing.buildings import shared_data
+
+TIMES = np.array([0.0, 10.0, 20.0, 100.0])
+POSES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, math.pi / 2], [1.0, 2.0, math.pi], [-3.0, 2.0, -math.pi / 2]])
+
+
+def true_relations(pairs: list[tuple[int, int]]) -> Relations:
+    first, second = POSES[[a for a, _ in pairs]], POSES[[b for _, b in pairs]]
+    return Relations(np.array([[TIMES[a], TIMES[b]] for a, b in pairs]), relative(second, first))
+
+
+def test_a_true_trajectory_has_no_error_wherever_it_lies() -> None:
+    relations = true_relations([(0, 1), (1, 2), (0, 3), (3, 1)])
+    moved = compose(np.tile([5.0, -3.0, 1.2], (4, 1)), POSES)
+    for poses in (POSES, moved):
+        found = relation_errors(Trajectory(TIMES, poses), relations)
+        assert found.translational_error_m == pytest.approx(0.0, abs=1e-12)
+        assert found.rotational_error_deg == pytest.approx(0.0, abs=1e-12)
+    assert found.relations == 4
+
+
+def test_one_relation_s_error_is_told_exactly() -> None:
+    relations = true_relations([(0, 1)])
+    off = Relations(relations.times, compose(relations.poses, np.array([[0.3, -0.4, math.radians(10.0)]])))
+    found = relation_errors(Trajectory(TIMES, POSES), off)
+    assert found.translational_error_m == pytest.approx(0.5)
+    assert found.rotational_error_deg == pytest.approx(10.0)
+    assert found.translational_sd_m == 0.0
+    assert math.isnan(found.far_translational_error_m)
+
+
+def test_means_deviations_and_far_relations() -> None:
+    relations = true_relations([(0, 1), (0, 3)])
+    offsets = np.array([[0.1, 0.0, math.radians(2.0)], [0.0, 0.3, math.radians(-4.0)]])
+    found = relation_errors(Trajectory(TIMES, POSES), Relations(relations.times, compose(relations.poses, offsets)))
+    assert found.translational_error_m == pytest.approx(0.2)
+    assert found.translational_sd_m == pytest.approx(0.1)
+    assert found.rotational_error_deg == pytest.approx(3.0)
+    assert found.rotational_sd_deg == pytest.approx(1.0)
+    assert found.far_translational_error_m == pytest.approx(0.3)
+
+
+def test_no_relations_cannot_be_compared_with() -> None:
+    with pytest.raises(ValueError, match="no relations"):
+        relation_errors(Trajectory(TIMES, POSES), Relations(np.zeros((0, 2)), np.zeros((0, 3))))
+
+
+def test_between_poses_it_moves_as_odometry_says() -> None:
+    sparse = Trajectory(np.array([0.0, 10.0]), np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
+    assert sparse.at(np.array([2.5]))[0] == pytest.approx([0.5, 0.0, 0.0])
+    # Odometry stands for 8 s, then drives; in a frame of its own, and exact.
+    dense = Trajectory(np.array([0.0, 8.0, 10.0]), np.array([[7.0, 7.0, 1.0]] * 3))
+    dense.poses[2] = compose(dense.poses[0], np.array([2.0, 0.0, 0.0]))
+    assert sparse.at(np.array([8.0]), dense)[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+    assert sparse.at(np.array([9.0]), dense)[0] == pytest.approx([1.0, 0.0, 0.0])
+    # Odometry that measures a tenth too much is put right in proportion to the way.
+    long = Trajectory(dense.times, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [2.2, 0.0, 0.0]]))
+    assert sparse.at(np.array([9.0, 10.0]), long) == pytest.approx(np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
+
+
+def test_at_its_own_times_a_trajectory_is_itself() -> None:
+    odometry = Trajectory(np.linspace(0, 100, 50), np.random.default_rng(0).normal(size=(50, 3)))
+    for found in (Trajectory(TIMES, POSES).at(TIMES), Trajectory(TIMES, POSES).at(TIMES, odometry)):
+        np.testing.assert_allclose(relative(found, POSES), 0.0, atol=1e-9)
+
+
+@given(x=st.floats(-9, 9), y=st.floats(-9, 9), theta=st.floats(-3, 3))
+def test_alignment_undoes_any_rigid_motion(x: float, y: float, theta: float) -> None:
+    reference = np.random.default_rng(0).normal(size=(20, 3)) * 5.0
+    moved = compose(np.tile([x, y, theta], (20, 1)), reference)
+    np.testing.assert_allclose(
+        compose(alignment(moved[:, :2], reference[:, :2])[None], np.array([[x, y, theta]])), 0.0, atol=1e-8
+    )
+    assert absolute_trajectory_error(moved, reference) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_absolute_error_is_the_root_mean_square() -> None:
+    reference = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    spread = 0.5 + (reference - 0.5) * 1.2  # every corner is off by 0.1 √2, and no motion mends it
+    assert absolute_trajectory_error(spread, reference) == pytest.approx(0.1 * math.sqrt(2.0))
+
+
+def test_tum_comes_back(tmp_path: Path) -> None:
+    save_tum(Trajectory(TIMES, POSES), tmp_path / "way.tum")
+    loaded = read_odometry(tmp_path / "way.tum")
+    np.testing.assert_allclose(loaded.times, TIMES)
+    np.testing.assert_allclose(relative(loaded.poses, POSES), 0.0, atol=2e-6)
+
+
+def test_relations_are_read_and_broken_ones_named(tmp_path: Path) -> None:
+    path = tmp_path / "some.relations"
+    path.write_text("# comment\n1.0 2.0 0.1 0.2 0 0 0 0.3\n")
+    loaded = load_relations(path)
+    np.testing.assert_allclose(loaded.times, [[1.0, 2.0]])
+    np.testing.assert_allclose(loaded.poses, [[0.1, 0.2, 0.3]])
+    path.write_text("1.0 2.0 0.1 0.2 0 0 0 0.3\n1.0 2.0 nan 0.2 0 0 0 0.3\n")
+    with pytest.raises(InputError, match="line 2"):
+        load_relations(path)
+    path.write_text("")
+    with pytest.raises(InputError, match="no numbers"):
+        load_relations(path)
+
+
+def test_the_reference_trajectory_of_intel_scores_as_published() -> None:
+    reference = read_odometry(shared_data("intel/intel_910_gfs_corrected_tum.txt.gz"))
+    dense = read_odometry(shared_data("intel/intel_rawodom_dense.txt.gz"))
+    relations = load_relations(shared_data("intel/intel.relations.gz"))
+    found = relation_errors(reference, relations, dense)
+    assert found.translational_error_m == pytest.approx(0.062, abs=0.006)

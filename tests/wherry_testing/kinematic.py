@@ -1,0 +1,87 @@
+"""A robot without physics: it moves exactly as commanded, through a world whose lidar readings are exact."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from wherry.floorplan.plan import Cell, FloorPlan
+from wherry.realization.tracking import OnePose
+from wherry.robot import Body, Odometry, Scan, Velocity
+from wherry.simulation.model import BODY
+from wherry.space.pose import IDENTITY, Pose
+from wherry_testing.perfect_worlds import Eye, centre, heading_of
+
+TICK = 0.05  # s between two odometry messages; every second one is followed by a scan
+LATCH_REACH = 0.05  # m
+
+
+class KinematicRobot:
+    """A `Robot` that stops at nothing: a test that drives it into a wall sees that it did.
+
+    Args:
+        plan: The world with its boxes, which stand in the middles of their cells.
+        odom_from_world: Where the world's origin is in the odom frame.
+    """
+
+    def __init__(self, plan: FloorPlan, odom_from_world: Pose = IDENTITY) -> None:
+        self.pose = Pose(*centre(plan, plan.start), heading_of(plan))
+        self.boxes = [centre(plan, cell) for cell in plan.boxes]
+        self.time = 0.0
+        self.nearest_wall = math.inf  # m, from base_link
+        self._plan, self._eye, self._odom_from_world = plan, Eye(plan), odom_from_world
+        self._velocity, self._held, self._scan_next = Velocity(), -1, False
+        self._tick = 0
+
+    @property
+    def body(self) -> Body:
+        return BODY
+
+    def receive(self) -> Scan | Odometry:
+        if self._scan_next:
+            self._scan_next = False
+            scan = self._eye.scan(self.pose, np.array(self.boxes).reshape(-1, 2))
+            return Scan(self.time, scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
+        self._tick += 1
+        self.time = self._tick * TICK
+        self._scan_next = self._tick % 2 == 0
+        self._move()
+        return Odometry(self.time, self._odom_from_world @ self.pose, self._velocity)
+
+    def command(self, velocity: Velocity) -> None:
+        self._velocity = velocity
+
+    def close_latch(self) -> bool:
+        for number, box in enumerate(self.boxes):
+            if self._held < 0 and math.hypot(box[0] - self.pose.x, box[1] - self.pose.y) < LATCH_REACH:
+                self._held = number
+        return self._held >= 0
+
+    def open_latch(self) -> bool:
+        size = self._plan.cell_size
+        if self._held >= 0 and Cell(int(self.pose.x // size), int(self.pose.y // size)) in self._plan.warehouse:
+            del self.boxes[self._held]
+            self._held = -1
+        return self._held < 0
+
+    def _move(self) -> None:
+        middle = Pose(theta=self._velocity.angular * TICK / 2)
+        step = self._velocity.linear * TICK
+        self.pose = self.pose @ middle @ Pose(step) @ middle
+        if self._held >= 0:
+            self.boxes[self._held] = np.array([self.pose.x, self.pose.y])
+        ends = (self.pose @ BODY.lidar).transform(self._eye.scan(self.pose).points()) - (self.pose.x, self.pose.y)
+        self.nearest_wall = min(self.nearest_wall, float(np.hypot(ends[:, 0], ends[:, 1]).min()))
+
+
+class Odometric(OnePose):
+    """A `Corrector` that believes the wheels: base_link in a map whose origin is given in the odom frame."""
+
+    def __init__(self, odom_from_map: Pose = IDENTITY) -> None:
+        self.corrections = 0
+        self._map_from_odom = odom_from_map.inverse
+
+    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
+        self.corrections += 1
+        return self._map_from_odom @ odometry.pose

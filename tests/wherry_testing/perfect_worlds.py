@@ -1,0 +1,80 @@
+"""Built-in worlds as a robot may meet them: as a perfect map, and as scans from anywhere in them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.floorplan.plan import Cell, FloorPlan
+from wherry.robot import Body, Scan
+from wherry.simulation.lidar import Lidar, LidarSpecification
+from wherry.simulation.model import BODY
+from wherry.simulation.solids import Solids
+from wherry.space.frame import CellFrame
+from wherry.space.occupancy import UNKNOWN, OccupancyGrid
+from wherry.space.pose import IDENTITY, Floats, Pose
+
+BORDER = 0.5  # m of the unknown around a map
+
+
+def centre(plan: FloorPlan, cell: Cell) -> Floats:
+    """[2] m, world frame."""
+    return np.array([(cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size])
+
+
+def heading_of(plan: FloorPlan) -> float:
+    """rad: where the robot looks at first."""
+    return math.atan2(plan.heading.dy, plan.heading.dx)
+
+
+def frame_of(plan: FloorPlan, map_from_world: Pose = IDENTITY) -> CellFrame:
+    """The plan's own cells in a map's frame."""
+    return CellFrame(map_from_world, plan.cell_size)
+
+
+def perfect_map(plan: FloorPlan, map_from_world: Pose = IDENTITY, resolution: float = 0.05) -> OccupancyGrid:
+    """The map that shows every wall and obstacle; what lies outside the building is not known."""
+    size = np.array([plan.width, plan.height]) * plan.cell_size
+    corners = map_from_world.transform(np.array([[0, 0], [size[0], 0], size, [0, size[1]]]))
+    low, high = corners.min(axis=0) - BORDER, corners.max(axis=0) + BORDER
+    width, height = np.ceil((high - low) / resolution).astype(int)
+    grid = OccupancyGrid(np.full((height, width), UNKNOWN, np.float32), resolution, Pose(float(low[0]), float(low[1])))
+    cells = np.argwhere(np.ones((height, width), np.bool_))
+    points = map_from_world.inverse.transform(grid.centres(cells))
+    inside = np.all((points > 0) & (points < size), axis=1)
+    solid = is_solid(Solids.of(plan), points)
+    values = np.where(solid, 1.0, np.where(inside, 0.0, UNKNOWN)).astype(np.float32)
+    return OccupancyGrid(values.reshape(height, width), resolution, grid.origin)
+
+
+def is_solid(solids: Solids, points: Floats) -> NDArray[np.bool_]:
+    """[N] which points [N, 2] m of the world frame lie in a wall or an obstacle."""
+    columns = np.searchsorted(solids.xs, points[:, 0], side="right") - 1
+    rows = np.searchsorted(solids.ys, points[:, 1], side="right") - 1
+    height, width = solids.kinds.shape
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    solid = np.zeros(len(points), np.bool_)
+    solid[inside] = solids.kinds[rows[inside], columns[inside]] != 0
+    return solid
+
+
+class Eye:
+    """A lidar that can be put anywhere in a world.
+
+    Args:
+        plan: The world; its boxes are not looked at.
+        noise: σ, m, of every range.
+        body: Whose lidar it is.
+    """
+
+    def __init__(self, plan: FloorPlan, noise: float = 0.0, body: Body = BODY, beams: int = 360) -> None:
+        specification = LidarSpecification(noise=noise, beams=beams)
+        self.body = body
+        self._lidar = Lidar(specification, Solids.of(plan), np.random.default_rng(7))
+
+    def scan(self, base: Pose, boxes: Floats | None = None) -> Scan:
+        """What the lidar of a robot with base_link at a pose of the world frame sees; boxes [B, 2] m."""
+        places = np.empty((0, 2)) if boxes is None else np.asarray(boxes, dtype=np.float64).reshape(-1, 2)
+        return self._lidar.scan(0.0, base @ self.body.lidar, places, self.body.box_radius)
