@@ -1,4 +1,4 @@
-"""The metric and trajectories, on cases whose answers are exact."""
+"""Errors of trajectories, on cases with exact answers."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ from wherry.errors import InputError
 from wherry.evaluation import (
     Relations,
     absolute_trajectory_error,
-    alignment,
+    align,
     load_relations,
+    position_errors,
     relation_errors,
+    root_mean_square,
 )
-from wherry.logs.carmen import read_odometry
-from wherry.space.pose import compose, relative
+from wherry.logs.tables import read_odometry
+from wherry.space.pose import Pose, compose, relative
 from wherry.space.trajectory import Trajectory, save_tum
 from wherry_testing.buildings import shared_data
 
@@ -32,7 +34,7 @@ def true_relations(pairs: list[tuple[int, int]]) -> Relations:
     return Relations(np.array([[TIMES[a], TIMES[b]] for a, b in pairs]), relative(second, first))
 
 
-def test_a_true_trajectory_has_no_error_wherever_it_lies() -> None:
+def test_an_exact_trajectory_has_no_error_in_any_frame() -> None:
     relations = true_relations([(0, 1), (1, 2), (0, 3), (3, 1)])
     moved = compose(np.tile([5.0, -3.0, 1.2], (4, 1)), POSES)
     for poses in (POSES, moved):
@@ -42,7 +44,7 @@ def test_a_true_trajectory_has_no_error_wherever_it_lies() -> None:
     assert found.relations == 4
 
 
-def test_one_relation_s_error_is_told_exactly() -> None:
+def test_the_error_of_one_relation_is_exact() -> None:
     relations = true_relations([(0, 1)])
     off = Relations(relations.times, compose(relations.poses, np.array([[0.3, -0.4, math.radians(10.0)]])))
     found = relation_errors(Trajectory(TIMES, POSES), off)
@@ -52,7 +54,7 @@ def test_one_relation_s_error_is_told_exactly() -> None:
     assert math.isnan(found.far_translational_error_m)
 
 
-def test_means_deviations_and_far_relations() -> None:
+def test_means_deviations_and_errors_of_far_relations() -> None:
     relations = true_relations([(0, 1), (0, 3)])
     offsets = np.array([[0.1, 0.0, math.radians(2.0)], [0.0, 0.3, math.radians(-4.0)]])
     found = relation_errors(Trajectory(TIMES, POSES), Relations(relations.times, compose(relations.poses, offsets)))
@@ -63,54 +65,73 @@ def test_means_deviations_and_far_relations() -> None:
     assert found.far_translational_error_m == pytest.approx(0.3)
 
 
-def test_no_relations_cannot_be_compared_with() -> None:
+def test_comparing_with_no_relations_is_an_error() -> None:
     with pytest.raises(ValueError, match="no relations"):
         relation_errors(Trajectory(TIMES, POSES), Relations(np.zeros((0, 2)), np.zeros((0, 3))))
 
 
-def test_between_poses_it_moves_as_odometry_says() -> None:
+def test_poses_are_interpolated_with_odometry() -> None:
     sparse = Trajectory(np.array([0.0, 10.0]), np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
     assert sparse.at(np.array([2.5]))[0] == pytest.approx([0.5, 0.0, 0.0])
-    # Odometry stands for 8 s, then drives; in a frame of its own, and exact.
+    # Odometry stands still for 8 s and then drives, exactly and in its own frame.
     dense = Trajectory(np.array([0.0, 8.0, 10.0]), np.array([[7.0, 7.0, 1.0]] * 3))
     dense.poses[2] = compose(dense.poses[0], np.array([2.0, 0.0, 0.0]))
     assert sparse.at(np.array([8.0]), dense)[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
     assert sparse.at(np.array([9.0]), dense)[0] == pytest.approx([1.0, 0.0, 0.0])
-    # Odometry that measures a tenth too much is put right in proportion to the way.
+    # Odometry with a scale error of a tenth is corrected in proportion to the distance.
     long = Trajectory(dense.times, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [2.2, 0.0, 0.0]]))
     assert sparse.at(np.array([9.0, 10.0]), long) == pytest.approx(np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
 
 
-def test_at_its_own_times_a_trajectory_is_itself() -> None:
+def test_interpolation_at_the_poses_returns_them() -> None:
     odometry = Trajectory(np.linspace(0, 100, 50), np.random.default_rng(0).normal(size=(50, 3)))
     for found in (Trajectory(TIMES, POSES).at(TIMES), Trajectory(TIMES, POSES).at(TIMES, odometry)):
         np.testing.assert_allclose(relative(found, POSES), 0.0, atol=1e-9)
 
 
+poses = st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-math.pi, math.pi))
+
+
+@given(st.lists(poses, min_size=1, max_size=8), poses)
+def test_alignment_with_headings_recovers_any_rigid_motion(
+    estimated: list[tuple[float, float, float]], motion: tuple[float, float, float]
+) -> None:
+    estimates = np.array(estimated)
+    reference = compose(np.tile(motion, (len(estimates), 1)), estimates)
+    alignment = align(estimates, reference, heading_lever=1.0)
+    assert position_errors(estimates, reference, alignment).max() < 1e-6
+
+
 @given(x=st.floats(-9, 9), y=st.floats(-9, 9), theta=st.floats(-3, 3))
-def test_alignment_undoes_any_rigid_motion(x: float, y: float, theta: float) -> None:
+def test_alignment_of_positions_recovers_any_rigid_motion(x: float, y: float, theta: float) -> None:
     reference = np.random.default_rng(0).normal(size=(20, 3)) * 5.0
     moved = compose(np.tile([x, y, theta], (20, 1)), reference)
-    np.testing.assert_allclose(
-        compose(alignment(moved[:, :2], reference[:, :2])[None], np.array([[x, y, theta]])), 0.0, atol=1e-8
-    )
+    alignment = align(moved[:, :2], reference[:, :2])
+    np.testing.assert_allclose((alignment @ Pose(x, y, theta)).as_array(), 0.0, atol=1e-8)
     assert absolute_trajectory_error(moved, reference) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_absolute_error_is_the_root_mean_square() -> None:
+def test_errors_that_no_rigid_motion_removes_remain() -> None:
+    estimated = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    reference = estimated + np.array([[0.0, 0.1, 0.0], [0.0, -0.2, 0.0], [0.0, 0.1, 0.0]])  # neither shift nor turn
+    errors = position_errors(estimated, reference, align(estimated, reference, heading_lever=1.0))
+    assert root_mean_square(errors) == pytest.approx(math.sqrt((0.01 + 0.04 + 0.01) / 3))
+
+
+def test_the_absolute_trajectory_error_is_the_root_mean_square() -> None:
     reference = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    spread = 0.5 + (reference - 0.5) * 1.2  # every corner is off by 0.1 √2, and no motion mends it
-    assert absolute_trajectory_error(spread, reference) == pytest.approx(0.1 * math.sqrt(2.0))
+    scaled = 0.5 + (reference - 0.5) * 1.2  # every corner is off by 0.1 √2, which no rigid motion reduces
+    assert absolute_trajectory_error(scaled, reference) == pytest.approx(0.1 * math.sqrt(2.0))
 
 
-def test_tum_comes_back(tmp_path: Path) -> None:
+def test_a_trajectory_survives_the_tum_format(tmp_path: Path) -> None:
     save_tum(Trajectory(TIMES, POSES), tmp_path / "way.tum")
     loaded = read_odometry(tmp_path / "way.tum")
     np.testing.assert_allclose(loaded.times, TIMES)
     np.testing.assert_allclose(relative(loaded.poses, POSES), 0.0, atol=2e-6)
 
 
-def test_relations_are_read_and_broken_ones_named(tmp_path: Path) -> None:
+def test_relations_are_read_and_malformed_lines_are_named(tmp_path: Path) -> None:
     path = tmp_path / "some.relations"
     path.write_text("# comment\n1.0 2.0 0.1 0.2 0 0 0 0.3\n")
     loaded = load_relations(path)
@@ -124,7 +145,7 @@ def test_relations_are_read_and_broken_ones_named(tmp_path: Path) -> None:
         load_relations(path)
 
 
-def test_the_reference_trajectory_of_intel_scores_as_published() -> None:
+def test_the_reference_trajectory_of_intel_has_the_published_error() -> None:
     reference = read_odometry(shared_data("intel/intel_910_gfs_corrected_tum.txt.gz"))
     dense = read_odometry(shared_data("intel/intel_rawodom_dense.txt.gz"))
     relations = load_relations(shared_data("intel/intel.relations.gz"))

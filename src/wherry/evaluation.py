@@ -1,26 +1,38 @@
-"""How good a trajectory is, by relations between poses that people checked (Kümmerle et al. 2009)."""
+"""Errors of trajectories: against relative poses (Kümmerle et al. 2009), and after alignment (Sturm et al. 2012)."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from wherry.logs.carmen import read_rows
-from wherry.space.pose import Floats, relative
+from wherry.logs.tables import read_rows
+from wherry.space.pose import Floats, Pose, relative
 from wherry.space.trajectory import Trajectory
 
-FAR = 60.0  # s
+__all__ = [
+    "RelationErrors",
+    "Relations",
+    "absolute_trajectory_error",
+    "align",
+    "load_relations",
+    "position_errors",
+    "relation_errors",
+    "root_mean_square",
+]
+
+FAR_RELATION_TIME = 60.0  # s between the poses of a relation from which on it counts as far
 
 
 @dataclass(frozen=True)
 class Relations:
-    """True poses relative to each other.
+    """True relative poses between times of a trajectory, checked by people.
 
     Attributes:
-        times: [R, 2] s, of the first pose and of the second.
-        poses: [R, 3] m, m, rad: the second in the frame of the first, δ*.
+        times: Times of the first and of the second pose, [R, 2] s.
+        poses: True pose δ* at the second time in the frame of the first, [R, 3] m, m, rad.
     """
 
     times: Floats
@@ -28,10 +40,10 @@ class Relations:
 
 
 def load_relations(path: str | Path) -> Relations:
-    """Read relations, a line each: ``t1 t2 x y z roll pitch yaw``.
+    """Read relations, one per line: ``t1 t2 x y z roll pitch yaw``.
 
     Raises:
-        InputError: The file cannot be read or a line is broken.
+        InputError: The file cannot be read, or a line is malformed.
     """
     rows = read_rows(path, widths=(8,))
     return Relations(rows[:, :2], rows[:, [2, 3, 7]])
@@ -42,12 +54,13 @@ class RelationErrors:
     """Errors of a trajectory over relations.
 
     Attributes:
-        translational_error_m: Mean length of the translational error.
-        translational_sd_m: Its standard deviation.
-        rotational_error_deg: Mean absolute angle of the rotational error.
-        rotational_sd_deg: Its standard deviation.
-        far_translational_error_m: The first one, over relations more than a minute apart; NaN if there are none.
-        relations: How many there were.
+        translational_error_m: Mean translational error, m.
+        translational_sd_m: Standard deviation of the translational error, m.
+        rotational_error_deg: Mean absolute rotational error, degrees.
+        rotational_sd_deg: Standard deviation of the absolute rotational error, degrees.
+        far_translational_error_m: Mean translational error of the relations more than a minute apart, m; NaN if there
+            are none.
+        relations: Number of relations.
     """
 
     translational_error_m: float
@@ -59,14 +72,14 @@ class RelationErrors:
 
 
 def relation_errors(trajectory: Trajectory, relations: Relations, odometry: Trajectory | None = None) -> RelationErrors:
-    """Compare a trajectory with relations; nothing is aligned, for only relative poses are compared.
+    """Compare a trajectory with relations; only relative poses are compared, so no alignment is needed.
 
     With δ = x₁⁻¹ x₂ of the trajectory at both times, the error is e = δ*⁻¹ δ (Kümmerle et al. 2009, equation 4).
 
     Args:
-        trajectory: What was estimated.
-        relations: What is true; those outside the trajectory's time are compared all the same.
-        odometry: To interpolate with (`Trajectory.at`).
+        trajectory: The estimate.
+        relations: The truth; relations outside of the trajectory's time are compared too.
+        odometry: Odometry to interpolate the trajectory with, see `Trajectory.at`.
 
     Raises:
         ValueError: There are no relations.
@@ -76,7 +89,7 @@ def relation_errors(trajectory: Trajectory, relations: Relations, odometry: Traj
     first, second = trajectory.at(relations.times[:, 0], odometry), trajectory.at(relations.times[:, 1], odometry)
     errors = relative(relative(second, first), relations.poses)
     lengths, angles = np.hypot(errors[:, 0], errors[:, 1]), np.degrees(np.abs(errors[:, 2]))
-    far = np.abs(relations.times[:, 1] - relations.times[:, 0]) > FAR
+    far = np.abs(relations.times[:, 1] - relations.times[:, 0]) > FAR_RELATION_TIME
     return RelationErrors(
         translational_error_m=float(lengths.mean()),
         translational_sd_m=float(lengths.std()),
@@ -87,32 +100,57 @@ def relation_errors(trajectory: Trajectory, relations: Relations, odometry: Traj
     )
 
 
-def alignment(estimated: Floats, reference: Floats) -> Floats:
-    """The rigid motion that brings one set of positions closest to another (Umeyama 1991, without scale).
+def align(estimated: Floats, reference: Floats, *, heading_lever: float = 0.0) -> Pose:
+    """The rigid motion that carries estimated poses onto true ones with least squares (Umeyama 1991, without scale).
+
+    A map's frame is where the robot was switched on, so errors are counted after the one motion that fits the whole
+    trajectory.
 
     Args:
-        estimated: [N, 2] m.
-        reference: [N, 2] m, the same places.
+        estimated: Poses [N, 3] m, m, rad, or positions [N, 2] m if headings have no weight; N ≥ 1.
+        reference: True poses or positions at the same times, of the same shape.
+        heading_lever: Distance, m, at which an error of the heading counts like an error of the position; 0 to fit
+            positions alone. With headings, a robot that hardly moved can be aligned too.
 
     Returns:
-        [3] m, m, rad: the pose that carries ``estimated`` onto ``reference``.
+        The estimates' frame in the reference frame.
     """
-    middle, target = estimated.mean(axis=0), reference.mean(axis=0)
-    a, b = estimated - middle, reference - target
-    angle = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
-    cos, sin = np.cos(angle), np.sin(angle)
-    offset = target - np.array([cos * middle[0] - sin * middle[1], sin * middle[0] + cos * middle[1]])
-    return np.array([offset[0], offset[1], angle])
+    source, target = estimated[:, :2], reference[:, :2]
+    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
+    a, b = source - source_mean, target - target_mean
+    cosines = float(np.sum(a * b))
+    sines = float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+    if heading_lever > 0.0:
+        turns = reference[:, 2] - estimated[:, 2]
+        cosines += heading_lever**2 * float(np.cos(turns).sum())
+        sines += heading_lever**2 * float(np.sin(turns).sum())
+    theta = math.atan2(sines, cosines)
+    offset = target_mean - Pose(theta=theta).transform(source_mean[None, :])[0]
+    return Pose(float(offset[0]), float(offset[1]), theta)
+
+
+def position_errors(estimated: Floats, reference: Floats, alignment: Pose) -> Floats:
+    """Distances between positions, [N] m.
+
+    Args:
+        estimated: Poses [N, 3] m, m, rad, or positions [N, 2] m.
+        reference: True poses or positions at the same times.
+        alignment: The estimates' frame in the reference frame, see `align`.
+    """
+    errors: Floats = np.hypot(*(alignment.transform(estimated[:, :2]) - reference[:, :2]).T)
+    return errors
+
+
+def root_mean_square(errors: Floats) -> float:
+    """Root mean square of errors [N], in their unit."""
+    return math.sqrt(float(np.mean(errors**2)))
 
 
 def absolute_trajectory_error(estimated: Floats, reference: Floats) -> float:
-    """Root mean square distance of positions after the best rigid alignment, m (Sturm et al. 2012).
+    """Root mean square position error after the best rigid alignment, m (Sturm et al. 2012).
 
     Args:
-        estimated: [N, 3] or [N, 2] m: poses or positions.
-        reference: Likewise, of the same instants.
+        estimated: Poses [N, 3] m, m, rad, or positions [N, 2] m.
+        reference: True poses or positions at the same times.
     """
-    x, y, angle = alignment(estimated[:, :2], reference[:, :2])
-    cos, sin = np.cos(angle), np.sin(angle)
-    moved = estimated[:, :2] @ np.array([[cos, sin], [-sin, cos]]) + (x, y)
-    return float(np.sqrt(((moved - reference[:, :2]) ** 2).sum(axis=1).mean()))
+    return root_mean_square(position_errors(estimated, reference, align(estimated, reference)))

@@ -12,7 +12,9 @@ import pytest
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.relocalization import Relocalizer
-from wherry.logs.carmen import LidarLog, read_log, read_rows
+from wherry.logs.lidar_log import LidarLog
+from wherry.logs.reading import read_log
+from wherry.logs.tables import read_rows
 from wherry.pipelines.logs.localization import Settings, prepare
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid

@@ -1,18 +1,19 @@
-"""Lidar logs: every format, and every way in which a line can be broken."""
+"""Lidar logs: all formats, and malformed lines."""
 
 from __future__ import annotations
 
 import gzip
 import math
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from wherry.errors import InputError
-from wherry.logs.carmen import read_log, read_odometry
+from wherry.logs.reading import read_log
+from wherry.logs.tables import read_odometry
 from wherry.space.pose import Pose
+from wherry_testing.buildings import shared_data
 
 FLASER = "FLASER 4 1.0 2.0 81.83 3.0 {x} 0.5 0.1 {x} 0.5 0.1 {t} host {t}"
 ROBOTLASER = "ROBOTLASER1 0 -1.5 3.0 0.5 50.0 0.01 0 3 1.0 2.0 50.0 0 {x} {y} 0.1 {rx} 0.5 0.1 0 0 0 0 0 {t} host {t}"
@@ -29,7 +30,7 @@ def flaser(t: float, x: float = 0.0) -> str:
     return FLASER.format(t=t, x=x)
 
 
-def test_flaser(tmp_path: Path) -> None:
+def test_flaser_messages(tmp_path: Path) -> None:
     odometry = [ODOM.format(t=0.5, x=0.0), ODOM.format(t=1.5, x=0.1)]
     log = read_log(
         write(tmp_path, "# comment", "PARAM a b c", odometry[0], flaser(1.0, 0.05), odometry[1], flaser(2.0, 0.2))
@@ -52,7 +53,7 @@ def test_beams_cover_the_half_circle(tmp_path: Path, beams: int, increment: floa
     assert math.degrees(read_log(write(tmp_path, line)).scans[0].angle_increment) == pytest.approx(increment)
 
 
-def test_robotlaser_and_where_it_is_mounted(tmp_path: Path) -> None:
+def test_robotlaser_messages_tell_the_pose_of_the_lidar(tmp_path: Path) -> None:
     ahead, aside = 0.25 * math.cos(0.1), 0.25 * math.sin(0.1)
     lines = [ROBOTLASER.format(t=t, x=t + ahead, y=0.5 + aside, rx=t) for t in (1.0, 2.0)]
     log = read_log(write(tmp_path, *lines))
@@ -62,7 +63,7 @@ def test_robotlaser_and_where_it_is_mounted(tmp_path: Path) -> None:
     assert log.scans[0].angle_increment == 0.5
 
 
-def test_wean(tmp_path: Path) -> None:
+def test_wean_hall_messages(tmp_path: Path) -> None:
     ranges = " ".join(["100"] * 179 + ["250"])
     log = read_log(write(tmp_path, "O 10 20 0.5 0.1", f"L 100 200 0.0 125 200 0.0 {ranges} 0.2", "O 101 200 0 0.3"))
     assert log.scans[0].ranges[-1] == 2.5
@@ -71,20 +72,20 @@ def test_wean(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.odometry.poses[:, 0], [0.1, 1.0, 1.01])
 
 
-def test_gzipped_and_plain_are_the_same(tmp_path: Path) -> None:
+def test_gzipped_and_plain_logs_are_equal(tmp_path: Path) -> None:
     path = write(tmp_path, flaser(1.0), flaser(2.0))
     packed = tmp_path / "some.log.gz"
     packed.write_bytes(gzip.compress(path.read_bytes()))
     assert len(read_log(packed).scans) == len(read_log(path).scans) == 2
 
 
-def test_scans_of_one_instant_are_kept_and_repeated_ones_are_not(tmp_path: Path) -> None:
+def test_different_scans_of_one_time_are_kept_and_repeated_ones_are_not(tmp_path: Path) -> None:
     other = flaser(1.0).replace("2.0", "2.5", 1)
     assert len(read_log(write(tmp_path, flaser(1.0), flaser(1.0), other)).scans) == 2
 
 
 @pytest.mark.parametrize("longest", [8.19, 29.99, 51.05])
-def test_what_a_lidar_answers_when_it_meets_nothing_is_no_wall(tmp_path: Path, longest: float) -> None:
+def test_readings_without_a_return_are_no_walls(tmp_path: Path, longest: float) -> None:
     rng = np.random.default_rng(0)
     walls = rng.exponential(3.0, (40, 180)) + 0.5
     expected = np.where(walls >= longest - 0.1, np.inf, walls.round(3))
@@ -98,7 +99,7 @@ def test_what_a_lidar_answers_when_it_meets_nothing_is_no_wall(tmp_path: Path, l
     assert log.scans[0].range_max == pytest.approx(longest - 0.1)
 
 
-def test_the_longest_readings_are_walls_where_the_log_does_not_show_otherwise(tmp_path: Path) -> None:
+def test_longest_readings_are_walls_unless_they_accumulate(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for ranges in (rng.uniform(0.5, 6.0, (40, 180)), np.full((40, 180), 5.0), np.full((1, 40), 7.0)):
         lines = [
@@ -109,8 +110,8 @@ def test_the_longest_readings_are_walls_where_the_log_does_not_show_otherwise(tm
         np.testing.assert_array_equal(np.array([scan.ranges for scan in log.scans]), ranges.round(3))
 
 
-def test_a_log_as_robots_write_them(tmp_path: Path) -> None:
-    """Windows line ends, comments, parameters, the rear lidar and other messages between, stamps that are equal."""
+def test_a_log_as_robots_record_it(tmp_path: Path) -> None:
+    """Windows line ends, comments, parameters, a rear lidar, other messages, and equal stamps."""
     lines = [
         "# CARMEN Logfile",
         "# message formats defined: PARAM SYNC ODOM FLASER RLASER TRUEPOS",
@@ -157,7 +158,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("broken", BROKEN.values(), ids=BROKEN.keys())
-def test_a_broken_line_is_named_or_left_out(tmp_path: Path, broken: str) -> None:
+def test_a_malformed_line_is_named_or_left_out(tmp_path: Path, broken: str) -> None:
     path = write(tmp_path, flaser(1.0), broken, flaser(3.0))
     with pytest.raises(InputError) as caught:
         read_log(path)
@@ -169,25 +170,25 @@ def test_a_broken_line_is_named_or_left_out(tmp_path: Path, broken: str) -> None
 
 
 @pytest.mark.parametrize("broken", ["ROBOTLASER1 0 1", ROBOTLASER.format(t=1.0, x=0, y=0, rx=0)[:-10]])
-def test_a_broken_robotlaser_line_is_named(tmp_path: Path, broken: str) -> None:
+def test_a_malformed_robotlaser_line_is_named(tmp_path: Path, broken: str) -> None:
     with pytest.raises(InputError, match="line 2"):
         read_log(write(tmp_path, ROBOTLASER.format(t=0.5, x=0, y=0, rx=0), broken))
 
 
-def test_odometry_backwards_is_named(tmp_path: Path) -> None:
+def test_decreasing_times_of_odometry_are_named(tmp_path: Path) -> None:
     path = write(tmp_path, flaser(1.0), ODOM.format(t=5.0, x=0), ODOM.format(t=4.0, x=0))
     with pytest.raises(InputError, match="line 3: time runs backwards"):
         read_log(path)
 
 
-def test_gmapping_s_unstamped_odometry_is_passed_over(tmp_path: Path) -> None:
+def test_odometry_without_a_stamp_is_ignored(tmp_path: Path) -> None:
     log = read_log(
         write(tmp_path, ODOM.format(t=5.0, x=0), flaser(6.0), ODOM.format(t=0, x=9), ODOM.format(t=7.0, x=1))
     )
     np.testing.assert_array_equal(log.odometry.times, [5.0, 6.0, 7.0])
 
 
-def test_files_that_are_no_logs(tmp_path: Path) -> None:
+def test_files_that_are_no_logs_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no scans"):
         read_log(write(tmp_path, "# nothing"))
     with pytest.raises(InputError):
@@ -203,7 +204,7 @@ def test_files_that_are_no_logs(tmp_path: Path) -> None:
         read_log(packed)
 
 
-def test_a_gzip_bomb_is_refused_at_its_first_line(tmp_path: Path) -> None:
+def test_a_gzip_bomb_is_rejected_at_its_first_line(tmp_path: Path) -> None:
     packed = tmp_path / "bomb.log.gz"
     packed.write_bytes(gzip.compress(b"0" * 50_000_000))
     assert packed.stat().st_size < 100_000
@@ -211,22 +212,24 @@ def test_a_gzip_bomb_is_refused_at_its_first_line(tmp_path: Path) -> None:
         read_log(packed, lenient=True)
 
 
-def test_a_gzip_bomb_of_short_lines_is_refused_at_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wherry.logs.carmen.LARGEST_FILE", 1_000_000)
+def test_a_gzip_bomb_of_short_lines_is_rejected_at_the_size_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wherry.logs.log_lines.MAX_FILE_SIZE", 1_000_000)
     packed = tmp_path / "bomb.log.gz"
     packed.write_bytes(gzip.compress(b"# nothing\n" * 1_000_000))
     with pytest.raises(InputError, match="larger than 1,000,000 bytes"):
         read_log(packed, lenient=True)
 
 
-def test_a_gzip_bomb_of_short_lines_is_refused_long_before_it_is_unpacked(tmp_path: Path) -> None:
+def test_a_gzip_bomb_of_short_lines_is_rejected_at_the_compression_limit(tmp_path: Path) -> None:
     packed = tmp_path / "bomb.log.gz"
     packed.write_bytes(gzip.compress(b"# nothing\n" * 2_000_000))
     with pytest.raises(InputError, match="unpacks to over 100 times"):
         read_log(packed, lenient=True)
 
 
-def test_dense_odometry_is_checked(tmp_path: Path) -> None:
+def test_tables_of_odometry_are_checked(tmp_path: Path) -> None:
     path = tmp_path / "odometry.txt"
     path.write_text("# t x y theta\n1 0 0 0\n2 1 0 0.5\n")
     np.testing.assert_array_equal(read_odometry(path).poses, [[0, 0, 0], [1, 0, 0.5]])
@@ -244,13 +247,8 @@ def test_dense_odometry_is_checked(tmp_path: Path) -> None:
         ("wean/robotdata1.log.gz", 713, 0.25),
     ],
 )
-def test_real_logs_are_read_whole(name: str, scans: int, mount: float) -> None:
-    folder = Path(os.environ.get("WHERRY_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
-    if not (folder / name).exists():
-        if os.environ.get("CI") == "true":
-            pytest.fail(f"{folder / name} is missing; set WHERRY_DATA")
-        pytest.skip(f"{folder / name} is missing; set WHERRY_DATA")
-    log = read_log(folder / name)
+def test_recorded_logs_are_read_completely(name: str, scans: int, mount: float) -> None:
+    log = read_log(shared_data(name))
     assert len(log.scans) == scans
     assert not log.skipped
     assert log.lidar.x == pytest.approx(mount, abs=1e-3)

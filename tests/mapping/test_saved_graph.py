@@ -1,4 +1,4 @@
-"""Saved pose graphs: mapping goes on as if it had never stopped, and broken files are named."""
+"""Saved pose graphs: mapping continues as if it had never stopped, and broken files are rejected."""
 
 from __future__ import annotations
 
@@ -30,25 +30,36 @@ def half(driven: Drive, tmp_path_factory: pytest.TempPathFactory) -> Path:
     slam = GraphSlam(LIDAR)
     add(slam, driven, 0, len(driven.scans) // 2)
     path = tmp_path_factory.mktemp("graph") / "graph.npz"
-    save_graph(slam, path)
+    save_graph(slam.snapshot(), path)
     return path
 
 
-def test_mapping_goes_on_to_the_same_bytes(driven: Drive, half: Path, tmp_path: Path) -> None:
-    at_once, in_halves = GraphSlam(LIDAR), load_graph(half)
+def test_mapping_continues_to_the_same_bytes(driven: Drive, half: Path, tmp_path: Path) -> None:
+    at_once, in_halves = GraphSlam(LIDAR), GraphSlam.from_snapshot(load_graph(half))
     add(at_once, driven, 0, len(driven.scans))
     add(in_halves, driven, len(driven.scans) // 2, len(driven.scans))
-    assert any(closure.accepted for closure in at_once.closures)
+    assert any(closure.is_accepted for closure in at_once.loop_closures)
     for number, slam in enumerate((at_once, in_halves)):
         slam.finish()
-        save_graph(slam, tmp_path / f"{number}.npz")
+        save_graph(slam.snapshot(), tmp_path / f"{number}.npz")
     assert (tmp_path / "0.npz").read_bytes() == (tmp_path / "1.npz").read_bytes()
     np.testing.assert_array_equal(at_once.grid().probability, in_halves.grid().probability)
 
 
-def test_nothing_is_not_saved(tmp_path: Path) -> None:
+def test_a_graph_without_scans_cannot_be_saved(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="nothing"):
-        save_graph(GraphSlam(), tmp_path / "graph.npz")
+        save_graph(GraphSlam().snapshot(), tmp_path / "graph.npz")
+
+
+def test_a_snapshot_does_not_change_with_later_scans(driven: Drive) -> None:
+    slam = GraphSlam(LIDAR)
+    add(slam, driven, 0, 30)
+    snapshot = slam.snapshot()
+    counts = [len(submap.members) for submap in snapshot.submaps]
+    add(slam, driven, 30, 60)
+    assert [len(submap.members) for submap in snapshot.submaps] == counts
+    assert len(snapshot.keyframes) == len(snapshot.keyframe_poses) < len(slam.keyframes)
+    assert len(snapshot.scan_poses) == 30
 
 
 def changed(half: Path, out: Path, **arrays: object) -> Path:
@@ -65,7 +76,7 @@ def changed(half: Path, out: Path, **arrays: object) -> Path:
     return out
 
 
-def test_every_missing_misshapen_or_dangling_array_is_named(half: Path, tmp_path: Path) -> None:
+def test_missing_misshapen_and_dangling_arrays_are_named(half: Path, tmp_path: Path) -> None:
     out = tmp_path / "broken.npz"
     with np.load(half) as archive:
         nodes, ends = archive["nodes"], archive["edge_ends"]
@@ -84,7 +95,7 @@ def test_every_missing_misshapen_or_dangling_array_is_named(half: Path, tmp_path
             load_graph(changed(half, out, head=np.frombuffer(json.dumps(broken).encode(), np.uint8)))
 
 
-def test_what_is_no_archive_is_refused(half: Path, tmp_path: Path) -> None:
+def test_a_file_that_is_no_archive_is_rejected(half: Path, tmp_path: Path) -> None:
     path = tmp_path / "graph.npz"
     for content in (b"", b"nonsense", half.read_bytes()[:-200]):
         path.write_bytes(content)

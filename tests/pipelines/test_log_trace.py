@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wherry.logs.carmen import LidarLog
-from wherry.mapping.closures import Closure
+from wherry.logs.lidar_log import LidarLog
+from wherry.mapping.loop_closure import LoopClosure, Rejection
 from wherry.pipelines.grids.learning import Settings, TaxiExperiment
 from wherry.pipelines.logs.trace import LogTrace
 from wherry.robot import Odometry, Scan, Velocity
@@ -55,7 +55,7 @@ def test_doubt_is_said_once_and_so_is_its_end() -> None:
 def test_loops_are_counted_when_more_were_tried() -> None:
     told: list[Record] = []
     trace = LogTrace("map", "walk.log", log(), told.append)
-    tried = [closure(""), closure("response 0.3"), closure("")]
+    tried = [closure(None), closure(Rejection.LOW_SCORE), closure(None)]
     for count in (0, 2, 2, 3):
         trace.closures(1, tried[:count])
     assert [record.text for record in told[2:] if isinstance(record, Said)] == [
@@ -64,9 +64,9 @@ def test_loops_are_counted_when_more_were_tried() -> None:
     ]
 
 
-def closure(refused: str) -> Closure:
-    """A loop that was tried."""
-    return Closure(1000.0, 1, 0, Pose(), np.eye(3), 0.5, 0.0, 1.0, refused)
+def closure(rejection: Rejection | None) -> LoopClosure:
+    """A loop closure that was attempted."""
+    return LoopClosure(1000.0, 1, 0, Pose(), np.eye(3), 0.5, 0.0, 1.0, rejection)
 
 
 @pytest.fixture(scope="module")

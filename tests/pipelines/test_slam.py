@@ -1,4 +1,4 @@
-"""The mapping experiment: files, numbers, and what it refuses."""
+"""Mapping of logs: files, metrics, and rejected input."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ import pytest
 from PIL import Image
 
 from wherry.errors import InputError
-from wherry.logs.carmen import read_log, read_odometry
+from wherry.logs.reading import read_log
+from wherry.logs.tables import read_odometry
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph
 from wherry.pipelines.logs.mapping import (
     ACCEPTED_COLOUR,
-    LEAST_WIDTH,
-    REFUSED_COLOUR,
+    REJECTED_COLOUR,
     TRAJECTORY_COLOUR,
-    Settings,
+    MappingSettings,
     map_picture,
     prepare,
     run,
@@ -31,6 +31,7 @@ from wherry.space.map_files import load_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.space.raycast import cast_rays
+from wherry.views.map_picture import MIN_WIDTH
 
 
 @pytest.fixture(scope="module")
@@ -53,11 +54,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(("backend", "tolerance"), [("graph", 0.05), ("particles", 0.08)])
 def test_a_log_becomes_a_map(log: Path, tmp_path: Path, backend: str, tolerance: float) -> None:
-    settings = Settings(log, relations=log.parent / "room.relations", backend=backend, out=tmp_path / "out")
+    settings = MappingSettings(log, relations=log.parent / "room.relations", backend=backend, out=tmp_path / "out")
     mapping = prepare(settings)
     assert list(mapping.steps()) == list(range(17))
     result = mapping.result
-    assert result is not None
     assert (result.scans, result.relations, result.skipped) == (16, 2, 0)
     assert result.translational_error_m is not None
     assert result.translational_error_m < tolerance
@@ -77,29 +77,29 @@ def test_a_log_becomes_a_map(log: Path, tmp_path: Path, backend: str, tolerance:
 @pytest.mark.parametrize("backend", ["graph", "particles"])
 def test_the_same_seed_gives_the_same_bytes(log: Path, tmp_path: Path, backend: str) -> None:
     for name in ("a", "b"):
-        run(Settings(log, backend=backend, out=tmp_path / name, seed=3))
+        run(MappingSettings(log, backend=backend, out=tmp_path / name, seed=3))
     files = sorted(path.name for path in (tmp_path / "a").iterdir())
     assert "map.pgm" in files
     for name in files:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
 
 
-def test_nothing_is_scored_or_written_unasked(log: Path) -> None:
-    result = run(Settings(log))
+def test_without_relations_and_folder_nothing_is_scored_or_written(log: Path) -> None:
+    result = run(MappingSettings(log))
     assert result.translational_error_m is None
     assert result.relations == 0
 
 
-def test_bad_settings_are_named(log: Path, tmp_path: Path) -> None:
+def test_invalid_settings_are_named(log: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for settings, source in (
-        (Settings(log, backend="magic"), "--backend"),
-        (Settings(log, resolution=0.0), "--resolution"),
-        (Settings(log, resolution=math.nan), "--resolution"),
-        (Settings(tmp_path / "none.log"), "none.log"),
-        (Settings(log, relations=log), "room.clf"),
-        (Settings(log, odometry=log), "room.clf"),
-        (Settings(log, out=tmp_path / "file" / "out"), "out"),
+        (MappingSettings(log, backend="magic"), "--backend"),
+        (MappingSettings(log, resolution=0.0), "--resolution"),
+        (MappingSettings(log, resolution=math.nan), "--resolution"),
+        (MappingSettings(tmp_path / "none.log"), "none.log"),
+        (MappingSettings(log, relations=log), "room.clf"),
+        (MappingSettings(log, odometry=log), "room.clf"),
+        (MappingSettings(log, out=tmp_path / "file" / "out"), "out"),
     ):
         with pytest.raises(InputError) as caught:
             prepare(settings)
@@ -108,23 +108,23 @@ def test_bad_settings_are_named(log: Path, tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def mapped(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that mapping the log has left."""
+    """The results of mapping the log."""
     out = tmp_path_factory.mktemp("mapped")
-    run(Settings(log, out=out))
+    run(MappingSettings(log, out=out))
     return out
 
 
 @pytest.fixture(scope="module")
 def next_day(log: Path) -> Path:
-    """The same drive, a hundred seconds later."""
+    """The same drive with times a hundred seconds later."""
     path = log.parent / "next.clf"
     lines = [line.split() for line in log.read_text().splitlines()]
     path.write_text("".join(f"{' '.join(words[:-3])} {float(words[-3]) + 100.0} host 0\n" for words in lines))
     return path
 
 
-def test_mapping_goes_on_with_a_saved_graph(log: Path, mapped: Path, next_day: Path, tmp_path: Path) -> None:
-    result = run(Settings(next_day, graph=mapped / "graph.npz", start=Pose(0.2, 0.1, 0.1), out=tmp_path))
+def test_mapping_continues_from_a_saved_graph(log: Path, mapped: Path, next_day: Path, tmp_path: Path) -> None:
+    result = run(MappingSettings(next_day, graph=mapped / "graph.npz", start=Pose(0.2, 0.1, 0.1), out=tmp_path))
     assert result.scans == 16
     both = read_odometry(tmp_path / "trajectory.tum")
     assert len(both.times) == 32
@@ -132,42 +132,42 @@ def test_mapping_goes_on_with_a_saved_graph(log: Path, mapped: Path, next_day: P
     assert len(load_graph(tmp_path / "graph.npz").keyscans) > len(load_graph(mapped / "graph.npz").keyscans)
 
 
-def test_localizing_leaves_the_map_as_it_is(log: Path, mapped: Path, next_day: Path, tmp_path: Path) -> None:
-    run(Settings(next_day, graph=mapped / "graph.npz", start=Pose(), localize=True, out=tmp_path))
+def test_localizing_does_not_change_the_map(log: Path, mapped: Path, next_day: Path, tmp_path: Path) -> None:
+    run(MappingSettings(next_day, graph=mapped / "graph.npz", start=Pose(), localize=True, out=tmp_path))
     assert (tmp_path / "map.pgm").read_bytes() == (mapped / "map.pgm").read_bytes()
     assert not (tmp_path / "graph.npz").exists()
     way, first = read_odometry(tmp_path / "trajectory.tum"), read_odometry(mapped / "trajectory.tum")
     np.testing.assert_allclose(way.poses[:, :2], first.poses[:, :2], atol=0.05)
 
 
-def test_what_cannot_be_gone_on_with_is_named(log: Path, mapped: Path, next_day: Path) -> None:
+def test_graphs_that_cannot_be_continued_are_named(log: Path, mapped: Path, next_day: Path) -> None:
     graph = mapped / "graph.npz"
     for settings, source, reason in (
-        (Settings(next_day, localize=True), "--localize", "--continue"),
-        (Settings(next_day, start=Pose()), "--start", "--continue"),
-        (Settings(next_day, relations=log.parent / "room.relations"), "room.relations", "no relation within"),
-        (Settings(next_day, graph=graph, backend="particles"), "--backend", "cannot go on"),
-        (Settings(log, graph=graph), "room.clf", "time runs backwards"),
-        (Settings(next_day, graph=graph, start=Pose(50.0)), "next.clf", "fits the map nowhere"),
-        (Settings(next_day, graph=log), "room.clf", "not a saved pose graph"),
+        (MappingSettings(next_day, localize=True), "--localize", "--continue"),
+        (MappingSettings(next_day, start=Pose()), "--start", "--continue"),
+        (MappingSettings(next_day, relations=log.parent / "room.relations"), "room.relations", "no relation within"),
+        (MappingSettings(next_day, graph=graph, backend="particles"), "--backend", "cannot go on"),
+        (MappingSettings(log, graph=graph), "room.clf", "time runs backwards"),
+        (MappingSettings(next_day, graph=graph, start=Pose(50.0)), "next.clf", "fits the map nowhere"),
+        (MappingSettings(next_day, graph=log), "room.clf", "not a saved pose graph"),
     ):
         with pytest.raises(InputError, match=reason) as caught:
             prepare(settings)
         assert source in caught.value.source
 
 
-def test_relations_that_the_log_does_not_cover_are_not_scored(log: Path) -> None:
+def test_relations_outside_of_the_log_are_not_scored(log: Path) -> None:
     path = log.parent / "more.relations"
     path.write_text((log.parent / "room.relations").read_text() + "0 500 9 9 0 0 0 0\n")
-    assert run(Settings(log, relations=path)).relations == 2
+    assert run(MappingSettings(log, relations=path)).relations == 2
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", ["graph", "particles"])
 def test_one_thread_or_two_write_the_same_bytes(log: Path, tmp_path: Path, backend: str) -> None:
     code = (
-        "import sys; from pathlib import Path; from wherry.pipelines.logs.mapping import Settings, run;"
-        "run(Settings(Path(sys.argv[1]), backend=sys.argv[2], out=Path(sys.argv[3])))"
+        "import sys; from pathlib import Path; from wherry.pipelines.logs.mapping import MappingSettings, run;"
+        "run(MappingSettings(Path(sys.argv[1]), backend=sys.argv[2], out=Path(sys.argv[3])))"
     )
     for threads in ("1", "2"):
         names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -187,7 +187,7 @@ def test_the_picture_of_a_narrow_map_has_room_for_its_legend(log: Path) -> None:
     slam.add(read_log(log).scans[0])
     for grid in (narrow, wide):
         image = Image.open(io.BytesIO(map_picture(grid, slam)))
-        assert image.width == max(LEAST_WIDTH, grid.shape[1])
+        assert image.width == max(MIN_WIDTH, grid.shape[1])
         assert image.height > grid.shape[0]
         colours = {colour for _, colour in image.getcolors(1_000_000) or []}
-        assert {TRAJECTORY_COLOUR, ACCEPTED_COLOUR, REFUSED_COLOUR} <= colours
+        assert {TRAJECTORY_COLOUR, ACCEPTED_COLOUR, REJECTED_COLOUR} <= colours

@@ -26,7 +26,7 @@ from rosbags.highlevel import AnyReader
 from wherry.commands.recording import recorded
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
-from wherry.logs.carmen import LidarLog
+from wherry.logs.lidar_log import LidarLog
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.bags.reading import is_bag, read_bag

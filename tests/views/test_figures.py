@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import asdict, fields
-from types import SimpleNamespace
 from typing import cast
 
 import pytest
 from rich.console import Console
 
-from wherry.mapping import closures
 from wherry.pipelines.grids import learning as taxi
 from wherry.pipelines.logs import localization
 from wherry.pipelines.logs import mapping as slam
 from wherry.ros.names import load_names
 from wherry.ros.nodes.monitor import Monitor
 from wherry.ros.transports.transport import Transport
-from wherry.views.figures import HEARD, LEARNING, LOCALIZATION, MAPPING, REFUSALS, Words, in_words
+from wherry.views.figures import HEARD, LEARNING, LOCALIZATION, MAPPING, Words, in_words
 from wherry.views.terminal import print_figures
 
-MAPPED = slam.Result(0.0504, 0.041, 0.523, 0.61, 9998, None, 0.6947, 23.36, 2.061, 196, 158, 910, 0, "graph", "a.log")
+MAPPED = slam.MappingResult(
+    0.0504, 0.041, 0.523, 0.61, 9998, None, 0.6947, 23.36, 2.061, 196, 158, 910, 0, "graph", "a.log"
+)
 
 
 class Deaf:
@@ -37,7 +37,7 @@ def names_of(result: type) -> set[str]:
 @pytest.mark.parametrize(
     ("names", "words"),
     [
-        (names_of(slam.Result) - {"log"}, MAPPING),
+        (names_of(slam.MappingResult) - {"log"}, MAPPING),
         (names_of(localization.Result), LOCALIZATION),
         (names_of(taxi.Result) - {"settings", "runs"} | {"learner", "seed"}, LEARNING),
         (set(Monitor(cast(Transport, Deaf()), load_names()).figures()), HEARD),
@@ -83,9 +83,3 @@ def test_what_was_not_measured_is_said_in_one_line(capsys: pytest.CaptureFixture
     printed = capsys.readouterr().out
     assert "│ translational error (mean) " in printed
     assert "Not measured: translational error over more than a minute.\n" in printed
-
-
-def test_every_gate_that_refuses_loops_has_words() -> None:
-    reasons = ("response 0.31 is below 0.45", "ambiguous: another place has response 0.6", "overlap 0.1 is below 0.6")
-    tried = [cast(closures.Closure, SimpleNamespace(refused=reason)) for reason in reasons]
-    assert set(closures.refusals(tried)) == set(REFUSALS)

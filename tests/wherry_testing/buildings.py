@@ -1,4 +1,4 @@
-"""A building of several rooms and a robot that drives through it, for the tests of mapping."""
+"""Buildings, and drives through them with scans, odometry and the truth."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.raycast import cast_rays
 
-RESOLUTION = 0.02
+RESOLUTION = 0.02  # m, side of a cell
 BEAMS = 360
-RANGE_MAX = 12.0
+RANGE_MAX = 12.0  # m
 LIDAR = Pose(-0.15, 0.0, 0.0)
 
 
 def building() -> NDArray[np.bool_]:
-    """12 × 8 m at 2 cm: two rooms over a corridor and two below it, all different, with doors."""
+    """Blocked cells of 12 × 8 m, [400, 600]: two rooms above a corridor and two below, all different, with doors."""
     blocked = np.zeros((400, 600), np.bool_)
     blocked[:3], blocked[-3:], blocked[:, :3], blocked[:, -3:] = True, True, True, True
     blocked[160:163, :], blocked[237:240, :] = True, True  # the corridor's walls
@@ -43,10 +43,10 @@ class Drive:
     """Scans and odometry with the truth.
 
     Attributes:
-        scans: N of them.
-        odometry: N, drifting.
-        truth: [N, 3] base_link relative to the first pose.
-        start: The first pose, in the building's frame.
+        scans: Scans, N.
+        odometry: Drifting odometry at each scan, N.
+        truth: True base_link relative to the first pose, [N, 3] m, m, rad.
+        start: True first pose in the building's frame.
     """
 
     scans: list[Scan]
@@ -55,7 +55,7 @@ class Drive:
     start: Pose
 
 
-WAY = [
+WAYPOINTS = [
     (2.4, 2.4),
     (2.4, 4.0),
     (9.4, 4.0),
@@ -67,18 +67,19 @@ WAY = [
     (10.4, 4.0),
     (10.4, 6.5),
 ]
-WAY += [(10.4, 4.0), (2.4, 4.0), (2.4, 2.4)]
+WAYPOINTS += [(10.4, 4.0), (2.4, 4.0), (2.4, 2.4)]
 
 
-ROOMS, ROOM = 6, 5.0  # on each side of the long corridor; m from one to the next
+ROOMS = 6  # rooms on each side of the long corridor
+ROOM_PITCH = 5.0  # m from one room to the next
 
 
-def alike() -> NDArray[np.bool_]:
-    """30 × 12 m at 2 cm: a corridor of 30 m between rooms that are all the same, the same to the left as to the right.
+def identical_rooms() -> NDArray[np.bool_]:
+    """Blocked cells of 30 × 12 m, [600, 1500]: a corridor of 30 m between identical rooms on both sides.
 
-    Only its ends tell where along it one is, and a lidar sees them from near them only.
+    Only the ends of the corridor tell the position along it, and the lidar reaches them only nearby.
     """
-    room = round(ROOM / RESOLUTION)
+    room = round(ROOM_PITCH / RESOLUTION)
     half = np.zeros((300, ROOMS * room), np.bool_)
     half[:3] = True
     half[245:248] = True  # the corridor's wall, 2 m wide in all
@@ -91,13 +92,13 @@ def alike() -> NDArray[np.bool_]:
     return blocked
 
 
-def way_along_alike(visits: Sequence[tuple[int, int]]) -> list[tuple[float, float]]:
-    """Up and down the corridor of `alike` and into rooms on the way: number, and 1 for above or -1 for below."""
-    way = [(1.0, 6.0)]
+def corridor_waypoints(visits: Sequence[tuple[int, int]]) -> list[tuple[float, float]]:
+    """Waypoints, m, along the corridor of `identical_rooms` and back, into rooms (number, 1 above or -1 below)."""
+    waypoints = [(1.0, 6.0)]
     for number, side in visits:
-        door = ROOM * number + 2.5
-        way += [(door, 6.0), (door, 6.0 + 3.5 * side), (door, 6.0)]
-    return [*way, (1.0, 6.0)]
+        door = ROOM_PITCH * number + 2.5
+        waypoints += [(door, 6.0), (door, 6.0 + 3.5 * side), (door, 6.0)]
+    return [*waypoints, (1.0, 6.0)]
 
 
 def drive(
@@ -107,22 +108,22 @@ def drive(
     spacing: float = 0.1,
     *,
     blocked: NDArray[np.bool_] | None = None,
-    way: Sequence[tuple[float, float]] = WAY,
+    waypoints: Sequence[tuple[float, float]] = WAYPOINTS,
     range_max: float = RANGE_MAX,
 ) -> Drive:
-    """Drive along a way through a building.
+    """Drive along waypoints through a building.
 
     Args:
-        noise: m, σ of the ranges.
-        drift: Share by which odometry is wrong, systematically and at random.
-        seed: Of the noise.
-        spacing: m between scans.
-        blocked: [H, W] the building; None for `building`.
-        way: m, from place to place.
-        range_max: m that the lidar sees.
+        noise: Standard deviation of the ranges, m.
+        drift: Scale error of the odometry, both systematic and random.
+        seed: Seed of the noise.
+        spacing: Distance from scan to scan, m.
+        blocked: Blocked cells of the building, [H, W]; None for `building`.
+        waypoints: Positions in the building's frame, m.
+        range_max: Longest range of the lidar, m.
     """
     rng = np.random.default_rng(seed)
-    truth = list(_poses(way, spacing))
+    truth = list(_poses(waypoints, spacing))
     poses = np.array([(pose @ LIDAR).as_array() for pose in truth])
     angles = np.linspace(-math.pi, math.pi, BEAMS, endpoint=False)
     ranges = cast_rays(building() if blocked is None else blocked, RESOLUTION, Pose(), poses, angles, range_max)
@@ -138,10 +139,10 @@ def drive(
     return Drive(scans, odometry, relative, truth[0])
 
 
-def _poses(way: Sequence[tuple[float, float]], spacing: float) -> Iterator[Pose]:
-    """The poses on the way: straight on, and turning on the spot in steps of 5°."""
+def _poses(waypoints: Sequence[tuple[float, float]], spacing: float) -> Iterator[Pose]:
+    """Poses along straight lines between waypoints, turning on the spot in steps of 5°."""
     heading = math.pi / 2.0
-    for (x, y), (next_x, next_y) in itertools.pairwise(way):
+    for (x, y), (next_x, next_y) in itertools.pairwise(waypoints):
         bearing = math.atan2(next_y - y, next_x - x)
         turn = math.remainder(bearing - heading, math.tau)
         for share in np.linspace(0.0, 1.0, max(round(abs(turn) / math.radians(5.0)), 1), endpoint=False):
@@ -149,20 +150,20 @@ def _poses(way: Sequence[tuple[float, float]], spacing: float) -> Iterator[Pose]
         heading = bearing
         for share in np.linspace(0.0, 1.0, round(math.hypot(next_x - x, next_y - y) / spacing), endpoint=False):
             yield Pose(x + share * (next_x - x), y + share * (next_y - y), heading)
-    yield Pose(*way[-1], heading)
+    yield Pose(*waypoints[-1], heading)
 
 
 def wall_distances(grid: OccupancyGrid, start: Pose, walls: NDArray[np.bool_]) -> Floats:
-    """[N] m, from each occupied cell's middle to the nearest wall."""
-    away = ndimage.distance_transform_edt(~walls) * RESOLUTION
+    """Distances from the centres of occupied cells to the nearest wall, [N] m."""
+    to_wall = ndimage.distance_transform_edt(~walls) * RESOLUTION
     cells = np.floor(start.transform(grid.occupied_points()) / RESOLUTION).astype(np.int64)
     columns, rows = np.clip(cells[:, 0], 0, walls.shape[1] - 1), np.clip(cells[:, 1], 0, walls.shape[0] - 1)
-    distances: Floats = away[rows, columns]
+    distances: Floats = to_wall[rows, columns]
     return distances
 
 
 def shared_data(name: str) -> Path:
-    """A file of the shared data; skips where there is none, except in CI."""
+    """A file of the shared data; the test is skipped if it is missing, except in CI."""
     folder = Path(os.environ.get("WHERRY_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
     path = folder / name
     if not path.exists():

@@ -3,128 +3,129 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from wherry.commands.common import (
-    JsonOption,
     LenientOption,
     LogArgument,
-    QuietOption,
     SeedOption,
     console_for,
     print_json,
     progress_bar,
     say,
 )
+from wherry.commands.option_groups import OutputOptions, PageOptions, with_option_groups
 from wherry.commands.recording import RecordOption, recorded_log
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
+from wherry.commands.watching import watched
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
-    from wherry.mapping.closures import Closure
-    from wherry.mapping.slam import Slam
+    from rich.console import Console
+
+    from wherry.pipelines.logs.mapping import MappingRun, MappingSettings
+    from wherry.pipelines.logs.trace import LogTrace
     from wherry.space.pose import Pose
 
-MAPS_SHOWN, MAPS_RECORDED = 60, 20  # times that the growing map is drawn, which takes longer than mapping a scan
-FIRST_MAP = 10  # scans after which it is drawn for the first time
+MAPS_SHOWN, MAPS_RECORDED = 60, 20  # maps drawn along a log; drawing one takes longer than mapping a scan
+FIRST_MAP = 10  # scans after which the first map is drawn
 
 
-def map_log(
-    log: LogArgument,
+@dataclass(frozen=True, slots=True)
+class MapOptions:
+    """Options of mapping; see `wherry.pipelines.logs.mapping.MappingSettings`."""
+
     odometry: Annotated[
         Path | None, typer.Option(help="Denser odometry, t x y θ a line, to interpolate poses with.")
-    ] = None,
-    relations: Annotated[Path | None, typer.Option(help="True relations between poses, to score by.")] = None,
-    backend: Annotated[str, typer.Option(help="The method: graph or particles.")] = "graph",
-    out: Annotated[Path | None, typer.Option(help="Where to write map, picture, trajectory and pose graph.")] = None,
-    seed: SeedOption = 0,
-    resolution: Annotated[float, typer.Option(help="m, a grid cell's side.")] = 0.05,
-    lenient: LenientOption = False,
+    ] = None
+    relations: Annotated[Path | None, typer.Option(help="True relations between poses, to score by.")] = None
+    backend: Annotated[str, typer.Option(help="The method: graph or particles.")] = "graph"
+    out: Annotated[Path | None, typer.Option(help="Where to write map, picture, trajectory and pose graph.")] = None
+    seed: SeedOption = 0
+    resolution: Annotated[float, typer.Option(help="m, a grid cell's side.")] = 0.05
+    lenient: LenientOption = False
     graph: Annotated[
         Path | None, typer.Option("--continue", metavar="GRAPH", help="Go on with the map of a graph.npz of --out.")
-    ] = None,
+    ] = None
     start: Annotated[
         str | None, typer.Option(metavar="X,Y,θ", help="With --continue: about where the log begins; m, m, degrees.")
-    ] = None,
+    ] = None
     localize: Annotated[
         bool, typer.Option("--localize", help="With --continue: follow the robot, leave the map as it is.")
-    ] = False,
-    record: RecordOption = None,
-    view: ViewOption = False,
-    host: HostOption = LOOPBACK,
-    port: PortOption = PORT,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    ] = False
+
+
+@with_option_groups
+def map_log(
+    log: LogArgument, options: MapOptions, record: RecordOption = None, *, page: PageOptions, output: OutputOptions
 ) -> None:
     """Make a map and a trajectory of recorded scans and odometry (SLAM)."""
-    from wherry.mapping.closures import refusals
-    from wherry.pipelines.logs import mapping as slam
+    from wherry.pipelines.logs.mapping import prepare
     from wherry.pipelines.logs.trace import LogTrace
-    from wherry.views.figures import MAPPING, REFUSALS
+
+    run = prepare(_settings(log, options))
+    console = console_for(as_json=output.as_json, quiet=output.quiet)
+    title = f"wherry: {log.name}"
+    with watched(title, options.out, console, view=page.view, host=page.host, port=page.port) as sink:
+        maps = MAPS_SHOWN if page.view else MAPS_RECORDED if options.out is not None else 0
+        _map(run, LogTrace("map", log.name, run.log, sink), console, record, maps)
+        metrics = asdict(run.result)
+        _print_result(console, log, run, metrics)
+    if output.as_json:
+        print_json(metrics)
+
+
+def _settings(log: Path, options: MapOptions) -> MappingSettings:
+    """The settings of the pipeline."""
+    from wherry.pipelines.logs.mapping import MappingSettings
+
+    values = {field.name: getattr(options, field.name) for field in fields(options)}
+    return MappingSettings(log, **(values | {"start": None if options.start is None else _pose(options.start)}))
+
+
+def _map(run: MappingRun, trace: LogTrace, console: Console, record: Path | None, maps: int) -> None:
+    """Map the log, with a progress bar, the trace, the growing map that many times, and a bag if one is recorded."""
+    shown_at = _map_times(run.scans, maps)
+    with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
+        task = progress.add_task("mapping", total=run.scans)
+        for done in run.steps():
+            progress.update(task, completed=done)
+            if done:
+                trace.scan(done - 1, run.pose)
+            if done in shown_at:
+                trace.map(run.slam.grid(), done - 1, fraction=done / run.scans)
+                trace.closures(done - 1, run.slam.loop_closures)
+        if recording is not None:
+            run.record(recording)
+    if maps:
+        trace.map(run.slam.grid(), run.scans - 1)
+        trace.closures(run.scans - 1, run.slam.loop_closures)
+
+
+def _print_result(console: Console, log: Path, run: MappingRun, metrics: Mapping[str, object]) -> None:
+    """Print metrics, reasons for rejected loop closures, and where the results are."""
+    from wherry.mapping.loop_closure import count_rejections
+    from wherry.views.figures import MAPPING
     from wherry.views.terminal import print_figures, print_table
 
-    run = slam.prepare(
-        slam.Settings(
-            log=log,
-            odometry=odometry,
-            relations=relations,
-            backend=backend,
-            out=out,
-            seed=seed,
-            resolution=resolution,
-            lenient=lenient,
-            graph=graph,
-            start=None if start is None else _pose(start),
-            localize=localize,
-        )
-    )
-    console = console_for(as_json=as_json, quiet=quiet)
-    with watched(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
-        trace = LogTrace("map", log.name, run.log, sink)
-        shown_at = _map_times(run.scans, MAPS_SHOWN if view else MAPS_RECORDED if out is not None else 0)
-        with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
-            task = progress.add_task("mapping", total=run.scans)
-            for done in run.steps():
-                progress.update(task, completed=done)
-                if done:
-                    trace.scan(done - 1, run.pose)
-                if done in shown_at:
-                    trace.map(run.slam.grid(), done - 1, fraction=done / run.scans)
-                    trace.closures(done - 1, _closures(run.slam))
-            if recording is not None:
-                run.record(recording)
-        if view or out is not None:
-            trace.map(run.slam.grid(), run.scans - 1)
-            trace.closures(run.scans - 1, _closures(run.slam))
-        assert run.result is not None  # noqa: S101 - steps() ends by setting it
-        figures = asdict(run.result)
-        print_figures(console, f"Map of {log.name}", figures, MAPPING)
-        refused = {REFUSALS.get(gate, gate): str(number) for gate, number in refusals(_closures(run.slam)).items()}
-        if refused:
-            print_table(console, "Loops refused because", refused)
-        if out is None:
-            console.print("Nothing was saved; --out DIR saves map, picture, trajectory and pose graph.")
-        else:
-            say(console, f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
-    if as_json:
-        print_json(figures)
+    print_figures(console, f"Map of {log.name}", metrics, MAPPING)
+    rejections = count_rejections(run.slam.loop_closures)
+    if rejections:
+        rows = {reason.description: str(count) for reason, count in rejections.items()}
+        print_table(console, "Loops refused because", rows)
+    if run.settings.out is None:
+        console.print("Nothing was saved; --out DIR saves map, picture, trajectory and pose graph.")
+    else:
+        say(console, f"Map, picture, trajectory, pose graph and every closure with its reason: {run.settings.out}")
 
 
 def _map_times(scans: int, maps: int) -> set[int]:
-    """After how many scans to draw the growing map, so many times over a log; the finished map comes after them."""
+    """Numbers of scans after which the growing map is drawn; the finished map follows after them."""
     return {FIRST_MAP, *(scans * part // maps for part in range(1, maps))} - {0, scans} if maps else set()
-
-
-def _closures(slam: Slam) -> Sequence[Closure]:
-    """The loops that were tried; a method without a graph tries none."""
-    from wherry.mapping.graph_slam import GraphSlam
-
-    return slam.closures if isinstance(slam, GraphSlam) else ()
 
 
 def _pose(text: str) -> Pose:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from wherry.logs.carmen import LidarLog
+    from wherry.logs.lidar_log import LidarLog
     from wherry.robot import Robot
     from wherry.ros.bags.recording import LogRecording
     from wherry.ros.names import Names

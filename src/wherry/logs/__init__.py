@@ -1,1 +1,5 @@
-"""Recorded scans and odometry."""
+"""Recorded lidar logs: reading and checking of scans, odometry and trajectories."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

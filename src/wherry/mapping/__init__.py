@@ -1,1 +1,5 @@
-"""Making maps from scans and odometry: scan matching, pose graphs, particles (paper, section 5)."""
+"""Mapping: scan matching, pose graphs and SLAM (paper, section 5)."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,9 @@
-"""Correlative scan matching: the best of all poses in a window (Olson 2009), found by branch and bound (Hess 2016)."""
+"""Correlative scan matching (Olson 2009): the best pose of a search window, by branch and bound (Hess et al. 2016).
+
+`wherry.localization.relocalization` bounds windows in the same way, but on a finished map that it searches as a whole
+for all places that fit; here the grid grows with every scan, windows are small, and the best pose with its distance
+from the second-best is all that is asked, which two levels with an exhaustive search below answer faster.
+"""
 
 from __future__ import annotations
 
@@ -9,87 +14,92 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.kernels import kernel
-from wherry.mapping.submap import FULL, LEVELS, RESOLUTION, Submap
+from wherry.mapping.matching_grid import MAX_LIKELIHOOD, RESOLUTION, WINDOW_SIZES, MatchingGrid
 from wherry.space.pose import Floats, Pose, wrap
 
-ANGLE_QUANTILE = 0.8  # a step in angle moves a point that far out (of all points' distances) by one cell
-EDGE = 0.9  # share of a window beyond which its best pose is not known to be a peak
-COARSEST_STEP = math.radians(2.0)
-APART = 0.5  # m and, below, rad: poses closer together than this are one peak
-APART_ANGLE = math.radians(10.0)
-PRIOR_WEIGHT = 0.03  # how much of the response a pose one σ off the expected one loses
+ANGLE_STEP_QUANTILE = 0.8  # share of the points that one angle step moves by at most a cell
+MAX_ANGLE_STEP = math.radians(2.0)  # rad
+EDGE_SHARE = 0.9  # share of a window beyond which a pose counts as on its edge
+PEAK_DISTANCE = 0.5  # m within which, and within `PEAK_ANGLE`, two poses belong to one peak
+PEAK_ANGLE = math.radians(10.0)  # rad
+PRIOR_WEIGHT = 0.03  # share of its score that a pose one standard deviation from the window's centre loses
+WINDOW_SIGMAS = 3.0  # standard deviations from the window's centre to its edge
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
-    """Where to look for a pose: around an expected one.
+class SearchWindow:
+    """The poses around an expected one that are searched.
 
     Attributes:
         centre: The expected pose.
-        distance: m, to either side, in x and in y.
-        angle: rad, to either side.
+        distance: Extent to either side in x and in y, m.
+        angle: Extent to either side in heading, rad.
     """
 
     centre: Pose
     distance: float
     angle: float
 
-    def on_edge(self, pose: Pose) -> bool:
-        """Whether a pose lies so near the window's edge that a better one may lie beyond."""
-        aside = max(abs(pose.x - self.centre.x), abs(pose.y - self.centre.y))
-        return aside > EDGE * self.distance or abs(wrap(pose.theta - self.centre.theta)) > EDGE * self.angle
+    def is_on_edge(self, pose: Pose) -> bool:
+        """Whether a pose is so close to the edge that a better one may lie beyond."""
+        offset = max(abs(pose.x - self.centre.x), abs(pose.y - self.centre.y))
+        turn = abs(wrap(pose.theta - self.centre.theta))
+        return offset > EDGE_SHARE * self.distance or turn > EDGE_SHARE * self.angle
 
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """The best pose of a window.
+    """The best pose of a search window.
 
     Attributes:
-        pose: To the nearest cell and angle step.
-        response: 0 to 1, the mean likelihood of the points there.
-        rival: 0 to 1, the response of the best pose that is another peak (`APART`); exact where it comes within the
-            rivalry asked for, otherwise an underestimate.
+        pose: The best pose, to the nearest cell and angle step.
+        score: Mean likelihood of the points at that pose, 0 to 1.
+        second_best_score: Score of the best pose on another peak, 0 to 1; a lower bound where it is below
+            the share of the score that was asked for.
     """
 
     pose: Pose
-    response: float
-    rival: float
+    score: float
+    second_best_score: float
 
 
-def correlate(submap: Submap, points: Floats, window: Window, *, rivalry: float = 1.0) -> Correlation:
-    """Find where points fit a submap best.
+def correlate(
+    grid: MatchingGrid, points: Floats, window: SearchWindow, *, second_best_share: float = 1.0
+) -> Correlation:
+    """Find the pose of a window at which points fit a grid best.
 
     Args:
-        submap: What to match to.
-        points: [N, 2] m, in the frame of the pose that is sought, N ≥ 1.
-        window: Where to look, in the submap's frame. Poses lose response with their distance from its centre, by
-            `PRIOR_WEIGHT` at a third of the window, so that what the points leave open is answered as expected.
-        rivalry: Share of the best response from which other peaks are to be told; 1 for none.
+        grid: The grid to match to.
+        points: Points in the frame whose pose is sought, [N, 2] m, N ≥ 1.
+        window: Poses to search, in the grid's frame. A Gaussian prior around its centre decides where the points do
+            not: `PRIOR_WEIGHT` of the score is lost at one standard deviation.
+        second_best_share: Share of the best score from which second-best peaks are found exactly; 1 for none.
     """
-    reach = float(np.sort(np.hypot(points[:, 0], points[:, 1]))[int(ANGLE_QUANTILE * (len(points) - 1))])
-    step = min(math.atan2(RESOLUTION, max(reach, RESOLUTION)), COARSEST_STEP)
+    radii = np.sort(np.hypot(points[:, 0], points[:, 1]))
+    radius = float(radii[int(ANGLE_STEP_QUANTILE * (len(points) - 1))])
+    step = min(math.atan2(RESOLUTION, max(radius, RESOLUTION)), MAX_ANGLE_STEP)
     steps = math.ceil(window.angle / step)
     angles = window.centre.theta + step * np.arange(-steps, steps + 1, dtype=np.float64)
     cells = math.ceil(window.distance / RESOLUTION)
-    best, response, rival = _search(
-        submap.likelihood,
-        submap.corner,
+    best, score, second_best_score = _search(
+        grid.likelihood,
+        grid.corner,
         points,
         np.array([window.centre.x, window.centre.y]),
         angles,
         cells,
-        rivalry,
-        np.array([APART / RESOLUTION, APART_ANGLE / step]),
+        second_best_share,
+        np.array([PEAK_DISTANCE / RESOLUTION, PEAK_ANGLE / step]),
     )
     x, y = window.centre.x + best[1] * RESOLUTION, window.centre.y + best[2] * RESOLUTION
-    return Correlation(Pose.from_array(np.array([x, y, angles[best[0]]])), response, rival)
+    return Correlation(Pose.from_array(np.array([x, y, angles[best[0]]])), score, second_best_score)
 
 
-def response_at(submap: Submap, points: Floats, pose: Pose) -> float:
-    """0 to 1: the mean likelihood of points, [N, 2] m, at a pose in the submap's frame."""
+def score_at(grid: MatchingGrid, points: Floats, pose: Pose) -> float:
+    """Mean likelihood, 0 to 1, of points [N, 2] m at a pose in the grid's frame."""
     angles = np.array([pose.theta])
-    cells = _rotated_cells(points, np.array([pose.x, pose.y]), angles, submap.corner)
-    return _score(submap.likelihood[0], cells[0], 0, 0) / (len(points) * FULL)
+    cells = _rotated_cells(points, np.array([pose.x, pose.y]), angles, grid.corner)
+    return _score(grid.likelihood[0], cells[0], 0, 0) / (len(points) * MAX_LIKELIHOOD)
 
 
 @kernel
@@ -100,85 +110,95 @@ def _search(
     centre: Floats,
     angles: Floats,
     cells: int,
-    rivalry: float,
-    apart: Floats,
+    second_best_share: float,
+    peak_extent: Floats,
 ) -> tuple[NDArray[np.int64], float, float]:
     """Best-first search over squares of the window.
 
     Args:
-        likelihood: [L, H, W], a submap's levels.
-        corner: [2], a submap's.
-        points: [N, 2] m.
-        centre: [2] m, the window's.
-        angles: [A] rad.
-        cells: The window, to either side.
-        rivalry: As in `correlate`.
-        apart: [2] cells and angle steps between peaks.
+        likelihood: The grid's levels, [L, H, W].
+        corner: The grid's corner, [2].
+        points: Points, [N, 2] m.
+        centre: Position of the window's centre, [2] m.
+        angles: Headings, [A] rad.
+        cells: Extent of the window to either side, cells.
+        second_best_share: As in `correlate`.
+        peak_extent: Extent of a peak, [2] cells and angle steps.
 
     Returns:
-        [3] angle's index, columns and rows from the centre; response; rival's response.
+        Index of the heading and columns and rows from the centre, [3]; the score; the second-best score.
     """
-    count, top = len(points), len(LEVELS) - 1
+    count, top = len(points), len(WINDOW_SIZES) - 1
     rotated = _rotated_cells(points, centre, angles, corner)
-    side = 2 * cells // LEVELS[top] + 1
+    side = 2 * cells // WINDOW_SIZES[top] + 1
     nodes = len(angles) * side * side
     bounds = np.empty(nodes)
     for node in range(nodes):
         a, row, column = node // (side * side), (node // side) % side, node % side
-        bounds[node] = _score(likelihood[top], rotated[a], column * LEVELS[top] - cells, row * LEVELS[top] - cells) / (
-            count * FULL
-        )
-    best, best_weighed, best_response = np.zeros(3, np.int64), -1.0, 0.0
-    peaks = np.empty((nodes, 4))  # angle's index, columns, rows, response: the best leaf of each node that was opened
-    opened = 0
+        bounds[node] = _score(
+            likelihood[top], rotated[a], column * WINDOW_SIZES[top] - cells, row * WINDOW_SIZES[top] - cells
+        ) / (count * MAX_LIKELIHOOD)
+    best, best_weighted, best_score = np.zeros(3, np.int64), -1.0, 0.0
+    peaks = np.empty((nodes, 4))  # heading's index, columns, rows and score of the best leaf of each expanded node
+    expanded = 0
     leaf = np.empty(4)
     for node in np.argsort(-bounds, kind="mergesort"):
-        if bounds[node] < rivalry * best_weighed:
+        if bounds[node] < second_best_share * best_weighted:
             break
         a, row, column = node // (side * side), (node // side) % side, node % side
-        turned = (a - len(angles) // 2) / max(len(angles) // 2, 1)
-        _open(
+        turn = (a - len(angles) // 2) / max(len(angles) // 2, 1)
+        _expand(
             likelihood,
             rotated[a],
-            column * LEVELS[top] - cells,
-            row * LEVELS[top] - cells,
+            column * WINDOW_SIZES[top] - cells,
+            row * WINDOW_SIZES[top] - cells,
             cells,
-            turned,
-            rivalry * best_weighed,
+            turn,
+            second_best_share * best_weighted,
             leaf,
         )
         if leaf[3] < 0.0:
             continue
-        peaks[opened, 0], peaks[opened, 1:] = a, leaf[:3]
-        opened += 1
-        if leaf[3] > best_weighed:
+        peaks[expanded, 0], peaks[expanded, 1:] = a, leaf[:3]
+        expanded += 1
+        if leaf[3] > best_weighted:
             best[0], best[1], best[2] = a, int(leaf[0]), int(leaf[1])
-            best_weighed, best_response = leaf[3], leaf[2]
-    rival = 0.0
-    for n in range(opened):
-        moved = math.hypot(peaks[n, 1] - best[1], peaks[n, 2] - best[2])
-        if (moved > apart[0] or abs(peaks[n, 0] - best[0]) > apart[1]) and peaks[n, 3] > rival:
-            rival = peaks[n, 3]
-    return best, best_response, rival
+            best_weighted, best_score = leaf[3], leaf[2]
+    second_best_score = 0.0
+    for n in range(expanded):
+        distance = math.hypot(peaks[n, 1] - best[1], peaks[n, 2] - best[2])
+        is_other_peak = distance > peak_extent[0] or abs(peaks[n, 0] - best[0]) > peak_extent[1]
+        if is_other_peak and peaks[n, 3] > second_best_score:
+            second_best_score = peaks[n, 3]
+    return best, best_score, second_best_score
 
 
 @kernel
-def _open(
+def _expand(
     likelihood: NDArray[np.uint8],
     rotated: NDArray[np.int32],
     column: int,
     row: int,
     cells: int,
-    turned: float,
+    turn: float,
     threshold: float,
     leaf: Floats,
 ) -> None:
-    """Write the best pose of a square of the coarsest level into ``leaf``: columns, rows, response, and response
-    weighed by the prior; the last is negative if none is above the threshold.
+    """Find the best pose of a square of the coarsest level.
+
+    Args:
+        likelihood: The grid's levels, [L, H, W].
+        rotated: Columns and rows of the points at the square's heading, [N, 2].
+        column: First column of the square, from the window's centre.
+        row: First row of the square, from the window's centre.
+        cells: Extent of the window to either side, cells.
+        turn: The square's heading from the window's centre, as a share of the window's extent.
+        threshold: Weighted score below which poses are skipped.
+        leaf: Result, [4]: columns, rows, score, and score weighted by the prior, which is negative if all were skipped.
     """
-    scale = 1.0 / (len(rotated) * FULL)
-    top = LEVELS[len(LEVELS) - 1]
-    middle = LEVELS[1]
+    scale = 1.0 / (len(rotated) * MAX_LIKELIHOOD)
+    top = WINDOW_SIZES[len(WINDOW_SIZES) - 1]
+    middle = WINDOW_SIZES[1]
     leaf[3] = -1.0
     for row_1 in range(row, min(row + top, cells + 1), middle):
         for column_1 in range(column, min(column + top, cells + 1), middle):
@@ -187,16 +207,16 @@ def _open(
                 continue
             for row_0 in range(row_1, min(row_1 + middle, cells + 1)):
                 for column_0 in range(column_1, min(column_1 + middle, cells + 1)):
-                    response = _score(likelihood[0], rotated, column_0, row_0) * scale
-                    off = (column_0 * column_0 + row_0 * row_0) / max(cells * cells, 1) + turned * turned
-                    weighed = response * (1.0 - PRIOR_WEIGHT * 4.5 * off)  # the window's edge is three σ away
-                    if weighed >= threshold and weighed > leaf[3]:
-                        leaf[0], leaf[1], leaf[2], leaf[3] = column_0, row_0, response, weighed
+                    score = _score(likelihood[0], rotated, column_0, row_0) * scale
+                    squared = (column_0 * column_0 + row_0 * row_0) / max(cells * cells, 1) + turn * turn
+                    weighted = score * (1.0 - PRIOR_WEIGHT * (0.5 * WINDOW_SIGMAS * WINDOW_SIGMAS) * squared)
+                    if weighted >= threshold and weighted > leaf[3]:
+                        leaf[0], leaf[1], leaf[2], leaf[3] = column_0, row_0, score, weighted
 
 
 @kernel
 def _rotated_cells(points: Floats, centre: Floats, angles: Floats, corner: NDArray[np.int64]) -> NDArray[np.int32]:
-    """[A, N, 2] column and row of each point, turned by each angle and moved to the centre."""
+    """Column and row of each point [N, 2] m at each heading [A] rad with the robot at the centre [2] m, [A, N, 2]."""
     cells = np.empty((len(angles), len(points), 2), np.int32)
     for a in range(len(angles)):
         cos, sin = math.cos(angles[a]), math.sin(angles[a])
@@ -210,7 +230,7 @@ def _rotated_cells(points: Floats, centre: Floats, angles: Floats, corner: NDArr
 
 @kernel
 def _score(layer: NDArray[np.uint8], cells: NDArray[np.int32], columns: int, rows: int) -> int:
-    """Sum of the likelihoods of cells [N, 2] moved by whole columns and rows; 0 outside."""
+    """Sum of the likelihoods at cells [N, 2] shifted by columns and rows; cells outside of the layer count 0."""
     height, width = layer.shape
     total = 0
     for n in range(len(cells)):

@@ -1,4 +1,4 @@
-"""Where a robot is expected after it moved, and how surely: odometry, or steady motion where there is none."""
+"""Noise of the motion between scans, as odometry measures it or as constant velocity predicts it."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from wherry.space.pose import Floats, Pose, wrap
 
 @dataclass(frozen=True, slots=True)
 class MotionNoise:
-    """Standard deviations of a movement that was measured.
+    """Standard deviations of a measured motion; the terms are added in quadrature.
 
     Attributes:
-        distance: m, whatever was moved.
-        distance_per_distance: m per m.
-        distance_per_angle: m per rad.
-        angle: rad, whatever was moved.
-        angle_per_angle: rad per rad.
-        angle_per_distance: rad per m.
+        distance: Standard deviation of the position without any motion, m.
+        distance_per_distance: Standard deviation of the position per distance, m/m.
+        distance_per_angle: Standard deviation of the position per angle turned, m/rad.
+        angle: Standard deviation of the heading without any motion, rad.
+        angle_per_angle: Standard deviation of the heading per angle turned, rad/rad.
+        angle_per_distance: Standard deviation of the heading per distance, rad/m.
     """
 
     distance: float
@@ -30,29 +30,29 @@ class MotionNoise:
     angle_per_angle: float
     angle_per_distance: float
 
-    def deviations(self, movement: Pose) -> tuple[float, float]:
-        """σ of the position, m, and of the heading, rad, after a movement."""
-        way, turn = math.hypot(movement.x, movement.y), abs(wrap(movement.theta))
+    def deviations(self, motion: Pose) -> tuple[float, float]:
+        """Standard deviations of the position, m, and of the heading, rad, after a motion."""
+        distance, turn = math.hypot(motion.x, motion.y), abs(wrap(motion.theta))
         return (
-            math.hypot(self.distance, self.distance_per_distance * way, self.distance_per_angle * turn),
-            math.hypot(self.angle, self.angle_per_angle * turn, self.angle_per_distance * way),
+            math.hypot(self.distance, self.distance_per_distance * distance, self.distance_per_angle * turn),
+            math.hypot(self.angle, self.angle_per_angle * turn, self.angle_per_distance * distance),
         )
 
-    def covariance(self, movement: Pose) -> Floats:
-        """[3, 3] of the pose after a movement, m, m, rad; the same in every frame's axes."""
-        distance, angle = self.deviations(movement)
+    def covariance(self, motion: Pose) -> Floats:
+        """Covariance of the pose after a motion, [3, 3] m, m, rad; isotropic, so the same in every frame."""
+        distance, angle = self.deviations(motion)
         return np.diag([distance**2, distance**2, angle**2])
 
-    def information(self, movement: Pose) -> Floats:
-        """[3, 3] inverse of `covariance`."""
-        distance, angle = self.deviations(movement)
+    def information(self, motion: Pose) -> Floats:
+        """Inverse of `covariance`, [3, 3]."""
+        distance, angle = self.deviations(motion)
         return np.diag([distance**-2, distance**-2, angle**-2])
 
 
 ODOMETRY = MotionNoise(0.03, 0.15, 0.05, math.radians(1.5), 0.15, math.radians(4.0))
-STEADY_MOTION = MotionNoise(0.1, 0.4, 0.1, math.radians(5.0), 0.5, math.radians(10.0))
+CONSTANT_VELOCITY = MotionNoise(0.1, 0.4, 0.1, math.radians(5.0), 0.5, math.radians(10.0))
 
 
-def is_within(movement: Pose, distance: float, angle: float) -> bool:
-    """Whether a movement is shorter than a distance, m, and turns by less than an angle, rad."""
-    return math.hypot(movement.x, movement.y) < distance and abs(movement.theta) < angle
+def is_within(motion: Pose, distance: float, angle: float) -> bool:
+    """Whether a motion is shorter than a distance, m, and turns by less than an angle, rad."""
+    return math.hypot(motion.x, motion.y) < distance and abs(motion.theta) < angle

@@ -1,185 +1,204 @@
-"""Grid SLAM with Rao–Blackwellized particles (Grisetti, Stachniss & Burgard 2007), the method of gmapping.
+"""Grid SLAM with Rao–Blackwellized particles, the method of gmapping (Grisetti, Stachniss & Burgard 2007).
 
-Each particle has a way of its own and the map that follows from it. Particles move to where odometry and the scan agree
-best, and are drawn again only when few of them still count.
+Each particle has its own trajectory and map. Particles move to the poses at which odometry and scan agree best, and are
+resampled only when the effective sample size is small.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wherry.kernels import kernel
-from wherry.mapping.cloud import Cloud
-from wherry.mapping.keyscans import Keyscan, MapDrawing
+from wherry.mapping.graph_snapshot import GraphSnapshot, ScanPose
+from wherry.mapping.keyframes import Keyframe, MapRenderer
+from wherry.mapping.loop_closure import LoopClosure
+from wherry.mapping.matching_grid import MAX_LIKELIHOOD
 from wherry.mapping.motion_prior import MotionNoise, is_within
+from wherry.mapping.point_cloud import PointCloud
+from wherry.mapping.settings import ParticleSlamSettings
 from wherry.mapping.shared_tiles import SharedTiles, log_likelihood
 from wherry.mapping.slam import NO_DISCS
-from wherry.mapping.submap import FULL
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose, compose
 from wherry.space.trajectory import Trajectory
 
-POINTS = 120  # of a scan
-INDEPENDENT = 50.0  # points; neighbours on one wall say the same, so a scan counts as so many
-FLOOR = 0.05  # likelihood of a point that lies nowhere
-CLIMB_STEP, CLIMB_ANGLE = 0.08, math.radians(2.0)  # m and rad, first steps of the climb to the best pose
+SCAN_POINTS = 120  # points of a scan that are used
+INDEPENDENT_POINTS = 50.0  # points that a scan counts as, since neighbours on one wall are not independent
+MIN_POINT_LIKELIHOOD = 0.05  # likelihood of a point away from all mapped points
+CLIMB_STEP, CLIMB_ANGLE_STEP = 0.08, math.radians(2.0)  # m and rad, first steps of hill climbing
 CLIMB_HALVINGS = 5
-LATTICE_STEP, LATTICE_ANGLE = 0.02, math.radians(0.4)  # m and rad between the poses that the proposal is made of
-LEAST_POINTS = 20
-MOTION = MotionNoise(0.03, 0.15, 0.05, math.radians(1.0), 0.12, math.radians(3.0))
-
-
-@dataclass(frozen=True, slots=True)
-class ParticleSlamSettings:
-    """What can be chosen.
-
-    Attributes:
-        particles: N.
-        resolution: m, a grid cell of the map that is drawn.
-        range_limit: m, readings beyond it are not used.
-        empty_range: m, how far a beam that met nothing is believed to be free.
-        keyscan_distance: m between scans that are used.
-        keyscan_angle: rad between scans that are used.
-        draw_below: Share of N below which N_eff has the particles drawn again.
-    """
-
-    particles: int = 30
-    resolution: float = 0.05
-    range_limit: float = 30.0
-    empty_range: float = 10.0
-    keyscan_distance: float = 0.25
-    keyscan_angle: float = math.radians(15.0)
-    draw_below: float = 0.5
+LATTICE_STEP, LATTICE_ANGLE_STEP = 0.02, math.radians(0.4)  # m and rad between the poses that the proposal is made of
+MIN_POINTS = 20  # points that a scan must have to be matched
+MIN_ELAPSED = 1e-3  # s, lower bound of the time that a velocity is computed over
+MOTION_NOISE = MotionNoise(0.03, 0.15, 0.05, math.radians(1.0), 0.12, math.radians(3.0))
+LOG_TABLE = np.log(MIN_POINT_LIKELIHOOD + (1.0 - MIN_POINT_LIKELIHOOD) * np.arange(MAX_LIKELIHOOD + 1) / MAX_LIKELIHOOD)
 
 
 class ParticleSlam:
     """Rao–Blackwellized particle SLAM, as in `wherry.mapping.slam.Slam`.
 
     Args:
-        lidar: Where it is mounted, in the base_link frame.
-        rng: Where the randomness comes from.
-        settings: What can be chosen.
-
-    Attributes:
-        poses: [N, 3] m, m, rad, map frame: each particle's base_link at the last keyscan.
-        log_weights: [N], up to a constant.
-        draws: How often the particles were drawn again.
+        lidar: Pose of the lidar in the base_link frame.
+        rng: Source of all randomness.
+        settings: Settings of the method.
     """
 
     def __init__(self, lidar: Pose, rng: np.random.Generator, settings: ParticleSlamSettings | None = None) -> None:
-        self.settings = settings or ParticleSlamSettings()
-        self.poses = np.zeros((self.settings.particles, 3))
-        self.log_weights = np.zeros(self.settings.particles)
-        self.draws = 0
+        self._settings = settings or ParticleSlamSettings()
+        self._particles = np.zeros((self._settings.particles, 3))
+        self._log_weights = np.zeros(self._settings.particles)
+        self._resampling_count = 0
         self._lidar = lidar
         self._rng = rng
-        self._maps = SharedTiles(self.settings.particles)
-        self._keyscans: list[Keyscan] = []
-        self._ways: list[Floats] = []  # [N, 3] at each keyscan, before particles were drawn again
-        self._parents: list[NDArray[np.int64]] = []  # [N] of each keyscan's particles, among those of the one before
-        self._passed: list[tuple[float, int, Pose]] = []
-        self._key_odometry: Odometry | None = None
-        self._rate = np.zeros(3)
-        self._drawing = MapDrawing(
-            lidar, self.settings.resolution, self.settings.range_limit, self.settings.empty_range
+        self._maps = SharedTiles(self._settings.particles)
+        self._keyframes: list[Keyframe] = []
+        self._history: list[Floats] = []  # particles [N, 3] at each keyframe, before resampling
+        self._parents: list[NDArray[np.int64]] = []  # [N] index of each particle's parent among those of the history
+        self._scan_poses: list[ScanPose] = []
+        self._keyframe_odometry: Odometry | None = None
+        self._velocity = np.zeros(3)
+        self._renderer = MapRenderer(
+            lidar, self._settings.resolution, self._settings.range_limit, self._settings.empty_range
         )
 
     @property
-    def effective(self) -> float:
-        """N_eff, how many particles still count (equation 18)."""
-        weights = _normalized(self.log_weights)
+    def particles(self) -> Floats:
+        """base_link of each particle at the last keyframe in the map frame, [N, 3] m, m, rad."""
+        return self._particles
+
+    @property
+    def log_weights(self) -> Floats:
+        """Log weights of the particles, [N], up to a constant."""
+        return self._log_weights
+
+    @property
+    def resampling_count(self) -> int:
+        """How often the particles were resampled."""
+        return self._resampling_count
+
+    @property
+    def effective_sample_size(self) -> float:
+        """Effective sample size N_eff (equation 18)."""
+        weights = _normalized(self._log_weights)
         return float(1.0 / (weights**2).sum())
 
     @property
     def trajectory(self) -> Trajectory:
-        """The best particle's way."""
-        nodes = self._way(int(np.argmax(self.log_weights)))
-        times = np.array([time for time, _, _ in self._passed])
-        poses = [(Pose.from_array(nodes[key]) @ offset).as_array() for _, key, offset in self._passed]
-        return Trajectory(times, np.array(poses).reshape(-1, 3))
+        """Trajectory of the best particle."""
+        poses = self.keyframe_poses
+        times = np.array([scan_pose.time for scan_pose in self._scan_poses])
+        at_scans = [(Pose.from_array(poses[keyframe]) @ offset).as_array() for _, keyframe, offset in self._scan_poses]
+        return Trajectory(times, np.array(at_scans).reshape(-1, 3))
+
+    @property
+    def keyframe_poses(self) -> Floats:
+        """base_link of the best particle at each keyframe, [K, 3] m, m, rad, traced back through its parents."""
+        particle = self._best_particle
+        poses = np.zeros((len(self._history), 3))
+        for keyframe in range(len(self._history) - 1, -1, -1):
+            particle = int(self._parents[keyframe][particle])
+            poses[keyframe] = self._history[keyframe][particle]
+        return poses
+
+    @property
+    def loop_closures(self) -> Sequence[LoopClosure]:
+        """Empty, since particles close loops implicitly."""
+        return ()
+
+    def snapshot(self) -> GraphSnapshot | None:
+        """None, since there is no pose graph."""
+        return None
+
+    def finish(self) -> None:
+        """See `wherry.mapping.slam.Slam.finish`; nothing is ever pending."""
 
     def grid(self, exclude: Floats = NO_DISCS) -> OccupancyGrid:
-        """The best particle's map; see `wherry.mapping.slam.Slam.grid`."""
-        return self._drawing.grid(self._keyscans, self._way(int(np.argmax(self.log_weights))), exclude)
+        """Map of the best particle; see `wherry.mapping.slam.Slam.grid`."""
+        return self._renderer.grid(self._keyframes, self.keyframe_poses, exclude)
 
     def add(self, scan: Scan, odometry: Odometry | None = None) -> Pose:
-        """Take in a scan; see `wherry.mapping.slam.Slam.add`."""
-        movement = self._movement(scan.time, odometry)
-        if self._keyscans and is_within(movement, self.settings.keyscan_distance, self.settings.keyscan_angle):
-            self._passed.append((scan.time, len(self._keyscans) - 1, movement))
-            return Pose.from_array(self.poses[np.argmax(self.log_weights)]) @ movement
-        cloud = Cloud.of(scan, self._lidar, self.settings.range_limit)
-        points = cloud.thinned(POINTS).points
-        count = self.settings.particles
-        parents = np.arange(count)
-        if self._keyscans:
-            self._move(points, movement)
-            if self.effective < self.settings.draw_below * count:
-                parents = _drawn(_normalized(self.log_weights), float(self._rng.random()))
-                self.draws += 1
-        self._ways.append(self.poses.copy())
-        self.poses, self.log_weights = self.poses[parents], self.log_weights[parents]
-        if self.draws and (parents != np.arange(count)).any():
-            self.log_weights[:] = 0.0
-            self._maps.draw(parents)
-        self._parents.append(parents)
-        for particle in range(count):
-            self._maps.add(particle, Pose.from_array(self.poses[particle]).transform(cloud.points))
-        self._keyscans.append(Keyscan(scan, cloud))
-        self._key_odometry = odometry
-        self._passed.append((scan.time, len(self._keyscans) - 1, IDENTITY))
-        return Pose.from_array(self.poses[np.argmax(self.log_weights)])
+        """Add a scan; see `wherry.mapping.slam.Slam.add`."""
+        motion = self._predict_motion(scan.time, odometry)
+        settings = self._settings
+        if self._keyframes and is_within(motion, settings.keyframe_distance, settings.keyframe_angle):
+            self._scan_poses.append(ScanPose(scan.time, len(self._keyframes) - 1, motion))
+            return self._best_pose @ motion
+        cloud = PointCloud.from_scan(scan, self._lidar, settings.range_limit)
+        if self._keyframes:
+            self._sample(cloud.subsampled(SCAN_POINTS).points, motion)
+        self._history.append(self._particles.copy())
+        self._parents.append(self._resample())
+        for particle in range(settings.particles):
+            self._maps.add(particle, Pose.from_array(self._particles[particle]).transform(cloud.points))
+        self._keyframes.append(Keyframe(scan, cloud))
+        self._keyframe_odometry = odometry
+        self._scan_poses.append(ScanPose(scan.time, len(self._keyframes) - 1, IDENTITY))
+        return self._best_pose
 
-    def _movement(self, time: float, odometry: Odometry | None) -> Pose:
-        """How base_link has moved since the last keyscan."""
-        if odometry is None or self._key_odometry is None:
-            since = time - self._keyscans[-1].scan.time if self._keyscans else 0.0
-            return Pose.from_array(self._rate * since)
-        return odometry.pose.relative_to(self._key_odometry.pose)
+    @property
+    def _best_particle(self) -> int:
+        """Index of the particle with the largest weight."""
+        return int(np.argmax(self._log_weights))
 
-    def _move(self, points: Floats, movement: Pose) -> None:
-        """Draw each particle from the improved proposal and weigh it (equations 10 to 17)."""
-        distance, angle = MOTION.deviations(movement)
+    @property
+    def _best_pose(self) -> Pose:
+        """base_link of the best particle at the last keyframe in the map frame."""
+        return Pose.from_array(self._particles[self._best_particle])
+
+    def _predict_motion(self, time: float, odometry: Odometry | None) -> Pose:
+        """Motion of base_link since the last keyframe, by odometry or by constant velocity."""
+        if odometry is None or self._keyframe_odometry is None:
+            elapsed = time - self._keyframes[-1].scan.time if self._keyframes else 0.0
+            return Pose.from_array(self._velocity * elapsed)
+        return odometry.pose.relative_to(self._keyframe_odometry.pose)
+
+    def _sample(self, points: Floats, motion: Pose) -> None:
+        """Sample each particle from the improved proposal, and weight it (equations 10 to 17)."""
+        distance, angle = MOTION_NOISE.deviations(motion)
         deviations = np.array([distance, distance, angle])
-        expected = compose(self.poses, np.broadcast_to(movement.as_array(), self.poses.shape))
-        noise = self._rng.normal(size=(2, *self.poses.shape))
+        expected = compose(self._particles, np.broadcast_to(motion.as_array(), self._particles.shape))
+        noise = self._rng.normal(size=(2, *self._particles.shape))
         starts = expected + noise[0] * deviations
-        before = self.poses
-        self.poses, gains = _propose(
-            self._maps.index, self._maps.tiles, self._maps.corner, points, expected, starts, deviations, noise[1], LOGS
+        before = self._particles
+        maps = self._maps
+        self._particles, increments = _propose(
+            maps.index, maps.tiles, maps.corner, points, expected, starts, deviations, noise[1], LOG_TABLE
         )
-        self.log_weights = self.log_weights + gains - gains.max()
-        best = int(np.argmax(self.log_weights))
-        seconds = max(self._passed[-1][0] - self._keyscans[-1].scan.time, 1e-3)
-        moved = Pose.from_array(self.poses[best]).relative_to(Pose.from_array(before[best]))
-        self._rate = moved.as_array() / seconds
+        self._log_weights = self._log_weights + increments - increments.max()
+        best = self._best_particle
+        elapsed = max(self._scan_poses[-1].time - self._keyframes[-1].scan.time, MIN_ELAPSED)
+        moved = Pose.from_array(self._particles[best]).relative_to(Pose.from_array(before[best]))
+        self._velocity = moved.as_array() / elapsed
 
-    def _way(self, particle: int) -> Floats:
-        """[K, 3] m, m, rad: a particle's base_link at every keyscan, traced back through its parents."""
-        way = np.zeros((len(self._ways), 3))
-        for key in range(len(self._ways) - 1, -1, -1):
-            particle = int(self._parents[key][particle])
-            way[key] = self._ways[key][particle]
-        return way
-
-
-LOGS = np.log(FLOOR + (1.0 - FLOOR) * np.arange(FULL + 1) / FULL)
+    def _resample(self) -> NDArray[np.int64]:
+        """Resample if the effective sample size is small, and return the parents of the particles, [N]."""
+        count = self._settings.particles
+        identity = np.arange(count)
+        if not self._keyframes or self.effective_sample_size >= self._settings.resample_below * count:
+            return identity
+        parents = _systematic_resample(_normalized(self._log_weights), float(self._rng.random()))
+        self._resampling_count += 1
+        self._particles, self._log_weights = self._particles[parents], self._log_weights[parents]
+        if (parents != identity).any():
+            self._log_weights[:] = 0.0
+            self._maps.resample(parents)
+        return parents
 
 
 def _normalized(log_weights: Floats) -> Floats:
-    """[N] weights whose sum is 1."""
+    """Weights [N] that sum to 1."""
     weights = np.exp(log_weights - log_weights.max())
     normalized: Floats = weights / weights.sum()
     return normalized
 
 
-def _drawn(weights: Floats, start: float) -> NDArray[np.int64]:
-    """[N] which particles survive, by systematic resampling; ``start`` in [0, 1)."""
+def _systematic_resample(weights: Floats, start: float) -> NDArray[np.int64]:
+    """Indices [N] of the particles that survive; ``start`` is uniform in [0, 1)."""
     count = len(weights)
     marks = (np.arange(count) + start) / count
     return np.minimum(np.searchsorted(np.cumsum(weights), marks), count - 1).astype(np.int64)
@@ -195,31 +214,31 @@ def _propose(
     starts: Floats,
     deviations: Floats,
     noise: Floats,
-    logs: Floats,
+    log_table: Floats,
 ) -> tuple[Floats, Floats]:
-    """Poses drawn from the improved proposal, and the logarithms of what their weights gain.
+    """Sample poses from the improved proposal.
 
     Args:
-        index: [N, H, W], of the particles' maps, with ``tiles`` and ``corner``.
-        tiles: [T, TILE, TILE].
-        corner: [2].
-        points: [P, 2] m, base_link frame.
-        expected: [N, 3] where odometry says.
-        starts: [N, 3] where to begin to climb.
-        deviations: [3] σ of odometry.
-        noise: [N, 3] standard normal numbers.
-        logs: [256] of likelihoods.
+        index: Index of the particles' maps, [N, H, W], see `SharedTiles`.
+        tiles: Tiles of the maps, [T, TILE_SIZE, TILE_SIZE].
+        corner: Corner of the index, [2].
+        points: Points of the scan in the base_link frame, [P, 2] m.
+        expected: Poses that the motion predicts, [N, 3] m, m, rad.
+        starts: Poses at which hill climbing begins, [N, 3] m, m, rad.
+        deviations: Standard deviations of the motion, [3] m, m, rad.
+        noise: Standard normal samples, [N, 3].
+        log_table: Log likelihood of each value of a cell, [256].
 
     Returns:
-        [N, 3] and [N].
+        Poses [N, 3] m, m, rad, and the increments of the log weights [N].
     """
     count = len(expected)
-    poses, gains = starts.copy(), np.zeros(count)
-    if len(points) < LEAST_POINTS:
-        return poses, gains
-    temper = INDEPENDENT / len(points)
+    poses, increments = starts.copy(), np.zeros(count)
+    if len(points) < MIN_POINTS:
+        return poses, increments
+    exponent = INDEPENDENT_POINTS / len(points)
     for n in range(count):
-        highest = _climb(index[n], tiles, corner, points, poses[n], expected[n], deviations, logs, temper)
+        highest = _climb(index[n], tiles, corner, points, poses[n], expected[n], deviations, log_table, exponent)
         # The proposal is a Gaussian with the moments of a lattice around the best pose (equations 15 to 17).
         total, mean, second = 0.0, np.zeros(3), np.zeros((3, 3))
         for node in range(27):
@@ -227,11 +246,11 @@ def _propose(
                 [
                     (node % 3 - 1) * LATTICE_STEP,
                     (node // 3 % 3 - 1) * LATTICE_STEP,
-                    (node // 9 - 1) * LATTICE_ANGLE,
+                    (node // 9 - 1) * LATTICE_ANGLE_STEP,
                 ]
             )
             value = _posterior(
-                index[n], tiles, corner, points, poses[n] + offset, expected[n], deviations, logs, temper
+                index[n], tiles, corner, points, poses[n] + offset, expected[n], deviations, log_table, exponent
             )
             weight = math.exp(value - highest)
             total += weight
@@ -240,8 +259,8 @@ def _propose(
         mean /= total
         covariance = second / total - np.outer(mean, mean) + np.diag(np.array([1e-8, 1e-8, 1e-9]))
         poses[n] += mean + np.linalg.cholesky(covariance) @ noise[n]
-        gains[n] = highest + math.log(total)
-    return poses, gains
+        increments[n] = highest + math.log(total)
+    return poses, increments
 
 
 @kernel
@@ -253,22 +272,22 @@ def _climb(
     pose: Floats,
     expected: Floats,
     deviations: Floats,
-    logs: Floats,
-    temper: float,
+    log_table: Floats,
+    exponent: float,
 ) -> float:
-    """Move a pose [3] uphill, axis by axis with halving steps, to the nearest peak; return its height."""
-    highest = _posterior(index, tiles, corner, points, pose, expected, deviations, logs, temper)
-    step = np.array([CLIMB_STEP, CLIMB_STEP, CLIMB_ANGLE])
+    """Move a pose [3] to the nearest maximum of the posterior, axis by axis with halving steps; return its log."""
+    highest = _posterior(index, tiles, corner, points, pose, expected, deviations, log_table, exponent)
+    step = np.array([CLIMB_STEP, CLIMB_STEP, CLIMB_ANGLE_STEP])
     for _ in range(CLIMB_HALVINGS):
-        climbing = True
-        while climbing:
-            climbing = False
+        has_improved = True
+        while has_improved:
+            has_improved = False
             for side in range(6):
                 tried = pose.copy()
                 tried[side // 2] += step[side // 2] * (1.0 if side % 2 == 0 else -1.0)
-                value = _posterior(index, tiles, corner, points, tried, expected, deviations, logs, temper)
+                value = _posterior(index, tiles, corner, points, tried, expected, deviations, log_table, exponent)
                 if value > highest:
-                    pose[:], highest, climbing = tried, value, True
+                    pose[:], highest, has_improved = tried, value, True
         step = step / 2.0
     return highest
 
@@ -282,11 +301,11 @@ def _posterior(
     pose: Floats,
     expected: Floats,
     deviations: Floats,
-    logs: Floats,
-    temper: float,
+    log_table: Floats,
+    exponent: float,
 ) -> float:
-    """Log of p(z | x, map) p(x | odometry), up to a constant."""
-    seen = log_likelihood(index, tiles, corner, points, pose[0], pose[1], pose[2], logs)
-    off = pose - expected
-    off[2] -= math.tau * np.round(off[2] / math.tau)
-    return temper * seen - 0.5 * float(((off / deviations) ** 2).sum())
+    """Log posterior, p(z | x, map) p(x | odometry) up to a constant factor."""
+    evidence = log_likelihood(index, tiles, corner, points, pose[0], pose[1], pose[2], log_table)
+    offset = pose - expected
+    offset[2] -= math.tau * np.round(offset[2] / math.tau)
+    return exponent * evidence - 0.5 * float(((offset / deviations) ** 2).sum())

@@ -1,7 +1,6 @@
-"""Pose graphs: poses that agree best with what was measured between them (Grisetti et al. 2010).
+"""Optimization of pose graphs: the poses that agree best with the constraints between them (Grisetti et al. 2010).
 
-Gauss–Newton on a sparse system, damped when a step would make things worse (Levenberg–Marquardt), with a robust loss on
-the edges that might be wrong.
+Sparse Gauss–Newton with Levenberg–Marquardt damping, and a robust loss on the constraints that may be outliers.
 """
 
 from __future__ import annotations
@@ -17,24 +16,26 @@ from scipy.sparse.linalg import splu
 from wherry.kernels import kernel
 from wherry.space.pose import Floats
 
-ITERATIONS = 20  # at most, at each width of the robust loss
-CONVERGED = 1e-4  # m and rad, largest change of a pose
-LEAST_GAIN = 1e-4  # relative change of the cost that still is one
-ROBUST_SCALE = 2.0  # σ, an error that large counts half (Cauchy's loss)
-FAR_OFF, NARROWING = 4.0, 4.0  # times that scale; by how much it is narrowed from step to step
-FIRST_DAMPING = 1e-6
+MAX_ITERATIONS = 20  # at each scale of the robust loss
+CONVERGENCE_TOLERANCE = 1e-4  # m and rad, largest change of a pose below which the iteration ends
+MIN_RELATIVE_GAIN = 1e-4  # relative decrease of the cost below which the iteration ends
+ROBUST_SCALE = 2.0  # standard deviations; an error of this size has half the weight under Cauchy's loss
+MAX_INITIAL_ERROR = 4.0  # multiple of `ROBUST_SCALE` above which the loss begins wider
+SCALE_REDUCTION = 4.0  # factor by which the scale of the loss is reduced from stage to stage
+INITIAL_DAMPING = 1e-6
+MAX_DAMPING = 1e6
 
 
 @dataclass(frozen=True)
 class PoseGraph:
-    """Poses and what was measured between them.
+    """Poses and the constraints between them.
 
     Attributes:
-        poses: [N, 3] x m, y m, θ rad; the first one is held.
-        ends: [E, 2] the two nodes of each edge, i and j.
-        measured: [E, 3] pose of j in the frame of i: m, m, rad.
-        information: [E, 3, 3] inverse covariance of the error, in the frame of j.
-        robust: [E] whether the edge might be wrong.
+        poses: Poses of the nodes, [N, 3] m, m, rad; the first one is fixed.
+        ends: The two nodes i and j of each constraint, [C, 2].
+        measured: Pose of j in the frame of i, [C, 3] m, m, rad.
+        information: Inverse covariance of ``measured`` in the frame of j, [C, 3, 3].
+        robust: Which constraints have a robust loss, since they may be outliers, [C].
     """
 
     poses: Floats
@@ -45,33 +46,38 @@ class PoseGraph:
 
 
 def optimized(graph: PoseGraph) -> PoseGraph:
-    """The same graph with the poses of least cost.
+    """The graph with the poses of least cost.
 
-    Where an edge that might be wrong is far off at first, the robust loss is narrowed step by step (graduated
-    non-convexity, as in Yang et al. 2020): each such edge is believed first, and then only if the others bear it out.
-    With the narrow loss at once, a true closure after a long drift would never be listened to.
+    Where a robust constraint has a large error at first, the scale of the loss is reduced stage by stage (graduated
+    non-convexity, Yang et al. 2020). With the final scale at once, a true loop closure after a long drift would be
+    treated as an outlier.
 
     Args:
-        graph: Its poses are the starting point.
+        graph: A pose graph whose poses are the initial estimate.
     """
     if len(graph.ends) == 0 or len(graph.poses) < 2:
         return graph
     poses = graph.poses
-    width = float(edge_errors(graph)[graph.robust].max(initial=0.0))
-    while width > FAR_OFF * ROBUST_SCALE:
-        poses = _solved(graph, poses, width)
-        width /= NARROWING
-    poses = _solved(graph, poses, ROBUST_SCALE).copy()
+    scale = float(constraint_errors(graph)[graph.robust].max(initial=0.0))
+    while scale > MAX_INITIAL_ERROR * ROBUST_SCALE:
+        poses = _minimized(graph, poses, scale)
+        scale /= SCALE_REDUCTION
+    poses = _minimized(graph, poses, ROBUST_SCALE).copy()
     poses[:, 2] -= math.tau * np.round(poses[:, 2] / math.tau)
     return replace(graph, poses=poses)
 
 
-def _solved(graph: PoseGraph, poses: Floats, scale: float) -> Floats:
-    """[N, 3] the poses of least cost near given ones, with a robust loss of one width, σ."""
-    damping = FIRST_DAMPING
+def constraint_errors(graph: PoseGraph) -> Floats:
+    """Mahalanobis lengths of the constraints' errors, [C], in standard deviations."""
+    return _errors(graph.poses, graph.ends, graph.measured, graph.information)
+
+
+def _minimized(graph: PoseGraph, poses: Floats, scale: float) -> Floats:
+    """Poses [N, 3] of least cost near the given ones, with a robust loss of one scale."""
+    damping = INITIAL_DAMPING
     values, rows, columns, gradient, cost = _linearized(graph, poses, scale)
-    for _ in range(ITERATIONS):
-        # The first pose is held: its rows and columns are left out.
+    for _ in range(MAX_ITERATIONS):
+        # The first pose is fixed, so the system has neither rows nor columns for it.
         size = 3 * len(poses) - 3
         hessian = coo_array((values, (rows, columns)), shape=(size, size)).tocsc()
         diagonal = diags_array(damping * hessian.diagonal() + 1e-9).tocsc()
@@ -82,43 +88,38 @@ def _solved(graph: PoseGraph, poses: Floats, scale: float) -> Floats:
         moved = poses + step
         linearized = _linearized(graph, moved, scale)
         if linearized[4] <= cost:
-            done = cost - linearized[4] < LEAST_GAIN * cost or np.abs(step).max() < CONVERGED
+            is_converged = cost - linearized[4] < MIN_RELATIVE_GAIN * cost or np.abs(step).max() < CONVERGENCE_TOLERANCE
             poses, damping = moved, damping / 10.0
             values, rows, columns, gradient, cost = linearized
-            if done:
+            if is_converged:
                 break
         else:
             damping *= 100.0
-            if damping > 1e6:
+            if damping > MAX_DAMPING:
                 break
     return poses
-
-
-def edge_errors(graph: PoseGraph) -> Floats:
-    """[E] Mahalanobis lengths of the edges' errors, in σ."""
-    return _errors(graph.poses, graph.ends, graph.measured, graph.information)
 
 
 def _linearized(
     graph: PoseGraph, poses: Floats, scale: float
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64], Floats, float]:
-    """The system's values with their rows and columns, its gradient, and the cost."""
+    """Values, rows and columns of the sparse Hessian, the gradient, and the cost at the poses [N, 3]."""
     return _linearize(poses, graph.ends, graph.measured, graph.information, graph.robust, scale)
 
 
 @kernel
 def _errors(poses: Floats, ends: NDArray[np.int64], measured: Floats, information: Floats) -> Floats:
-    """As `edge_errors`."""
+    """As `constraint_errors`."""
     errors = np.empty(len(ends))
-    for e in range(len(ends)):
-        error = _error(poses[ends[e, 0]], poses[ends[e, 1]], measured[e])
-        errors[e] = math.sqrt(error @ information[e] @ error)
+    for c in range(len(ends)):
+        error = _error(poses[ends[c, 0]], poses[ends[c, 1]], measured[c])
+        errors[c] = math.sqrt(error @ information[c] @ error)
     return errors
 
 
 @kernel
 def _error(first: Floats, second: Floats, measured: Floats) -> Floats:
-    """[3] z⁻¹ (x_i⁻¹ x_j)."""
+    """Error z⁻¹ (xᵢ⁻¹ xⱼ) of a constraint, [3] m, m, rad."""
     cos, sin = math.cos(first[2]), math.sin(first[2])
     dx, dy = second[0] - first[0], second[1] - first[1]
     off_x, off_y = cos * dx + sin * dy - measured[0], -sin * dx + cos * dy - measured[1]
@@ -137,24 +138,24 @@ def _linearize(
     robust: NDArray[np.bool_],
     scale: float,
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64], Floats, float]:
-    """Gauss–Newton's system at the poses, without the first one; as `_linearized`."""
+    """As `_linearized`; the unknowns are all poses but the first."""
     count = len(ends)
     values = np.zeros(count * 36)
     rows, columns = np.zeros(count * 36, np.int64), np.zeros(count * 36, np.int64)
     gradient = np.zeros(3 * len(poses) - 3)
     cost, entry = 0.0, 0
-    for e in range(count):
-        i, j = ends[e, 0], ends[e, 1]
-        error = _error(poses[i], poses[j], measured[e])
-        squared = error @ information[e] @ error
+    for c in range(count):
+        i, j = ends[c, 0], ends[c, 1]
+        error = _error(poses[i], poses[j], measured[c])
+        squared = error @ information[c] @ error
         weight = 1.0
-        if robust[e]:
+        if robust[c]:
             weight = 1.0 / (1.0 + squared / (scale * scale))
             cost += scale * scale * math.log1p(squared / (scale * scale))
         else:
             cost += squared
-        # Derivatives by x_i and x_j; R is the rotation from the world to the frame that was measured.
-        angle = poses[i, 2] + measured[e, 2]
+        # Jacobian of the error by xᵢ and xⱼ.
+        angle = poses[i, 2] + measured[c, 2]
         cos, sin = math.cos(angle), math.sin(angle)
         dx, dy = poses[j, 0] - poses[i, 0], poses[j, 1] - poses[i, 1]
         jacobian = np.zeros((3, 6))
@@ -163,13 +164,13 @@ def _linearize(
         jacobian[2, 2] = -1.0
         jacobian[0, 3], jacobian[0, 4], jacobian[1, 3], jacobian[1, 4] = cos, sin, -sin, cos
         jacobian[2, 5] = 1.0
-        weighed = weight * (jacobian.T @ information[e])
-        block, push = weighed @ jacobian, weighed @ error
+        weighted = weight * (jacobian.T @ information[c])
+        block, block_gradient = weighted @ jacobian, weighted @ error
         for a in range(6):
             row = 3 * (i - 1) + a if a < 3 else 3 * (j - 1) + a - 3
             if row < 0:
                 continue
-            gradient[row] += push[a]
+            gradient[row] += block_gradient[a]
             for b in range(6):
                 column = 3 * (i - 1) + b if b < 3 else 3 * (j - 1) + b - 3
                 if column >= 0:

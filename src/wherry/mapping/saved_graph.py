@@ -1,6 +1,8 @@
-"""The whole state of graph SLAM in a file, so that mapping goes on another day as if it had never stopped.
+"""Graph snapshots in files, from which mapping continues as if it had never stopped.
 
-A NumPy archive of plain arrays, never pickled objects; submaps are not in it, for they follow from the scans.
+A file is a NumPy archive of plain arrays without pickled objects; matching grids are not stored, since they are rebuilt
+from the scans. The archive's keys are the format's own: there a keyframe is a node or a key, a submap a piece, a
+constraint between submaps a way, the state of tracking the front, and the second-best score the rival.
 """
 
 from __future__ import annotations
@@ -8,7 +10,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,21 +20,24 @@ from numpy.typing import NDArray
 
 from wherry.errors import InputError
 from wherry.files import read_bytes, write_atomically
-from wherry.mapping.closures import Closure
-from wherry.mapping.cloud import Cloud
-from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
-from wherry.mapping.keyscans import Keyscan
-from wherry.mapping.pieces import Edge, EdgeList, Front, Piece
+from wherry.mapping.constraints import ConstraintList
+from wherry.mapping.graph_snapshot import GraphSnapshot, ScanPose
+from wherry.mapping.keyframes import Keyframe
+from wherry.mapping.loop_closure import LoopClosure, Rejection
+from wherry.mapping.point_cloud import PointCloud
+from wherry.mapping.settings import GraphSlamSettings
+from wherry.mapping.submaps import Submap
+from wherry.mapping.tracking import TrackingState
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Floats, Pose
 
 FORMAT_VERSION = 1
-LARGEST_FILE = 4_000_000_000  # bytes, unpacked
+MAX_FILE_SIZE = 4_000_000_000  # bytes, unpacked
 POSE, COVARIANCE = (3,), (3, 3)
-# Every array of the file: its kind, and the shape of one of its entries.
+# Every array of a file: its dtype kind, and the shape of one entry.
 ARRAYS: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "nodes": ("f", POSE),
-    "scan_fields": ("f", (6,)),  # time, angle_min, angle_increment, range_min, range_max, beams
+    "scan_fields": ("f", (6,)),  # time, angle_min, angle_increment, range_min, range_max, number of beams
     "scan_ranges": ("f", ()),
     "edge_ends": ("i", (2,)),
     "edge_measured": ("f", POSE),
@@ -53,9 +58,9 @@ ARRAYS: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "closure_ends": ("i", (2,)),
     "closure_measured": ("f", POSE),
     "closure_information": ("f", COVARIANCE),
-    "closure_fields": ("f", (4,)),  # time, response, rival, window
-    "front_poses": ("f", POSE),  # pose, rate, key_pose
-    "front_covariances": ("f", COVARIANCE),  # covariance, next_covariance
+    "closure_fields": ("f", (4,)),  # time, score, second-best score, window
+    "front_poses": ("f", POSE),  # pose, velocity, keyframe pose
+    "front_covariances": ("f", COVARIANCE),  # covariance, next covariance
 }
 SAME_LENGTH = (
     ("nodes", "scan_fields"),
@@ -66,136 +71,223 @@ SAME_LENGTH = (
     ("passed_time", "passed_key", "passed_pose"),
     ("closure_ends", "closure_measured", "closure_information", "closure_fields"),
 )
+SETTINGS_KEYS = {"keyframe_distance": "keyscan_distance", "keyframe_angle": "keyscan_angle"}  # where names differ
+
+Arrays = Mapping[str, NDArray[Any]]
 
 
-def save_graph(slam: GraphSlam, path: str | Path) -> None:
-    """Write the state of graph SLAM.
+def save_graph(snapshot: GraphSnapshot, path: str | Path) -> None:
+    """Write a snapshot.
 
     Raises:
         InputError: The folder does not exist or cannot be written to.
-        ValueError: Nothing was mapped yet.
+        ValueError: The snapshot was taken before the first scan.
     """
-    if slam.front is None:
+    if snapshot.tracking is None:
         raise ValueError("there is nothing to save before the first scan")
-    front, scans = slam.front, [keyscan.scan for keyscan in slam.keyscans]
-    members = [(number, key, pose) for number, piece in enumerate(slam.pieces) for key, pose in piece.members]
-    closures = slam.closures
-    fields = [
-        [scan.time, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max, len(scan.ranges)]
-        for scan in scans
-    ]
-    values: dict[str, Any] = {
-        "nodes": slam.nodes,
-        "scan_fields": fields,
-        "scan_ranges": np.concatenate([scan.ranges for scan in scans]),
-        **_edge_arrays("edge", slam.edges),
-        "edge_robust": slam.edges.robust,
-        **_edge_arrays("way", slam.ways),
-        "piece_origin": [piece.origin for piece in slam.pieces],
-        "piece_start": [piece.start.as_array() for piece in slam.pieces],
-        "piece_covariance": [piece.start_covariance for piece in slam.pieces],
-        "member_piece": [number for number, _, _ in members],
-        "member_key": [key for _, key, _ in members],
-        "member_pose": [pose.as_array() for _, _, pose in members],
-        "passed_time": [time for time, _, _ in slam.passed],
-        "passed_key": [key for _, key, _ in slam.passed],
-        "passed_pose": [pose.as_array() for _, _, pose in slam.passed],
-        "closure_ends": [[closure.target, closure.node] for closure in closures],
-        "closure_measured": [closure.measured.as_array() for closure in closures],
-        "closure_information": [closure.information for closure in closures],
-        "closure_fields": [[item.time, item.response, item.rival, item.window] for item in closures],
-        "front_poses": [front.pose.as_array(), front.rate, front.key_pose.as_array()],
-        "front_covariances": [front.covariance, front.next_covariance],
-    }
-    head = {
-        "wherry-graph": FORMAT_VERSION,
-        "settings": asdict(slam.settings),
-        "lidar": slam.lidar.as_array().tolist(),
-        "front": {"piece": front.piece, "time": front.time, "key": front.key},
-        "odometry": _odometry_fields(front.odometry),
-        "key_odometry": _odometry_fields(front.key_odometry),
-        "pending": slam.pending,
-        "refused": [closure.refused for closure in closures],
+    values = {
+        **_keyframe_arrays(snapshot),
+        **_constraint_arrays("edge", snapshot.constraints),
+        "edge_robust": snapshot.constraints.robust,
+        **_constraint_arrays("way", snapshot.submap_constraints),
+        **_submap_arrays(snapshot.submaps),
+        **_closure_arrays(snapshot.loop_closures),
+        **_tracking_arrays(snapshot.tracking),
     }
     arrays = {name: _shaped(values[name], *ARRAYS[name]) for name in ARRAYS}
-    arrays["head"] = np.frombuffer(json.dumps(head).encode("utf-8"), np.uint8)
+    head = json.dumps(_head(snapshot, snapshot.tracking)).encode("utf-8")
+    arrays["head"] = np.frombuffer(head, np.uint8)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
     write_atomically(path, buffer.getvalue())
 
 
-def load_graph(path: str | Path) -> GraphSlam:
-    """Read a state of graph SLAM; scans can be added to it.
+def load_graph(path: str | Path) -> GraphSnapshot:
+    """Read a snapshot, see `GraphSlam.from_snapshot`.
 
     Raises:
-        InputError: The file cannot be read, is of another version, or is not what it should be.
+        InputError: The file cannot be read, has another version, or is inconsistent.
     """
     head, arrays = _read(Path(path))
     try:
-        return _restored(head, arrays)
+        return _snapshot(head, arrays)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise InputError(path, "head", f"does not fit the arrays: {error}") from error
 
 
-def _restored(head: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> GraphSlam:
-    """Graph SLAM in the state that was saved; submaps are made again from their scans when they are asked for."""
-    slam = GraphSlam(_pose(np.array(head["lidar"], dtype=np.float64)), GraphSlamSettings(**head["settings"]))
+def _head(snapshot: GraphSnapshot, tracking: TrackingState) -> dict[str, Any]:
+    """What is not an array."""
+    settings = {SETTINGS_KEYS.get(name, name): value for name, value in asdict(snapshot.settings).items()}
+    return {
+        "wherry-graph": FORMAT_VERSION,
+        "settings": settings,
+        "lidar": snapshot.lidar.as_array().tolist(),
+        "front": {"piece": tracking.submap, "time": tracking.time, "key": tracking.keyframe},
+        "odometry": _odometry_fields(tracking.odometry),
+        "key_odometry": _odometry_fields(tracking.keyframe_odometry),
+        "pending": snapshot.pending_closures,
+        "refused": [closure.explanation for closure in snapshot.loop_closures],
+    }
+
+
+def _keyframe_arrays(snapshot: GraphSnapshot) -> dict[str, Any]:
+    """Keyframes with their scans, and the poses of all scans."""
+    scans = [keyframe.scan for keyframe in snapshot.keyframes]
+    return {
+        "nodes": snapshot.keyframe_poses,
+        "scan_fields": [
+            [scan.time, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max, len(scan.ranges)]
+            for scan in scans
+        ],
+        "scan_ranges": np.concatenate([scan.ranges for scan in scans]),
+        "passed_time": [scan_pose.time for scan_pose in snapshot.scan_poses],
+        "passed_key": [scan_pose.keyframe for scan_pose in snapshot.scan_poses],
+        "passed_pose": [scan_pose.offset.as_array() for scan_pose in snapshot.scan_poses],
+    }
+
+
+def _constraint_arrays(name: str, constraints: ConstraintList) -> dict[str, Any]:
+    """Constraints as the arrays that begin with a name."""
+    return {
+        f"{name}_ends": constraints.ends,
+        f"{name}_measured": constraints.measured,
+        f"{name}_covariance": constraints.covariances,
+    }
+
+
+def _submap_arrays(submaps: Sequence[Submap]) -> dict[str, Any]:
+    """Submaps with their members."""
+    members = [(index, keyframe, pose) for index, submap in enumerate(submaps) for keyframe, pose in submap.members]
+    return {
+        "piece_origin": [submap.origin for submap in submaps],
+        "piece_start": [submap.start.as_array() for submap in submaps],
+        "piece_covariance": [submap.start_covariance for submap in submaps],
+        "member_piece": [index for index, _, _ in members],
+        "member_key": [keyframe for _, keyframe, _ in members],
+        "member_pose": [pose.as_array() for _, _, pose in members],
+    }
+
+
+def _closure_arrays(closures: Sequence[LoopClosure]) -> dict[str, Any]:
+    """Loop closures but for their explanations, which are in the head."""
+    return {
+        "closure_ends": [[closure.target, closure.keyframe] for closure in closures],
+        "closure_measured": [closure.measured.as_array() for closure in closures],
+        "closure_information": [closure.information for closure in closures],
+        "closure_fields": [
+            [closure.time, closure.score, closure.second_best_score, closure.window] for closure in closures
+        ],
+    }
+
+
+def _tracking_arrays(tracking: TrackingState) -> dict[str, Any]:
+    """The state of tracking but for what is in the head."""
+    return {
+        "front_poses": [tracking.pose.as_array(), tracking.velocity, tracking.keyframe_pose.as_array()],
+        "front_covariances": [tracking.covariance, tracking.next_covariance],
+    }
+
+
+def _snapshot(head: Mapping[str, Any], arrays: Arrays) -> GraphSnapshot:
+    """The snapshot of a file's head and arrays."""
+    names = {key: name for name, key in SETTINGS_KEYS.items()}
+    settings = GraphSlamSettings(**{names.get(key, key): value for key, value in head["settings"].items()})
+    lidar = _pose(np.array(head["lidar"], dtype=np.float64))
+    passed = zip(arrays["passed_time"], arrays["passed_key"], arrays["passed_pose"], strict=True)
+    return GraphSnapshot(
+        lidar=lidar,
+        settings=settings,
+        keyframes=_keyframes(arrays, lidar, settings.range_limit),
+        keyframe_poses=arrays["nodes"],
+        constraints=_constraints("edge", arrays, arrays["edge_robust"]),
+        submaps=_submaps(arrays),
+        submap_constraints=_constraints("way", arrays, np.zeros(len(arrays["way_ends"]), np.bool_)),
+        tracking=_tracking(head, arrays),
+        scan_poses=tuple(ScanPose(float(time), int(keyframe), _pose(pose)) for time, keyframe, pose in passed),
+        loop_closures=_loop_closures(head, arrays),
+        pending_closures=int(head["pending"]),
+    )
+
+
+def _keyframes(arrays: Arrays, lidar: Pose, range_limit: float) -> tuple[Keyframe, ...]:
+    """Keyframes, with their point clouds made again from the scans."""
     begins = np.concatenate([[0], np.cumsum(arrays["scan_fields"][:, 5].astype(np.int64))])
+    keyframes = []
     for number, (time, angle_min, step, range_min, range_max, _) in enumerate(arrays["scan_fields"].tolist()):
         ranges = arrays["scan_ranges"][begins[number] : begins[number + 1]]
         scan = Scan(time, ranges, angle_min, step, range_min, range_max)
-        slam.keyscans.append(Keyscan(scan, Cloud.of(scan, slam.lidar, slam.settings.range_limit)))
-    slam.nodes = arrays["nodes"]
-    slam.pending = int(head["pending"])
-    for edge in _edges("edge", arrays, arrays["edge_robust"]):
-        slam.edges.append(edge)
-    for way in _edges("way", arrays, np.zeros(len(arrays["way_ends"]), np.bool_)):
-        slam.ways.append(way)
-    for origin, start, covariance in zip(
-        arrays["piece_origin"], arrays["piece_start"], arrays["piece_covariance"], strict=True
-    ):
-        slam.pieces.append(Piece(int(origin), _pose(start), covariance))
-    for piece, key, pose in zip(arrays["member_piece"], arrays["member_key"], arrays["member_pose"], strict=True):
-        slam.pieces[piece].members.append((int(key), _pose(pose)))
-    slam.passed = [
-        (float(time), int(key), _pose(pose))
-        for time, key, pose in zip(arrays["passed_time"], arrays["passed_key"], arrays["passed_pose"], strict=True)
-    ]
-    slam.closures = [
-        Closure(time, int(ends[1]), int(ends[0]), _pose(measured), information, response, rival, window, str(refused))
-        for (time, response, rival, window), ends, measured, information, refused in zip(
-            arrays["closure_fields"].tolist(),
-            arrays["closure_ends"],
-            arrays["closure_measured"],
-            arrays["closure_information"],
-            head["refused"],
-            strict=True,
+        keyframes.append(Keyframe(scan, PointCloud.from_scan(scan, lidar, range_limit)))
+    return tuple(keyframes)
+
+
+def _constraints(name: str, arrays: Arrays, robust: NDArray[np.bool_]) -> ConstraintList:
+    """Constraints from the arrays that begin with a name."""
+    ends, measured, covariances = (arrays[f"{name}_{part}"] for part in ("ends", "measured", "covariance"))
+    return ConstraintList.from_arrays(ends, measured, covariances, robust)
+
+
+def _submaps(arrays: Arrays) -> tuple[Submap, ...]:
+    """Submaps with their members."""
+    begins = zip(arrays["piece_origin"], arrays["piece_start"], arrays["piece_covariance"], strict=True)
+    submaps = tuple(Submap(int(origin), _pose(start), covariance) for origin, start, covariance in begins)
+    members = zip(arrays["member_piece"], arrays["member_key"], arrays["member_pose"], strict=True)
+    for index, keyframe, pose in members:
+        submaps[index].members.append((int(keyframe), _pose(pose)))
+    return submaps
+
+
+def _loop_closures(head: Mapping[str, Any], arrays: Arrays) -> tuple[LoopClosure, ...]:
+    """Loop closures with their explanations."""
+    entries = zip(
+        arrays["closure_fields"].tolist(),
+        arrays["closure_ends"],
+        arrays["closure_measured"],
+        arrays["closure_information"],
+        head["refused"],
+        strict=True,
+    )
+    return tuple(
+        LoopClosure(
+            time,
+            int(keyframe),
+            int(target),
+            _pose(measured),
+            information,
+            score,
+            second_best_score,
+            window,
+            Rejection.of(str(explanation)),
+            str(explanation),
         )
-    ]
-    pose, rate, key_pose = arrays["front_poses"]
+        for (time, score, second_best_score, window), (target, keyframe), measured, information, explanation in entries
+    )
+
+
+def _tracking(head: Mapping[str, Any], arrays: Arrays) -> TrackingState:
+    """The state of tracking."""
+    pose, velocity, keyframe_pose = arrays["front_poses"]
     covariance, next_covariance = arrays["front_covariances"]
-    slam.front = Front(
-        piece=int(head["front"]["piece"]),
+    return TrackingState(
+        submap=int(head["front"]["piece"]),
         time=float(head["front"]["time"]),
         pose=_pose(pose),
         odometry=_odometry(head["odometry"]),
-        rate=rate,
-        key=int(head["front"]["key"]),
-        key_pose=_pose(key_pose),
-        key_odometry=_odometry(head["key_odometry"]),
+        velocity=velocity,
+        keyframe=int(head["front"]["key"]),
+        keyframe_pose=_pose(keyframe_pose),
+        keyframe_odometry=_odometry(head["key_odometry"]),
         covariance=covariance,
         next_covariance=next_covariance,
     )
-    return slam
 
 
-def _read(path: Path) -> tuple[Mapping[str, Any], Mapping[str, NDArray[Any]]]:
+def _read(path: Path) -> tuple[Mapping[str, Any], Arrays]:
     """The file's head and arrays, checked."""
-    data = io.BytesIO(read_bytes(path, limit=LARGEST_FILE))
+    data = io.BytesIO(read_bytes(path, limit=MAX_FILE_SIZE))
     try:
         with zipfile.ZipFile(data) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > LARGEST_FILE:
-                raise InputError(path, "", f"is larger than {LARGEST_FILE:,} bytes, unpacked")
+            if sum(entry.file_size for entry in archive.infolist()) > MAX_FILE_SIZE:
+                raise InputError(path, "", f"is larger than {MAX_FILE_SIZE:,} bytes, unpacked")
         with np.load(data, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         head = json.loads(arrays.pop("head").tobytes())
@@ -205,8 +297,8 @@ def _read(path: Path) -> tuple[Mapping[str, Any], Mapping[str, NDArray[Any]]]:
     return head, arrays
 
 
-def _check(path: Path, head: object, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse what does not hold together."""
+def _check(path: Path, head: object, arrays: Arrays) -> None:
+    """Raise an `InputError` unless version, shapes, values, lengths and indices are valid."""
     if not isinstance(head, dict) or head.get("wherry-graph") != FORMAT_VERSION:
         raise InputError(path, "wherry-graph", f"must be version {FORMAT_VERSION}")
     for name, (kind, shape) in ARRAYS.items():
@@ -218,9 +310,10 @@ def _check(path: Path, head: object, arrays: Mapping[str, NDArray[Any]]) -> None
     for names in SAME_LENGTH:
         if len({len(arrays[name]) for name in names}) > 1:
             raise InputError(path, names[0], f"is not as long as {', '.join(names[1:])}")
-    keys, pieces = len(arrays["nodes"]), len(arrays["piece_origin"])
-    limits = {"edge_ends": keys, "piece_origin": keys, "member_key": keys, "passed_key": keys, "closure_ends": keys}
-    for name, limit in {**limits, "way_ends": pieces, "member_piece": pieces}.items():
+    keyframes, submaps = len(arrays["nodes"]), len(arrays["piece_origin"])
+    keyframe_indices = ("edge_ends", "piece_origin", "member_key", "passed_key", "closure_ends")
+    limits = dict.fromkeys(keyframe_indices, keyframes) | {"way_ends": submaps, "member_piece": submaps}
+    for name, limit in limits.items():
         if ((arrays[name] < 0) | (arrays[name] >= limit)).any():
             raise InputError(path, name, "names a node that does not exist")
     if arrays["scan_fields"][:, 5].sum() != len(arrays["scan_ranges"]):
@@ -228,35 +321,19 @@ def _check(path: Path, head: object, arrays: Mapping[str, NDArray[Any]]) -> None
 
 
 def _shaped(value: Any, kind: str, shape: tuple[int, ...]) -> NDArray[Any]:
-    """An array with entries of a kind and a shape, also where there are none."""
+    """An array with entries of a dtype kind and a shape, even if there are none."""
     types = {"f": np.float64, "i": np.int64, "b": np.bool_}
     array: NDArray[Any] = np.array(value, dtype=types[kind]).reshape(-1, *shape)
     return array
 
 
-def _edge_arrays(name: str, edges: EdgeList) -> dict[str, Any]:
-    """Edges as the file's arrays."""
-    return {
-        f"{name}_ends": edges.ends,
-        f"{name}_measured": edges.measured,
-        f"{name}_covariance": edges.covariances,
-    }
-
-
-def _edges(name: str, arrays: Mapping[str, NDArray[Any]], robust: NDArray[Any]) -> Iterator[Edge]:
-    """Edges from the file's arrays."""
-    ends, measured, covariances = (arrays[f"{name}_{part}"] for part in ("ends", "measured", "covariance"))
-    for (first, second), pose, covariance, doubted in zip(ends, measured, covariances, robust, strict=True):
-        yield Edge(int(first), int(second), _pose(pose), covariance, bool(doubted))
-
-
 def _pose(array: Floats) -> Pose:
-    """A pose exactly as it was saved."""
+    """A pose with exactly the saved numbers; `Pose.from_array` would wrap the heading."""
     return Pose(float(array[0]), float(array[1]), float(array[2]))
 
 
 def _odometry_fields(odometry: Odometry | None) -> list[float] | None:
-    """Odometry as numbers."""
+    """Odometry as time, x, y, θ, v and ω."""
     if odometry is None:
         return None
     pose, velocity = odometry.pose, odometry.velocity
@@ -264,7 +341,7 @@ def _odometry_fields(odometry: Odometry | None) -> list[float] | None:
 
 
 def _odometry(fields: Sequence[float] | None) -> Odometry | None:
-    """Odometry from numbers."""
+    """Odometry from its `_odometry_fields`."""
     if fields is None:
         return None
     time, x, y, theta, linear, angular = (float(value) for value in fields)

@@ -1,4 +1,4 @@
-"""One scan placed on a submap: found by correlation, made exact by Gauss–Newton, held by what odometry expects."""
+"""Matching of one scan to a grid: correlative search, then refinement, with the predicted motion as prior."""
 
 from __future__ import annotations
 
@@ -6,83 +6,105 @@ import math
 
 import numpy as np
 
-from wherry.mapping.cloud import Cloud
-from wherry.mapping.correlative import Window, correlate, response_at
+from wherry.mapping.correlative import Correlation, SearchWindow, correlate, score_at
+from wherry.mapping.covariances import invert
+from wherry.mapping.matching_grid import MatchingGrid
 from wherry.mapping.motion_prior import MotionNoise
+from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.refinement import Refinement, refine
-from wherry.mapping.submap import Submap
-from wherry.mapping.uncertainty import inverse
 from wherry.space.pose import Floats, Pose, wrap
 
-LEAST_POINTS = 20  # fewer tell nothing
-LEAST_RESPONSE = 0.2  # of a search; below, odometry is believed; a scan taken 2 m on may be mostly new
-LEAST_MATCHED = 0.5  # of surfaces, where a scan is tracked from odometry alone
-SEARCHED = 3.0  # σ of odometry that are searched
-# Where less than this fits, it is searched farther, in m and rad: wheels slip. The place found there must fit clearly
-# better, for in a corridor some place farther on fits as well.
-FITTING, CLEARLY = 0.45, 0.1  # of a search's response
-SLIP, SLIP_ANGLE = 0.5, math.radians(20.0)
-POINTS = 180  # of a scan, for finding its place
-REFINED_ANGLE = math.radians(1.5)  # rad; turning a match by more must not make it worse
-MOST_LOSS = 0.02  # of response that it may cost
-SEARCH_COVARIANCE = np.diag([0.05**2, 0.05**2, math.radians(0.7) ** 2])  # m, m, rad, of a match that was not refined
+MIN_POINTS = 20  # points that a scan must have to be matched
+MIN_SCORE = 0.2  # score of a search below which odometry is used; a scan taken 2 m on may be mostly new
+MIN_OVERLAP = 0.5  # share of the points on surfaces that refinement without a search must reach
+SEARCH_SIGMAS = 3.0  # standard deviations of the predicted motion that are searched
+SEARCH_POINTS = 180  # points of a scan that are used in the search
+# Below this score the wheels may have slipped, and a wider window is searched.
+SLIP_SCORE = 0.45
+SLIP_DISTANCE, SLIP_ANGLE = 0.5, math.radians(20.0)  # m and rad to either side of the wider window
+SLIP_MIN_GAIN = 0.1  # score that it must gain, since in a corridor poses farther along fit as well
+MAX_UNCHECKED_TURN = math.radians(1.5)  # rad; a refinement that turns more must keep the score of the search
+MAX_SCORE_LOSS = 0.02  # score that it may lose
+# Error of a match by the distance from the submap's origin; the covariance of the points alone is too small, for
+# surfaces are rough, and a scan is not taken in an instant.
+MATCH_SIGMA, MATCH_SIGMA_PER_DISTANCE = 0.01, 0.005  # m, m/m
+MATCH_ANGLE_SIGMA, MATCH_ANGLE_SIGMA_PER_DISTANCE = math.radians(0.2), math.radians(0.03)  # rad, rad/m
+SEARCH_COVARIANCE = np.diag([0.05**2, 0.05**2, math.radians(0.7) ** 2])  # m, m, rad, of a pose found by search alone
 
 
-def find_scan(submap: Submap, cloud: Cloud, expected: Pose, movement: Pose, noise: MotionNoise) -> Refinement | None:
-    """Search for a scan all around where it is expected.
+def find_scan(
+    grid: MatchingGrid, cloud: PointCloud, expected: Pose, motion: Pose, noise: MotionNoise
+) -> Refinement | None:
+    """Search for the pose of a scan around the expected one, and refine it.
 
     Args:
-        submap: What to match to.
-        cloud: The scan, in the base_link frame.
-        expected: Pose of base_link in the submap's frame.
-        movement: What led there since the last pose that was matched.
-        noise: How sure the movement is.
+        grid: The grid to match to.
+        cloud: Points of the scan in the base_link frame.
+        expected: Expected pose of base_link in the grid's frame.
+        motion: Motion since the last matched pose.
+        noise: Noise of that motion.
 
     Returns:
-        Its pose; None if it fits nowhere.
+        The pose with its information; None if the scan fits nowhere.
     """
-    if len(cloud.points) < LEAST_POINTS:
+    if len(cloud.points) < MIN_POINTS:
         return None
-    distance, angle = noise.deviations(movement)
-    window = Window(expected, SEARCHED * distance, SEARCHED * angle)
-    points = cloud.thinned(POINTS).points
-    found = correlate(submap, points, window)
-    if found.response < FITTING:
-        wider = Window(expected, max(window.distance, SLIP), max(window.angle, SLIP_ANGLE))
-        farther = correlate(submap, points, wider)
-        found = farther if farther.response > found.response + CLEARLY else found
-    if found.response < LEAST_RESPONSE:
+    found = _search(grid, cloud, expected, motion, noise)
+    if found.score < MIN_SCORE:
         return None
-    prior = noise.information(movement)
-    match = refine(submap, cloud, found.pose, expected=expected, prior=prior)
-    if abs(match.pose.relative_to(found.pose).theta) < REFINED_ANGLE:
+    prior_information = noise.information(motion)
+    match = refine(grid, cloud, found.pose, prior=expected, prior_information=prior_information)
+    if abs(match.pose.relative_to(found.pose).theta) < MAX_UNCHECKED_TURN:
         return match
-    loss = response_at(submap, cloud.points, found.pose) - response_at(submap, cloud.points, match.pose)
-    return match if loss <= MOST_LOSS else _held(found.pose, match, expected, prior)
+    loss = score_at(grid, cloud.points, found.pose) - score_at(grid, cloud.points, match.pose)
+    return match if loss <= MAX_SCORE_LOSS else _fused_with_prior(found.pose, match, expected, prior_information)
 
 
-def _held(found: Pose, match: Refinement, expected: Pose, prior: Floats) -> Refinement:
-    """The place that the search found, held by odometry where the points do not hold it.
-
-    Where surfaces are few they may lead the refinement astray; how well they hold a pose they tell all the same.
-    """
-    covariance = SEARCH_COVARIANCE + inverse(match.information + np.eye(3))
-    information = inverse(covariance)
-    off = expected.as_array() - found.as_array()
-    off[2] = wrap(off[2])
-    pose = found.as_array() + inverse(information + prior) @ prior @ off
-    return Refinement(Pose.from_array(pose), information, match.matched, match.residual)
-
-
-def track_scan(submap: Submap, cloud: Cloud, expected: Pose, movement: Pose, noise: MotionNoise) -> Refinement | None:
-    """Refine where a scan is expected, without a search; arguments as in `find_scan`.
+def track_scan(
+    grid: MatchingGrid, cloud: PointCloud, expected: Pose, motion: Pose, noise: MotionNoise
+) -> Refinement | None:
+    """Refine the expected pose of a scan without a search; arguments as in `find_scan`.
 
     Returns:
-        Its pose; None if it does not fit there.
+        The pose with its information; None if the scan does not fit there.
     """
-    if len(cloud.points) < LEAST_POINTS:
+    if len(cloud.points) < MIN_POINTS:
         return None
-    match = refine(submap, cloud, expected, expected=expected, prior=noise.information(movement))
-    distance, _ = noise.deviations(movement)
-    fits = match.matched >= LEAST_MATCHED and match.pose.distance_to(expected) <= SEARCHED * distance
-    return match if fits else None
+    match = refine(grid, cloud, expected, prior=expected, prior_information=noise.information(motion))
+    distance, _ = noise.deviations(motion)
+    is_consistent = match.pose.distance_to(expected) <= SEARCH_SIGMAS * distance
+    return match if match.overlap >= MIN_OVERLAP and is_consistent else None
+
+
+def match_covariance(pose: Pose) -> Floats:
+    """Covariance to add to that of the points, [3, 3] m, m, rad, of a match at a pose on a submap."""
+    distance = math.hypot(pose.x, pose.y)
+    sigma = MATCH_SIGMA + MATCH_SIGMA_PER_DISTANCE * distance
+    angle_sigma = MATCH_ANGLE_SIGMA + MATCH_ANGLE_SIGMA_PER_DISTANCE * distance
+    return np.diag([sigma**2, sigma**2, angle_sigma**2])
+
+
+def _search(grid: MatchingGrid, cloud: PointCloud, expected: Pose, motion: Pose, noise: MotionNoise) -> Correlation:
+    """The best pose in the window that the motion's noise allows, or in a wider one if the wheels have slipped."""
+    distance, angle = noise.deviations(motion)
+    window = SearchWindow(expected, SEARCH_SIGMAS * distance, SEARCH_SIGMAS * angle)
+    points = cloud.subsampled(SEARCH_POINTS).points
+    found = correlate(grid, points, window)
+    if found.score >= SLIP_SCORE:
+        return found
+    wider = SearchWindow(expected, max(window.distance, SLIP_DISTANCE), max(window.angle, SLIP_ANGLE))
+    farther = correlate(grid, points, wider)
+    return farther if farther.score > found.score + SLIP_MIN_GAIN else found
+
+
+def _fused_with_prior(found: Pose, match: Refinement, expected: Pose, prior_information: Floats) -> Refinement:
+    """The pose of the search fused with the prior, for scans whose few surfaces lead the refinement astray.
+
+    The information of the refinement still tells in which directions the points determine the pose.
+    """
+    covariance = SEARCH_COVARIANCE + invert(match.information + np.eye(3))
+    information = invert(covariance)
+    offset = expected.as_array() - found.as_array()
+    offset[2] = wrap(offset[2])
+    pose = found.as_array() + invert(information + prior_information) @ prior_information @ offset
+    return Refinement(Pose.from_array(pose), information, match.overlap, match.residual)

@@ -1,6 +1,6 @@
-"""Likelihood maps of many particles in one pool of tiles; equal parts exist once and are copied when one is written to.
+"""Likelihood maps of many particles in one pool of tiles; equal tiles are shared, and copied on write.
 
-When particles are drawn again, a map is copied by copying which tiles it is made of.
+Resampling then copies the indices of tiles instead of whole maps.
 """
 
 from __future__ import annotations
@@ -11,106 +11,106 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.kernels import kernel
-from wherry.mapping.submap import FULL, REACH, RESOLUTION, STAMPS
+from wherry.mapping.matching_grid import MAX_LIKELIHOOD, RESOLUTION, STAMP_RADIUS, STAMPS
 from wherry.space.pose import Floats
+from wherry.space.tiles import CELL_MASK, TILE_BITS, TILE_SIZE, enlarge
 
-TILE_BITS = 6
-TILE = 1 << TILE_BITS  # cells, a tile's side
-CELL_BITS = TILE - 1
-MARGIN = 8  # tiles, room made beyond what is needed
+SPARE_TILES = 8  # tiles that the index grows by beyond what is needed
+EMPTY_TILE = 0  # tile that stands for all parts of the maps without points, and is never written to
 
 
 class SharedTiles:
-    """Maps of N particles.
+    """Likelihood maps of N particles.
 
     Attributes:
-        corner: [2] int, the tile column and row that index[:, 0, 0] stands for.
-        index: [N, H, W] int32, which tile each part of a particle's map is; tile 0 is empty for ever.
-        tiles: [T, TILE, TILE] uint8, likelihoods as in a `Submap`'s finest level.
-        users: [T] how often a tile stands in the index.
+        corner: Column and row, in tiles, of index[:, 0, 0], [2].
+        index: Tile at each place of each particle's map, [N, H, W] int32.
+        tiles: Likelihoods as on the finest level of a `MatchingGrid`, [T, TILE_SIZE, TILE_SIZE] uint8.
+        users: How often each tile occurs in the index, [T].
     """
 
     def __init__(self, count: int) -> None:
         self.corner = np.zeros(2, np.int64)
         self.index = np.zeros((count, 0, 0), np.int32)
-        self.tiles = np.zeros((1, TILE, TILE), np.uint8)
+        self.tiles = np.zeros((1, TILE_SIZE, TILE_SIZE), np.uint8)
         self.users = np.ones(1, np.int64)
 
     def add(self, particle: int, points: Floats) -> None:
-        """Smear points, [N, 2] m, map frame, into one particle's map."""
+        """Raise the likelihoods around points [N, 2] m of the map frame in one particle's map."""
         if len(points) == 0:
             return
         cells = np.floor(points / RESOLUTION).astype(np.int64)
-        self._make_room(cells)
-        offset = self.corner * TILE
-        low, high = (cells - offset - REACH) >> TILE_BITS, (cells - offset + REACH) >> TILE_BITS
+        self._reserve(cells)
+        offset = self.corner * TILE_SIZE
+        low, high = (cells - offset - STAMP_RADIUS) >> TILE_BITS, (cells - offset + STAMP_RADIUS) >> TILE_BITS
         corners = np.vstack(
             [low, high, np.column_stack([low[:, 0], high[:, 1]]), np.column_stack([high[:, 0], low[:, 1]])]
         )
         touched = np.zeros(self.index.shape[1:], np.bool_)
         touched[corners[:, 1], corners[:, 0]] = True
-        self._own(particle, *np.nonzero(touched))
+        self._make_writable(particle, *np.nonzero(touched))
         _stamp(self.index[particle], self.tiles, cells - offset, STAMPS[0])
 
-    def draw(self, parents: NDArray[np.int64]) -> None:
+    def resample(self, parents: NDArray[np.int64]) -> None:
         """Give each particle the map of its parent, [N]."""
         self.index = self.index[parents]
         self.users = np.bincount(self.index.ravel(), minlength=len(self.tiles)).astype(np.int64)
-        self.users[0] += 1  # the empty tile is never anyone's own
+        self.users[EMPTY_TILE] += 1
 
-    def _own(self, particle: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> None:
-        """See to it that tiles of a particle's map are its own, so that they may be written to."""
+    def _make_writable(self, particle: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> None:
+        """Copy those tiles of a particle's map that are shared with other places or particles."""
         present = self.index[particle, rows, columns]
-        shared = (self.users[present] > 1) | (present == 0)
+        shared = (self.users[present] > 1) | (present == EMPTY_TILE)
         rows, columns, present = rows[shared], columns[shared], present[shared]
         if len(present) == 0:
             return
         unused = np.flatnonzero(self.users[1:] == 0) + 1
         missing = len(present) - len(unused)
         if missing > 0:
-            more = max(missing, len(self.tiles) // 2)
-            unused = np.concatenate([unused, np.arange(len(self.tiles), len(self.tiles) + more)])
-            self.tiles = np.concatenate([self.tiles, np.zeros((more, TILE, TILE), np.uint8)])
-            self.users = np.concatenate([self.users, np.zeros(more, np.int64)])
+            added = max(missing, len(self.tiles) // 2)
+            unused = np.concatenate([unused, np.arange(len(self.tiles), len(self.tiles) + added)])
+            self.tiles = np.concatenate([self.tiles, np.zeros((added, TILE_SIZE, TILE_SIZE), np.uint8)])
+            self.users = np.concatenate([self.users, np.zeros(added, np.int64)])
         own = unused[: len(present)]
         self.tiles[own] = self.tiles[present]
         self.users[own] = 1
         np.subtract.at(self.users, present, 1)
-        self.users[0] = max(self.users[0], 2)
+        self.users[EMPTY_TILE] = max(self.users[EMPTY_TILE], 2)
         self.index[particle, rows, columns] = own
 
-    def _make_room(self, cells: NDArray[np.int64]) -> None:
-        """Grow the index so that cells, [N, 2], and all that is smeared around them fit."""
-        low, high = (cells.min(axis=0) - REACH) >> TILE_BITS, ((cells.max(axis=0) + REACH) >> TILE_BITS) + 1
-        count, rows, columns = self.index.shape
+    def _reserve(self, cells: NDArray[np.int64]) -> None:
+        """Enlarge the index to cover cells [N, 2] and the stamps around them."""
+        low = (cells.min(axis=0) - STAMP_RADIUS) >> TILE_BITS
+        high = ((cells.max(axis=0) + STAMP_RADIUS) >> TILE_BITS) + 1
         if self.index.size:
-            end = self.corner + np.array([columns, rows])
+            _, height, width = self.index.shape
+            end = self.corner + np.array([width, height])
             if (low >= self.corner).all() and (high <= end).all():
                 return
-            low = np.where(low < self.corner, low - MARGIN, self.corner)
-            high = np.where(high > end, high + MARGIN, end)
-        grown = np.zeros((count, high[1] - low[1], high[0] - low[0]), np.int32)
-        if self.index.size:
-            x, y = self.corner - low
-            grown[:, y : y + rows, x : x + columns] = self.index
-        self.index, self.corner = grown, low
+            low = np.where(low < self.corner, low - SPARE_TILES, self.corner)
+            high = np.where(high > end, high + SPARE_TILES, end)
+        self.index = enlarge(self.index, self.corner, low, high, EMPTY_TILE)
+        self.corner = low
 
 
 @kernel
 def _stamp(
     index: NDArray[np.int32], tiles: NDArray[np.uint8], cells: NDArray[np.int64], stamp: NDArray[np.uint8]
 ) -> None:
-    """Raise likelihoods around cells [N, 2] of one particle's map, whose tiles there are its own."""
+    """Raise the likelihoods around cells [N, 2] of one particle's map, whose tiles there are writable.
+
+    Every cell is looked up through the index, which the contiguous arrays of a `MatchingGrid` do without.
+    """
     for n in range(len(cells)):
         column, row = cells[n, 0], cells[n, 1]
-        if tiles[index[row >> TILE_BITS, column >> TILE_BITS], row & CELL_BITS, column & CELL_BITS] == FULL:
+        if tiles[index[row >> TILE_BITS, column >> TILE_BITS], row & CELL_MASK, column & CELL_MASK] == MAX_LIKELIHOOD:
             continue
         for i in range(len(stamp)):
             for j in range(len(stamp)):
-                y, x = row + i - REACH, column + j - REACH
+                y, x = row + i - STAMP_RADIUS, column + j - STAMP_RADIUS
                 tile = index[y >> TILE_BITS, x >> TILE_BITS]
-                value = tiles[tile, y & CELL_BITS, x & CELL_BITS]
-                tiles[tile, y & CELL_BITS, x & CELL_BITS] = max(value, stamp[i, j])
+                value = tiles[tile, y & CELL_MASK, x & CELL_MASK]
+                tiles[tile, y & CELL_MASK, x & CELL_MASK] = max(value, stamp[i, j])
 
 
 @kernel
@@ -122,23 +122,23 @@ def log_likelihood(
     x: float,
     y: float,
     theta: float,
-    logs: Floats,
+    log_table: Floats,
 ) -> float:
-    """Sum of ``logs[likelihood]`` of points seen from a pose on one particle's map.
+    """Log likelihood of points on one particle's map, observed from a pose.
 
     Args:
-        index: [H, W], the particle's.
-        tiles: [T, TILE, TILE].
-        corner: [2], of the index, in tiles.
-        points: [N, 2] m, base_link frame.
-        x: m, map frame.
-        y: m, map frame.
-        theta: rad.
-        logs: [256].
+        index: The particle's index, [H, W].
+        tiles: All tiles, [T, TILE_SIZE, TILE_SIZE].
+        corner: Column and row of the index, in tiles, [2].
+        points: Points in the base_link frame, [N, 2] m.
+        x: x of base_link in the map frame, m.
+        y: y of base_link in the map frame, m.
+        theta: Heading of base_link in the map frame, rad.
+        log_table: Log likelihood of each value of a cell, [256].
     """
     cos, sin = math.cos(theta), math.sin(theta)
     scale = 1.0 / RESOLUTION
-    left, bottom = corner[0] * TILE, corner[1] * TILE
+    left, bottom = corner[0] * TILE_SIZE, corner[1] * TILE_SIZE
     height, width = index.shape
     total = 0.0
     for n in range(len(points)):
@@ -147,6 +147,6 @@ def log_likelihood(
         tile_column, tile_row = column >> TILE_BITS, row >> TILE_BITS
         value = 0
         if 0 <= tile_column < width and 0 <= tile_row < height:
-            value = tiles[index[tile_row, tile_column], row & CELL_BITS, column & CELL_BITS]
-        total += logs[value]
+            value = tiles[index[tile_row, tile_column], row & CELL_MASK, column & CELL_MASK]
+        total += log_table[value]
     return total

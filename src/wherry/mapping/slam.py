@@ -1,11 +1,14 @@
-"""Simultaneous localization and mapping: what every method offers, and by which name it is chosen."""
+"""The protocol that every SLAM method follows."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 
+from wherry.mapping.graph_snapshot import GraphSnapshot
+from wherry.mapping.loop_closure import LoopClosure
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -15,29 +18,47 @@ NO_DISCS = np.zeros((0, 3))
 
 
 class Slam(Protocol):
-    """Makes a map of scans and odometry, and says where the robot is on it. The map's origin is the first pose."""
+    """Builds a map of scans and odometry and tracks the robot on it; the map's origin is the first pose."""
 
     def add(self, scan: Scan, odometry: Odometry | None = None) -> Pose:
-        """Take in a scan.
+        """Add a scan.
 
         Args:
-            scan: Later than the one before.
-            odometry: Of the scan's instant; None if there is none, and then steady motion is expected.
+            scan: A scan later than the one before.
+            odometry: Odometry at the scan's time; None without odometry, when constant velocity is assumed.
 
         Returns:
             base_link in the map frame.
         """
         ...
 
+    def finish(self) -> None:
+        """Complete the optimization that is pending; scans may be added afterwards."""
+        ...
+
     def grid(self, exclude: Floats = NO_DISCS) -> OccupancyGrid:
         """The map so far.
 
         Args:
-            exclude: [K, 3] m, map frame: x, y and radius of discs; beams that ended there leave no hit.
+            exclude: Discs whose hits are left out: x, y and radius in the map frame, [K, 3] m.
         """
         ...
 
     @property
     def trajectory(self) -> Trajectory:
-        """Where the robot was at each scan, as it is known now."""
+        """base_link at each scan in the map frame, by the present estimate."""
+        ...
+
+    @property
+    def keyframe_poses(self) -> Floats:
+        """base_link at each keyframe in the map frame, by the present estimate, [K, 3] m, m, rad."""
+        ...
+
+    @property
+    def loop_closures(self) -> Sequence[LoopClosure]:
+        """All loop closures that were attempted, accepted or not; empty for a method without loop closing."""
+        ...
+
+    def snapshot(self) -> GraphSnapshot | None:
+        """The pose graph with everything needed to continue; None for a method without a pose graph."""
         ...

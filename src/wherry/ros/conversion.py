@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.logs.carmen import MOST_BEAMS
+from wherry.logs.lidar_log import MAX_BEAMS
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.space.map_files import LARGEST_GRID
@@ -203,8 +203,8 @@ def from_laser_scan(message: ros.LaserScan, frame: str) -> Scan:
     limits = (message.angle_min, increment, message.range_min, message.range_max)
     if not all(map(math.isfinite, limits)):
         raise MessageError("has an angle or a limit that is no number")
-    if not 1 <= beams <= MOST_BEAMS:
-        raise MessageError(f"has {beams} beams; 1 to {MOST_BEAMS:,} are possible")
+    if not 1 <= beams <= MAX_BEAMS:
+        raise MessageError(f"has {beams} beams; 1 to {MAX_BEAMS:,} are possible")
     if not 0.0 <= message.range_min < message.range_max <= LONGEST_RANGE:
         raise MessageError(f"has ranges from {message.range_min} to {message.range_max} m")
     turn = abs(increment) * (beams - 1)

@@ -1,4 +1,4 @@
-"""Trajectories: poses in between, and the TUM format."""
+"""Trajectories: interpolation, merging, and the TUM format."""
 
 from __future__ import annotations
 
@@ -10,57 +10,72 @@ import numpy as np
 from wherry.files import write_atomically
 from wherry.space.pose import Floats, compose, relative
 
-LEVER = 1.0  # m; a turn counts as the way of a point so far out
-STANDING = 0.02  # m; less than this is no movement
+HEADING_LEVER = 1.0  # m at which a turn counts like a distance
+MIN_EXTENT = 0.02  # m, extent of a motion below which odometry does not determine how far along it the robot is
+MIN_INTERVAL = 1e-9  # s and m, lower bound of divisors
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Where the robot was.
+    """Poses over time.
 
     Attributes:
-        times: [N] s, increasing.
-        poses: [N, 3] x m, y m, θ rad: base_link in the map frame.
+        times: Times, [N] s, increasing.
+        poses: base_link in the map frame at those times, [N, 3] m, m, rad.
     """
 
     times: Floats
     poses: Floats
 
     def at(self, times: Floats, odometry: Trajectory | None = None) -> Floats:
-        """Poses at other times.
+        """Interpolate poses.
 
-        Between two poses the robot moved as odometry says; what odometry then is off by at the second one is spread
-        over the movement there, as slip is. Without odometry it is the straight line, at a steady speed.
+        Between two poses the robot moves as odometry measured; the error of odometry at the second pose is spread over
+        the extent of the motion, like slip. Without odometry it moves on a straight line at constant velocity.
 
         Args:
-            times: [M] s; before the first pose and after the last one, only odometry tells.
+            times: Times, [M] s; outside of the trajectory's time the first or last pose is extrapolated with odometry.
             odometry: Poses in a frame of its own, denser in time.
 
         Returns:
-            [M, 3] m, m, rad.
+            Poses, [M, 3] m, m, rad.
         """
         after = np.clip(np.searchsorted(self.times, times), 1, len(self.times) - 1)
         before = after - 1
         first, second = self.poses[before], self.poses[after]
-        span = self.times[after] - self.times[before]
-        share = np.clip((times - self.times[before]) / np.maximum(span, 1e-9), 0.0, 1.0)
+        interval = self.times[after] - self.times[before]
+        share = np.clip((times - self.times[before]) / np.maximum(interval, MIN_INTERVAL), 0.0, 1.0)
         if odometry is None:
             return compose(first, relative(second, first) * share[:, None])
-        moved_at = odometry.at(times)
-        moved_first, moved_second = odometry.at(self.times[before]), odometry.at(self.times[after])
-        predicted = compose(first, relative(moved_at, moved_first))
-        end = compose(first, relative(moved_second, moved_first))
-        done, rest = _extent(relative(moved_at, moved_first)), _extent(relative(moved_second, moved_at))
-        share = np.where(done + rest > STANDING, done / np.maximum(done + rest, 1e-9), share)
-        return compose(predicted, relative(second, end) * share[:, None])
+        at_times = odometry.at(times)
+        at_first, at_second = odometry.at(self.times[before]), odometry.at(self.times[after])
+        predicted = compose(first, relative(at_times, at_first))
+        predicted_second = compose(first, relative(at_second, at_first))
+        done, remaining = _extent(relative(at_times, at_first)), _extent(relative(at_second, at_times))
+        whole = done + remaining
+        share = np.where(whole > MIN_EXTENT, done / np.maximum(whole, MIN_INTERVAL), share)
+        return compose(predicted, relative(second, predicted_second) * share[:, None])
 
     def as_tum(self) -> str:
-        """The trajectory as text, a line a pose: ``time x y z qx qy qz qw``."""
+        """The trajectory as text, one pose per line: ``time x y z qx qy qz qw``."""
         half = self.poses[:, 2] / 2.0
         rows = np.column_stack([self.times, self.poses[:, :2], np.zeros((len(half), 3)), np.sin(half), np.cos(half)])
         return "# time x y z qx qy qz qw\n" + "".join(
             f"{row[0]:.6f} " + " ".join(f"{v:.6f}" for v in row[1:]) + "\n" for row in rows
         )
+
+
+def merge_odometry(preferred: Trajectory, dense: Trajectory) -> Trajectory:
+    """Merge two records of odometry in the same frame.
+
+    Args:
+        preferred: Poses that are used at times which both have.
+        dense: Poses at other times.
+    """
+    times = np.concatenate([preferred.times, dense.times])
+    poses = np.vstack([preferred.poses, dense.poses])
+    _, first = np.unique(times, return_index=True)
+    return Trajectory(times[first], poses[first])
 
 
 def save_tum(trajectory: Trajectory, path: str | Path) -> None:
@@ -72,7 +87,7 @@ def save_tum(trajectory: Trajectory, path: str | Path) -> None:
     write_atomically(path, trajectory.as_tum())
 
 
-def _extent(movements: Floats) -> Floats:
-    """[N] m, how far movements [N, 3] go, turns included."""
-    extent: Floats = np.hypot(movements[:, 0], movements[:, 1]) + LEVER * np.abs(movements[:, 2])
+def _extent(motions: Floats) -> Floats:
+    """Extents of motions [N, 3] m, m, rad, turns included, [N] m."""
+    extent: Floats = np.hypot(motions[:, 0], motions[:, 1]) + HEADING_LEVER * np.abs(motions[:, 2])
     return extent

@@ -71,7 +71,7 @@ MAPPING: Words = {
     "ms_per_scan_p99": ("processor time a scan (99th percentile)", milliseconds),
     "seconds": ("processor time in all", seconds),
 }
-"""Of `wherry.pipelines.logs.mapping.Result`."""
+"""Of `wherry.pipelines.logs.mapping.MappingResult`."""
 
 LOCALIZATION: Words = {
     "scans": ("scans", count),
@@ -114,13 +114,6 @@ HEARD: Words = {
     "scan to velocity, 99 %, ms": ("from a scan to its velocity (99th percentile)", milliseconds),
 }
 """Of `wherry.ros.nodes.monitor.Monitor`."""
-
-REFUSALS = {
-    "response": "the points fit too badly",
-    "ambiguous": "another place fits nearly as well",
-    "overlap": "too few points lie on surfaces that were there",
-}
-"""The gates at which `wherry.mapping.closures` refuses loops; its other reasons are words already."""
 
 
 def in_words(figures: Mapping[str, object], words: Words) -> list[tuple[str, str]]:

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from wherry.experiments.localization import kidnapping
 from wherry.experiments.localization.recorded import LEG, Recording, with_kidnappings
-from wherry.experiments.mapping.drifting_odometry import BUILDINGS, drifted
+from wherry.experiments.mapping.drifting_odometry import BUILDINGS, drifting_odometry
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.lost import SCANS_UNTIL_LOST, Calibration, LostDetector, fit_calibration
-from wherry.logs.carmen import LidarLog, read_log
+from wherry.logs.lidar_log import LidarLog
+from wherry.logs.reading import read_log
 from wherry.pipelines.logs.localization import LOG_PARAMETERS, START_COVARIANCE
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid
@@ -95,7 +96,7 @@ def in_building(log_file: Path, seed: int) -> Watched:
     rng = np.random.default_rng(seed)
     log = read_log(log_file, lenient=True)
     poses = np.array([odometry.pose.as_array() for odometry in log.scan_odometry if odometry is not None])
-    odometry = [Pose.from_array(pose) for pose in drifted(poses, rng)]
+    odometry = [Pose.from_array(pose) for pose in drifting_odometry(poses, rng)]
     recording = Recording(log.scans[1::2], tuple(odometry[1::2]), poses[1::2])
     length = len(recording.scans)
     starts = rng.integers(length - LEG, size=KIDNAPPINGS).tolist()

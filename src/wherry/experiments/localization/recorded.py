@@ -14,16 +14,11 @@ from wherry.errors import InputError
 from wherry.experiments.localization.kidnapping import is_found
 from wherry.localization.localizer import Localizer
 from wherry.localization.relocalization import Relocalizer
-from wherry.logs.carmen import LidarLog, read_log
+from wherry.logs.lidar_log import LidarLog
+from wherry.logs.reading import read_log
+from wherry.logs.timestamps import increasing_times
 from wherry.mapping.graph_slam import GraphSlam
-from wherry.pipelines.logs.localization import (
-    LOG_PARAMETERS,
-    LOST,
-    START_COVARIANCE,
-    Settings,
-    advancing_times,
-    prepare,
-)
+from wherry.pipelines.logs.localization import LOG_PARAMETERS, LOST, START_COVARIANCE, Settings, prepare
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -153,7 +148,7 @@ def with_kidnappings(recording: Recording, legs: Sequence[range]) -> Iterator[tu
     Yields:
         Odometry and scan, whose clock goes on as if nothing had happened, and where the robot truly is.
     """
-    times = advancing_times(np.array([scan.time for scan in recording.scans]))
+    times = increasing_times(np.array([scan.time for scan in recording.scans]))
     at, odometry = 0.0, Pose()
     for leg in legs:
         for number in leg:

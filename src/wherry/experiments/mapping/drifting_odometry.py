@@ -1,41 +1,45 @@
-"""Buildings whose odometry was lost: mapped with odometry that drifts, made from the corrected poses of their logs.
+"""Buildings whose logs have lost their odometry, mapped with drifting odometry made from their corrected poses.
 
-The corrected poses are what an earlier SLAM made of the same scans, so the distance to them is a distance to another
-estimate, and no smaller than that one's own error.
+The corrected poses are the result of an earlier SLAM on the same scans, so errors against them are differences between
+two estimates, and no smaller than the error of the earlier one.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from wherry.evaluation import absolute_trajectory_error
-from wherry.logs.carmen import read_log
-from wherry.mapping.closures import Closure
-from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
+from wherry.logs.reading import read_log
+from wherry.mapping.graph_slam import GraphSlam
+from wherry.mapping.graph_snapshot import ScanPose
+from wherry.mapping.loop_closure import LoopClosure
+from wherry.mapping.settings import GraphSlamSettings
 from wherry.robot import Odometry, Velocity
 from wherry.space.pose import Floats, Pose, compose, relative
 
-SCALE_ERROR, STEP_ERROR = 0.02, 0.06  # σ of the share by which all steps, and by which each step, is wrong
-FALSE_DISTANCE, FALSE_ANGLE = 1.0, math.radians(5.0)  # m and rad off the reference: a closure of two other places
+SCALE_SIGMA = 0.02  # standard deviation of the scale error that all steps of a log share
+STEP_SIGMA = 0.06  # standard deviation of the scale error of each step
+FALSE_DISTANCE, FALSE_ANGLE = 1.0, math.radians(5.0)  # m and rad off the reference from which a closure is false
 BUILDINGS = ("aces", "csail", "fhw")
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """A building mapped once.
+class BuildingResult:
+    """Errors of one map of a building.
 
     Attributes:
-        building: Its name.
-        seed: Of the drift.
-        odometry_rmse_m: Root mean square error of the odometry, aligned.
-        rmse_m: Likewise, of the trajectory.
-        closures: Loops that were closed.
-        false_closures: Those of them that are off the reference by more than a metre or five degrees.
-        worst_closure_m: The farthest that one of them is off the reference.
+        building: Name of the building.
+        seed: Seed of the drift.
+        odometry_rmse_m: Root mean square error of the odometry after alignment, m.
+        rmse_m: Root mean square error of the trajectory after alignment, m.
+        closures: Number of accepted loop closures.
+        false_closures: Number of accepted loop closures off the reference by more than a metre or five degrees.
+        worst_closure_m: Largest distance of an accepted loop closure from the reference, m.
     """
 
     building: str
@@ -47,61 +51,72 @@ class Result:
     worst_closure_m: float
 
 
-def drifted(poses: Floats, rng: np.random.Generator) -> Floats:
-    """Odometry as it might have been.
+def drifting_odometry(poses: Floats, rng: np.random.Generator) -> Floats:
+    """Simulate odometry with a scale error.
 
     Args:
-        poses: [N, 3] m, m, rad: how the robot moved.
-        rng: Where the drift comes from.
+        poses: True poses, [N, 3] m, m, rad.
+        rng: Source of the errors.
 
     Returns:
-        [N, 3] beginning at the origin; every increment is off by a share that all have in common and one of its own.
+        Odometry that begins at the origin, [N, 3] m, m, rad; every step has a scale error that all steps share, and one
+        of its own.
     """
     steps = relative(poses[1:], poses[:-1])
-    wrong = steps * (1.0 + SCALE_ERROR * rng.normal(size=3)) + steps * STEP_ERROR * rng.normal(size=steps.shape)
-    found = np.zeros_like(poses)
-    for number, step in enumerate(wrong, start=1):
-        found[number] = compose(found[number - 1], step)
-    return found
+    erroneous = steps * (1.0 + SCALE_SIGMA * rng.normal(size=3)) + steps * STEP_SIGMA * rng.normal(size=steps.shape)
+    odometry = np.zeros_like(poses)
+    for number, step in enumerate(erroneous, start=1):
+        odometry[number] = compose(odometry[number - 1], step)
+    return odometry
 
 
-def map_building(log_file: Path, name: str, seed: int) -> Result:
+def map_building(log_file: Path, name: str, seed: int) -> BuildingResult:
     """Map a building whose log has corrected poses.
 
     Args:
         log_file: The log.
-        name: What it is called.
-        seed: Of the drift.
+        name: Name of the building.
+        seed: Seed of the drift.
 
     Raises:
         InputError: The log cannot be used.
     """
     log = read_log(log_file, lenient=True)
     reference = np.array([odometry.pose.as_array() for odometry in log.scan_odometry if odometry is not None])
-    odometry = drifted(reference, np.random.default_rng(seed))
+    odometry = drifting_odometry(reference, np.random.default_rng(seed))
     slam = GraphSlam(log.lidar, GraphSlamSettings(empty_range=0.0))
     for scan, pose in zip(log.scans, odometry, strict=True):
         slam.add(scan, Odometry(scan.time, Pose.from_array(pose), Velocity()))
     slam.finish()
-    accepted = [closure for closure in slam.closures if closure.accepted]
-    off = closure_errors(slam, accepted, reference)
-    return Result(
+    accepted = [closure for closure in slam.loop_closures if closure.is_accepted]
+    errors = closure_errors(slam.snapshot().scan_poses, accepted, reference)
+    return BuildingResult(
         name,
         seed,
         absolute_trajectory_error(odometry, reference),
         absolute_trajectory_error(slam.trajectory.poses, reference),
         len(accepted),
-        int(((off[:, 0] > FALSE_DISTANCE) | (off[:, 1] > FALSE_ANGLE)).sum()),
-        float(off[:, 0].max(initial=0.0)),
+        int(((errors[:, 0] > FALSE_DISTANCE) | (errors[:, 1] > FALSE_ANGLE)).sum()),
+        float(errors[:, 0].max(initial=0.0)),
     )
 
 
-def closure_errors(slam: GraphSlam, closures: list[Closure], reference: Floats) -> Floats:
-    """[C, 2] m and rad: how far what closures measured is off the reference, [N, 3] poses of all scans."""
+def closure_errors(scan_poses: Sequence[ScanPose], closures: Sequence[LoopClosure], reference: Floats) -> Floats:
+    """Errors of the measured poses of loop closures.
+
+    Args:
+        scan_poses: Poses of all scans, which tell the scan of each keyframe.
+        closures: Loop closures, C.
+        reference: True poses of all scans, [N, 3] m, m, rad.
+
+    Returns:
+        Distances and angles off the reference, [C, 2] m, rad.
+    """
     scan_of: dict[int, int] = {}
-    for number, (_, key, _) in enumerate(slam.passed):
-        scan_of.setdefault(key, number)
-    ends = np.array([[scan_of[closure.target], scan_of[closure.node]] for closure in closures], np.int64).reshape(-1, 2)
+    for number, scan_pose in enumerate(scan_poses):
+        scan_of.setdefault(scan_pose.keyframe, number)
+    scans = [[scan_of[closure.target], scan_of[closure.keyframe]] for closure in closures]
+    ends = np.array(scans, np.int64).reshape(-1, 2)
     measured = np.array([closure.measured.as_array() for closure in closures]).reshape(-1, 3)
-    off = relative(measured, relative(reference[ends[:, 1]], reference[ends[:, 0]]))
-    return np.column_stack([np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])])
+    offsets = relative(measured, relative(reference[ends[:, 1]], reference[ends[:, 0]]))
+    return np.column_stack([np.hypot(offsets[:, 0], offsets[:, 1]), np.abs(offsets[:, 2])])

@@ -1,7 +1,7 @@
-"""Mapping a large site: what it costs in memory and time, and that only what was seen costs.
+"""Mapping of a large site: cost in memory and time, which follow what was observed and not the site's extent.
 
-The site is made up: blocks of walls, racks and crates with streets between them, and a drive that goes up and down the
-streets and then across them. Its size is the only thing that is chosen.
+The site is artificial: blocks of walls, racks and crates with streets between them, and a drive up and down the streets
+and then across them. Its size is the only parameter.
 """
 
 from __future__ import annotations
@@ -17,41 +17,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.evaluation import absolute_trajectory_error
-from wherry.experiments.mapping.drifting_odometry import drifted
+from wherry.experiments.mapping.drifting_odometry import drifting_odometry
 from wherry.experiments.results import markdown_table
-from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
+from wherry.mapping.graph_slam import GraphSlam
+from wherry.mapping.settings import GraphSlamSettings
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import IDENTITY, Floats, Pose, relative
 from wherry.space.raycast import cast_rays
 
-RESOLUTION = 0.05  # m, a cell of the site and of its map
-STREET, BLOCK = 4.0, 16.0  # m
-PITCH = STREET + BLOCK
-CRATES = 40  # in a block
-SPACING = 0.75  # m from scan to scan
-TURN = math.radians(30.0)  # likewise, where the robot turns on the spot
-BEAMS, RANGE_MAX = 360, 20.0
-NOISE = 0.01  # m, σ of a range
-SECONDS = 0.5  # from scan to scan
-SIDES = (100.0, 300.0)  # m
-EVERY_SO_MANY = 50  # scans between two reports of progress
+RESOLUTION = 0.05  # m, side of a cell of the site and of its map
+STREET_WIDTH, BLOCK_SIZE = 4.0, 16.0  # m
+PITCH = STREET_WIDTH + BLOCK_SIZE  # m from block to block
+CRATES = 40  # crates in a block
+SCAN_DISTANCE = 0.75  # m from scan to scan
+SCAN_ANGLE = math.radians(30.0)  # rad from scan to scan where the robot turns on the spot
+BEAMS, RANGE_MAX = 360, 20.0  # beams of a scan; m
+RANGE_SIGMA = 0.01  # m, standard deviation of a range
+SCAN_PERIOD = 0.5  # s from scan to scan
+SITE_SIZES = (100.0, 300.0)  # m, sides of the sites that are reported
+PROGRESS_INTERVAL = 50  # scans from one report of progress to the next
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """What a site cost.
+class SiteResult:
+    """Cost of mapping a site.
 
     Attributes:
-        side_m: The site's side.
-        way_m: The drive's length.
-        scans: How many there were.
-        closures: How many loops were closed.
-        rmse_m: Root mean square error of the trajectory, aligned (`absolute_trajectory_error`).
-        map_cells: Cells of the finished map, known or not.
-        known_share: How many of them are known.
-        peak_bytes: The most memory that the process has taken so far, the made-up site included.
-        ms_per_scan_median: Of the time that adding a scan took.
-        seconds: All scans and the finished map.
+        side_m: Side of the site, m.
+        way_m: Length of the drive, m.
+        scans: Number of scans.
+        closures: Number of accepted loop closures.
+        rmse_m: Root mean square error of the trajectory after alignment, m.
+        map_cells: Cells of the finished map, known or unknown.
+        known_share: Share of the map's cells that are known, 0 to 1.
+        peak_bytes: Peak memory of the process, the artificial site included, bytes.
+        ms_per_scan_median: Median time of adding a scan, ms.
+        seconds: Time of all scans and the finished map, s.
     """
 
     side_m: float
@@ -67,15 +68,15 @@ class Result:
 
 
 def site(side: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """[N, N] what is blocked on a site of ``side`` m: no two blocks are alike."""
+    """Blocked cells of a site of side ``side``, m, in which no two blocks are alike, [N, N]."""
     size = round(side / RESOLUTION)
     blocked = np.zeros((size, size), np.bool_)
     blocked[:3], blocked[-3:], blocked[:, :3], blocked[:, -3:] = True, True, True, True
-    block = round(BLOCK / RESOLUTION)
+    block = round(BLOCK_SIZE / RESOLUTION)
     for row, column in np.ndindex(blocks(side), blocks(side)):
-        low = np.round((np.array([row, column]) * PITCH + STREET) / RESOLUTION).astype(np.int64)
+        low = np.round((np.array([row, column]) * PITCH + STREET_WIDTH) / RESOLUTION).astype(np.int64)
         part = blocked[low[0] : low[0] + block, low[1] : low[1] + block]
-        if rng.random() < 0.5:  # a wall on two or three of its sides
+        if rng.random() < 0.5:  # walls on two or three sides
             part[:3], part[:, :3] = True, True
             part[-3:] |= rng.random() < 0.5
         corners, sizes = rng.integers(0, block - 20, (CRATES, 2)), rng.integers(6, 40, (CRATES, 2))
@@ -85,28 +86,28 @@ def site(side: float, rng: np.random.Generator) -> NDArray[np.bool_]:
 
 
 def blocks(side: float) -> int:
-    """How many blocks there are on a side, with a street before, between and behind them."""
-    return int((side - STREET) // PITCH)
+    """Number of blocks along a side of the site, m, with a street before, between and behind them."""
+    return int((side - STREET_WIDTH) // PITCH)
 
 
 def drive(side: float) -> Floats:
-    """[N, 3] m, m, rad: up and down every street that runs along y, then along every fourth one that runs along x."""
-    middles = np.arange(blocks(side) + 1) * PITCH + STREET / 2.0
+    """Poses of a drive along every street in y, then along every fourth street in x, [N, 3] m, m, rad."""
+    middles = np.arange(blocks(side) + 1) * PITCH + STREET_WIDTH / 2.0
     first, last = middles[0], middles[-1]
     corners: list[tuple[float, float]] = []
     for number, x in enumerate(middles):
         ends = (first, last) if number % 2 == 0 else (last, first)
         corners += [(float(x), float(y)) for y in ends]
-    at_right = True
+    is_at_right = True
     for y in middles[::-4] if corners[-1][1] > first else middles[::4]:
-        ends = (last, first) if at_right else (first, last)
+        ends = (last, first) if is_at_right else (first, last)
         corners += [(float(x), float(y)) for x in ends]
-        at_right = not at_right
+        is_at_right = not is_at_right
     return _poses(np.array(corners))
 
 
 def _poses(corners: Floats) -> Floats:
-    """[N, 3] on straight lines between corners, [C, 2] m, turning on the spot."""
+    """Poses on straight lines between corners [C, 2] m, turning on the spot, [N, 3] m, m, rad."""
     poses = []
     heading = math.pi / 2.0
     for start, end in itertools.pairwise(corners):
@@ -115,48 +116,48 @@ def _poses(corners: Floats) -> Floats:
             continue
         bearing = math.atan2(end[1] - start[1], end[0] - start[0])
         turn = math.remainder(bearing - heading, math.tau)
-        for share in np.arange(0.0, 1.0, TURN / max(abs(turn), TURN)):
+        for share in np.arange(0.0, 1.0, SCAN_ANGLE / max(abs(turn), SCAN_ANGLE)):
             poses.append([*start, heading + share * turn])
-        for share in np.arange(0.0, 1.0, SPACING / length):
+        for share in np.arange(0.0, 1.0, SCAN_DISTANCE / length):
             poses.append([*(start + share * (end - start)), bearing])
         heading = bearing
     return np.array(poses)
 
 
-def run(side: float, seed: int = 0, progress: Callable[[int, int], None] = lambda done, total: None) -> Result:
+def map_site(side: float, seed: int = 0, progress: Callable[[int, int], None] = lambda done, total: None) -> SiteResult:
     """Map a site.
 
     Args:
-        side: m.
-        seed: Of the site, of the lidar's noise and of the odometry's drift.
-        progress: Told how many scans are done, of how many.
+        side: Side of the site, m.
+        seed: Seed of the site, of the lidar's noise and of the odometry's drift.
+        progress: Called with the number of mapped scans and of all scans.
     """
     rng = np.random.default_rng(seed)
     blocked, truth = site(side, rng), drive(side)
-    odometry = drifted(truth, rng)
+    odometry = drifting_odometry(truth, rng)
     angles = np.linspace(-math.pi, math.pi, BEAMS, endpoint=False)
     slam = GraphSlam(settings=GraphSlamSettings(resolution=RESOLUTION, range_limit=RANGE_MAX, empty_range=0.0))
     taken = np.zeros(len(truth))
     for number, pose in enumerate(truth):
         ranges = cast_rays(blocked, RESOLUTION, IDENTITY, pose[None], angles, RANGE_MAX)[0]
-        ranges += NOISE * rng.normal(size=BEAMS)
-        now = SECONDS * number
+        ranges += RANGE_SIGMA * rng.normal(size=BEAMS)
+        now = SCAN_PERIOD * number
         scan = Scan(now, ranges, -math.pi, math.tau / BEAMS, 0.05, RANGE_MAX)
         before = time.perf_counter()
         slam.add(scan, Odometry(now, Pose.from_array(odometry[number]), Velocity()))
         taken[number] = time.perf_counter() - before
-        if number % EVERY_SO_MANY == 0:
+        if number % PROGRESS_INTERVAL == 0:
             progress(number, len(truth))
     before = time.perf_counter()
     slam.finish()
     grid = slam.grid()
     finished = time.perf_counter() - before
     steps = relative(truth[1:], truth[:-1])
-    return Result(
+    return SiteResult(
         side_m=side,
         way_m=float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
         scans=len(truth),
-        closures=sum(closure.accepted for closure in slam.closures),
+        closures=sum(closure.is_accepted for closure in slam.loop_closures),
         rmse_m=absolute_trajectory_error(slam.trajectory.poses, truth),
         map_cells=grid.probability.size,
         known_share=float((~grid.unknown).mean()),
@@ -167,14 +168,14 @@ def run(side: float, seed: int = 0, progress: Callable[[int, int], None] = lambd
 
 
 def reproduce(progress: Callable[[int, int], None]) -> str:
-    """Map sites of several sizes; a results section in Markdown.
+    """Map sites of several sizes, and return a section of the results in Markdown.
 
     Args:
-        progress: Told how many scans of the present site are done, of how many.
+        progress: Called with the number of mapped scans and of all scans of the present site.
     """
     rows = []
-    for side in SIDES:
-        result = run(side, progress=progress)
+    for side in SITE_SIZES:
+        result = map_site(side, progress=progress)
         rows.append(
             [
                 f"{result.side_m:.0f} m",

@@ -1,4 +1,4 @@
-"""A simulated robot explores a world and maps it by itself: how true the walls are, and how fast the mapping is."""
+"""Errors and speed of the map that a simulated robot makes while it explores a world."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wherry.evaluation import position_errors, root_mean_square
 from wherry.experiments.results import markdown_table
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import find_world
@@ -24,23 +25,24 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
 from wherry.trace.records import ignore
 
-WORLD = "rooms"  # the one that `wherry deliver` takes by default
-WARM_UP = "small"
+WORLD = "rooms"  # default world of `wherry deliver`
+WARM_UP_WORLD = "small"
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """A world mapped once.
+class ExplorationResult:
+    """Errors and speed of one map.
 
     Attributes:
-        world: Its name.
-        seed: Of the boxes' places, the sensors' noise and the odometry's drift.
-        scans: How many were mapped.
-        wall_error_m: Median distance of the map's occupied cells from the true walls, the map laid on the world by the
-            robot's true first pose alone.
-        rmse_m: Of the map's poses while the map was made, likewise.
-        ms_per_scan_median: Of processor time.
-        times_real_time: How long the robot drove, ÷ the processor time that its scans and maps took.
+        world: Name of the world.
+        seed: Seed of the boxes' places, of the sensors' noise and of the odometry's drift.
+        scans: Number of scans.
+        wall_error_m: Median distance of the map's occupied cells from the true walls, m, with the map placed by the
+            robot's true first pose.
+        rmse_m: Root mean square error of the poses at the time of each scan, m, with the map placed by the robot's
+            true first pose.
+        ms_per_scan_median: Median processor time of a scan, ms.
+        times_real_time: Duration of the drive over the processor time of its scans and maps.
     """
 
     world: str
@@ -53,16 +55,16 @@ class Result:
 
 
 class TimedMapper:
-    """Our own SLAM as `wherry.realization.mission.Mapper`, with what it costs.
+    """Graph SLAM as `wherry.realization.mission.Mapper`, with its processor time.
 
     Args:
-        lidar: The lidar's pose, base_link frame.
+        lidar: Pose of the lidar in the base_link frame.
 
     Attributes:
-        times: s of the robot's clock, of each scan.
-        poses: base_link in the map frame, as known at that time.
-        scan_seconds: Processor time of each scan.
-        map_seconds: Likewise, of all maps that were asked for.
+        times: Time of each scan on the robot's clock, s.
+        poses: base_link in the map frame at each scan, by the estimate at that time.
+        scan_seconds: Processor time of each scan, s.
+        map_seconds: Processor time of all maps, s.
     """
 
     def __init__(self, lidar: Pose) -> None:
@@ -76,7 +78,7 @@ class TimedMapper:
 
     @property
     def corrector(self) -> Corrector:
-        """Itself."""
+        """This object."""
         return self
 
     @property
@@ -111,16 +113,16 @@ class TimedMapper:
 
 
 def warm_up() -> None:
-    """Explore the smallest world, so that every kernel is compiled before a clock runs."""
-    explore(find_world(WARM_UP), 0)
+    """Explore the smallest world, so that all kernels are compiled before times are measured."""
+    explore(find_world(WARM_UP_WORLD), 0)
 
 
-def explore(plan: FloorPlan, seed: int) -> Result:
-    """Have a robot explore a world with boxes in it, and hold its map against the truth.
+def explore(plan: FloorPlan, seed: int) -> ExplorationResult:
+    """Explore a world with boxes, and compare the map with the truth.
 
     Args:
         plan: The world.
-        seed: Of all that is random.
+        seed: Seed of all randomness.
     """
     scene = choose_scene(plan, None, seed)
     simulation = build(scene.plan, scene.physics)
@@ -130,21 +132,21 @@ def explore(plan: FloorPlan, seed: int) -> Result:
     walls = world_from_map.transform(ready.grid.occupied_points())
     history = simulation.referee.history
     true = history[np.searchsorted(history[:, 0], np.array(mapper.times) - 1e-6), 1:]
-    found = world_from_map.transform(np.array([pose.as_array()[:2] for pose in mapper.poses]))
+    estimated = np.array([pose.as_array() for pose in mapper.poses])
     spent = sum(mapper.scan_seconds) + mapper.map_seconds
-    return Result(
+    return ExplorationResult(
         world=plan.name,
         seed=seed,
         scans=len(mapper.times),
         wall_error_m=float(np.median(simulation.referee.wall_distance(walls))),
-        rmse_m=float(np.sqrt(((found - true[:, :2]) ** 2).sum(axis=1).mean())),
+        rmse_m=root_mean_square(position_errors(estimated, true, world_from_map)),
         ms_per_scan_median=1e3 * float(np.median(mapper.scan_seconds)),
         times_real_time=(mapper.times[-1] - mapper.times[0]) / spent,
     )
 
 
-def table(results: Sequence[Result]) -> str:
-    """A row a run, as Markdown."""
+def table(results: Sequence[ExplorationResult]) -> str:
+    """A Markdown table with one row per run."""
     header = ["world", "seed", "scans", "median wall error, cm", "pose rmse, cm", "ms a scan", "× real time"]
     rows = [
         [

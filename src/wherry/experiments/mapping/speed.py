@@ -1,4 +1,4 @@
-"""How long a scan takes, beside yag_slam (Karto's matcher for Python) where that is installed."""
+"""Time of a scan, compared with yag_slam (Karto's matcher for Python) where it is installed."""
 
 from __future__ import annotations
 
@@ -9,36 +9,39 @@ from pathlib import Path
 
 import numpy as np
 
-from wherry.logs.carmen import LidarLog, read_log
-from wherry.mapping.backends import BACKENDS
-from wherry.pipelines.logs.mapping import Settings, run
+from wherry.logs.lidar_log import LidarLog
+from wherry.logs.reading import read_log
+from wherry.mapping.methods import SLAM_METHODS
+from wherry.pipelines.logs.mapping import MappingSettings, run
 
 
 def measure(log: Path) -> Mapping[str, float]:
-    """Map a log with everything that is installed.
+    """Map a log with every method that is installed.
 
     Args:
         log: The lidar log.
 
     Returns:
-        The median of ms a scan, of processor time, by method.
+        Median processor time of a scan by method, ms.
 
     Raises:
         InputError: The log cannot be used.
     """
-    ours = {f"wherry, {backend}": run(Settings(log, backend=backend)).ms_per_scan_median for backend in BACKENDS}
-    return {**ours, **others(log)}
+    ours = {
+        f"wherry, {backend}": run(MappingSettings(log, backend=backend)).ms_per_scan_median for backend in SLAM_METHODS
+    }
+    return {**ours, **measure_external(log)}
 
 
-def others(log: Path) -> Mapping[str, float]:
-    """As `measure`, of what others have made alone."""
+def measure_external(log: Path) -> Mapping[str, float]:
+    """As `measure`, of external methods alone."""
     if importlib.util.find_spec("yag_slam") is None:
         return {}
     return {"yag_slam": _yag_slam(read_log(log))}
 
 
 def _yag_slam(log: LidarLog) -> float:
-    """The median of ms a scan that yag_slam takes, with its own settings."""
+    """Median processor time of a scan with yag_slam and its default settings, ms."""
     from yag_slam.graph_slam import GraphSlam, default_config, default_config_loop  # noqa: PLC0415
     from yag_slam.models import LocalizedRangeScan  # noqa: PLC0415
     from yag_slam.scan_matching import Scan2DMatcherCpp  # noqa: PLC0415

@@ -1,33 +1,32 @@
-"""Maps of recorded buildings beside the published ones (Kümmerle et al. 2009, table 1; Hess et al. 2016, table II)."""
+"""Map errors on recorded buildings, with published ones (Kümmerle et al. 2009, table 1; Hess et al. 2016, table II)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from wherry.experiments.mapping import simulated as simulated_slam
-from wherry.experiments.mapping.drifting_odometry import BUILDINGS, map_building
-from wherry.experiments.mapping.drifting_odometry import Result as Drifting
-from wherry.experiments.mapping.speed import others
+from wherry.experiments.mapping import simulated
+from wherry.experiments.mapping.drifting_odometry import BUILDINGS, BuildingResult, map_building
+from wherry.experiments.mapping.speed import measure_external
 from wherry.experiments.results import markdown_table
 from wherry.floorplan.world_files import find_world
-from wherry.mapping.backends import BACKENDS
-from wherry.pipelines.logs.mapping import Result, Settings, run
+from wherry.mapping.methods import SLAM_METHODS
+from wherry.pipelines.logs.mapping import MappingResult, MappingSettings, run
 
 INTEL_LOG = "intel_910_rawodom.clf.gz"
-SEEDS = 5  # drifts of each building
-SIMULATED_SEEDS = 3
+DRIFT_SEEDS = 5  # drifts of each building
+SIMULATED_SEEDS = 3  # explorations of the simulated world
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """A method's error on Intel.
+class PublishedError:
+    """Published error of a method on the Intel log.
 
     Attributes:
-        method: What it is called.
-        translational_error_m: Mean.
-        translational_sd_m: Standard deviation; None where it is not at hand.
+        method: Name of the method.
+        translational_error_m: Mean translational error, m.
+        translational_sd_m: Standard deviation of the translational error, m; None if it is not published.
     """
 
     method: str
@@ -36,42 +35,52 @@ class Row:
 
 
 PUBLISHED = (
-    Row("scan matching", 0.220, 0.296),
-    Row("RBPF, 50 particles (gmapping)", 0.070, 0.083),
-    Row("graph mapping", 0.031, 0.026),
-    Row("Cartographer", 0.0229, None),
+    PublishedError("scan matching", 0.220, 0.296),
+    PublishedError("RBPF, 50 particles (gmapping)", 0.070, 0.083),
+    PublishedError("graph mapping", 0.031, 0.026),
+    PublishedError("Cartographer", 0.0229, None),
 )
 
 
 def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
-    """Map the recorded buildings with every method, and a simulated one; a results section in Markdown.
+    """Map the recorded buildings with every method, and a simulated one; return a section of the results in Markdown.
 
     Args:
-        data: The folder that holds ``intel/`` and ``radish/``.
-        progress: Told how many runs are done, of how many.
+        data: Folder with ``intel/`` and ``radish/``.
+        progress: Called with the number of finished runs and of all runs.
 
     Raises:
         InputError: A file is missing.
     """
-    total = len(BACKENDS) + len(BUILDINGS) * SEEDS + SIMULATED_SEEDS
+    total = len(SLAM_METHODS) + len(BUILDINGS) * DRIFT_SEEDS + SIMULATED_SEEDS
     progress(0, total)
     intel = []
-    for backend in BACKENDS:
+    for backend in SLAM_METHODS:
         intel.append(run(intel_settings(data / "intel", backend)))
         progress(len(intel), total)
-    drifting: list[Drifting] = []
+    drifting: list[BuildingResult] = []
     for name in BUILDINGS:
-        for seed in range(SEEDS):
+        for seed in range(DRIFT_SEEDS):
             drifting.append(map_building(data / "radish" / f"{name}-corrected.log.gz", name, seed))
             progress(len(intel) + len(drifting), total)
-    simulated_slam.warm_up()
-    world = find_world(simulated_slam.WORLD)
-    simulated: list[simulated_slam.Result] = []
+    simulated.warm_up()
+    world = find_world(simulated.WORLD)
+    explored: list[simulated.ExplorationResult] = []
     for seed in range(SIMULATED_SEEDS):
-        simulated.append(simulated_slam.explore(world, seed))
-        progress(len(intel) + len(drifting) + len(simulated), total)
-    ours = {f"wherry, {result.backend}": result.ms_per_scan_median for result in intel}
-    speed = {**ours, **others(data / "intel" / INTEL_LOG)}
+        explored.append(simulated.explore(world, seed))
+        progress(len(intel) + len(drifting) + len(explored), total)
+    times = {f"wherry, {result.backend}": result.ms_per_scan_median for result in intel}
+    times |= measure_external(data / "intel" / INTEL_LOG)
+    return _section(intel, drifting, explored, times)
+
+
+def _section(
+    intel: Sequence[MappingResult],
+    drifting: Sequence[BuildingResult],
+    explored: Sequence[simulated.ExplorationResult],
+    times: Mapping[str, float],
+) -> str:
+    """The section of the results, with median times of a scan by method, ms."""
     return "\n".join(
         [
             "## SLAM",
@@ -81,7 +90,8 @@ def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
             intel_table(intel),
             "",
             "Buildings whose odometry was lost, with odometry that drifts, made from the corrected poses of their",
-            f"logs: {SEEDS} drifts each. Errors are distances to those poses, an earlier SLAM's, after alignment. A",
+            f"logs: {DRIFT_SEEDS} drifts each. "
+            "Errors are distances to those poses, an earlier SLAM's, after alignment. A",
             "closure is false if it is off them by more than 1 m or 5°.",
             "",
             drifting_table(drifting),
@@ -90,22 +100,24 @@ def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
             "world by the robot's first pose alone; × real time is how long it drove, ÷ what its scans and the maps it",
             "asked for took.",
             "",
-            simulated_slam.table(simulated),
+            simulated.table(explored),
             "",
             "The median time of a scan on Intel, with all that is installed:",
             "",
-            markdown_table(["method", "ms a scan"], [[name, f"{median:.2f}"] for name, median in speed.items()]),
+            markdown_table(["method", "ms a scan"], [[name, f"{median:.2f}"] for name, median in times.items()]),
         ]
     )
 
 
-def intel_settings(intel: Path, backend: str) -> Settings:
-    """How Intel is mapped and scored; ``intel`` is the folder of its files."""
-    return Settings(intel / INTEL_LOG, intel / "intel_rawodom_dense.txt.gz", intel / "intel.relations.gz", backend)
+def intel_settings(intel: Path, backend: str) -> MappingSettings:
+    """Settings that map the Intel log of the folder ``intel`` and score the map."""
+    return MappingSettings(
+        intel / INTEL_LOG, intel / "intel_rawodom_dense.txt.gz", intel / "intel.relations.gz", backend
+    )
 
 
-def intel_table(results: Sequence[Result]) -> str:
-    """The results under the published rows, as Markdown; those without relations are left out."""
+def intel_table(results: Sequence[MappingResult]) -> str:
+    """A Markdown table of the published errors and of those of our results that were scored."""
     rows = [
         [row.method, _pair(row.translational_error_m, row.translational_sd_m), "", "", "", "", ""] for row in PUBLISHED
     ]
@@ -128,8 +140,8 @@ def intel_table(results: Sequence[Result]) -> str:
     return markdown_table(header, rows)
 
 
-def drifting_table(results: Sequence[Drifting]) -> str:
-    """A row a building: what its runs came to, as Markdown."""
+def drifting_table(results: Sequence[BuildingResult]) -> str:
+    """A Markdown table with one row per building."""
     rows = []
     for name in dict.fromkeys(result.building for result in results):
         runs = [result for result in results if result.building == name]
@@ -150,7 +162,7 @@ def drifting_table(results: Sequence[Drifting]) -> str:
 
 
 def _pair(mean: float | None, deviation: float | None) -> str:
-    """A mean with its standard deviation where there is one."""
+    """A mean with its standard deviation if it is known; empty without a mean."""
     if mean is None:
         return ""
     return f"{mean:.3f}" if deviation is None else f"{mean:.3f} ± {deviation:.3f}"

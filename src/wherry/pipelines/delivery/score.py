@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 
-import numpy as np
-
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
-from wherry.space.pose import Floats, Pose
 
 DELIVERED, NOT_DELIVERED, STOPPED = 0, 1, 130  # exit statuses
-LEVER = 1.0  # m: a heading that is off by an angle counts like a position that is off by that angle at this distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,42 +91,6 @@ class Result:
         return {"delivered": DELIVERED, "not delivered": NOT_DELIVERED, "stopped": STOPPED}[self.status]
 
 
-def align(estimated: Sequence[Pose], true: Sequence[Pose]) -> Pose:
-    """The rigid motion that carries estimated poses onto true ones best, in the sense of least squares.
-
-    A map's frame is where the robot was switched on, which no map can know; errors are therefore counted after the one
-    motion that fits the whole trajectory (absolute trajectory error, Sturm et al. 2012; Umeyama 1991 without scale).
-    Headings take part, so that a robot that hardly moved can be aligned too.
-
-    Args:
-        estimated: Poses in the map frame, at least one.
-        true: The same instants' poses in the world frame.
-
-    Returns:
-        The map's frame in the world.
-    """
-    source, target = _positions(estimated), _positions(true)
-    source_middle, target_middle = source.mean(axis=0), target.mean(axis=0)
-    a, b = source - source_middle, target - target_middle
-    turns = np.array([there.theta - here.theta for here, there in zip(estimated, true, strict=True)])
-    cosines = float(np.sum(a * b)) + LEVER**2 * float(np.cos(turns).sum())
-    sines = float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])) + LEVER**2 * float(np.sin(turns).sum())
-    theta = math.atan2(sines, cosines)
-    offset = target_middle - Pose(theta=theta).transform(source_middle[None, :])[0]
-    return Pose(float(offset[0]), float(offset[1]), theta)
-
-
-def position_errors(estimated: Sequence[Pose], true: Sequence[Pose], world_from_map: Pose) -> Floats:
-    """[N] m: how far each estimated position, carried into the world, is from the true one."""
-    errors: Floats = np.hypot(*(world_from_map.transform(_positions(estimated)) - _positions(true)).T)
-    return errors
-
-
-def root_mean_square(errors: Floats) -> float:
-    """√ of the mean of squares, in the errors' unit."""
-    return math.sqrt(float(np.mean(errors**2)))
-
-
 def shortest_delivery(plan: FloorPlan, robot: Cell, boxes: Iterable[Cell], *, loaded: bool) -> int | None:
     """The fewest cells that a robot must drive to deliver all boxes, by breadth-first search over everything.
 
@@ -178,7 +137,3 @@ def _next(plan: FloorPlan, situation: _Situation) -> Iterator[tuple[_Situation, 
         there = cell.towards(direction)
         if not plan.blocked(cell, direction) and not (full and there in left):
             yield (there, left, carrying), 1
-
-
-def _positions(poses: Sequence[Pose]) -> Floats:
-    return np.array([[pose.x, pose.y] for pose in poses])

@@ -18,6 +18,7 @@ import numpy as np
 
 from wherry.episodes import Step
 from wherry.errors import InputError
+from wherry.evaluation import align, position_errors, root_mean_square
 from wherry.files import make_folder, write_atomically
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import find_world
@@ -25,7 +26,7 @@ from wherry.learning.learners import RuleLearner
 from wherry.learning.rule_files.files import save_rules
 from wherry.pipelines.delivery.agent import Delivery, beginning, delivery_learner
 from wherry.pipelines.delivery.page import page, pictures_of
-from wherry.pipelines.delivery.score import Result, align, position_errors, root_mean_square, shortest_delivery
+from wherry.pipelines.delivery.score import Result, shortest_delivery
 from wherry.realization.mission import Mission, Order, Ready
 from wherry.robot import Robot
 from wherry.simulation import BoxPlace, Simulation, build
@@ -36,6 +37,7 @@ from wherry.space.pose import Pose
 from wherry.trace.records import CellsLaid, Record, Seen, Sink, both, ignore, thinned
 
 SCORED_EVERY = 0.5  # s between two poses that the localization is scored by
+HEADING_LEVER = 1.0  # m at which an error of the heading counts like one of the position in the map's alignment
 
 
 RESULT = "result.json"
@@ -261,9 +263,9 @@ class DeliveryRun:
             return None, None
         history = self.simulation.referee.history
         rows = np.searchsorted(history[:, 0], [record.time - 1e-6 for record in seen])
-        true = [Pose.from_array(row[1:]) for row in history[np.minimum(rows, len(history) - 1)]]
-        estimated = [record.pose for record in seen]
-        world_from_map = align(estimated, true)
+        true = history[np.minimum(rows, len(history) - 1), 1:]
+        estimated = np.array([record.pose.as_array() for record in seen])
+        world_from_map = align(estimated, true, heading_lever=HEADING_LEVER)
         return world_from_map, root_mean_square(position_errors(estimated, true, world_from_map))
 
     def _map_error(self, world_from_map: Pose | None) -> float | None:

@@ -16,7 +16,11 @@ from wherry.files import make_folder, write_atomically
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameter_files import load_parameters
 from wherry.localization.parameters import AmclParameters
-from wherry.logs.carmen import LidarLog, read_log, read_odometry
+from wherry.logs.lidar_log import LidarLog
+from wherry.logs.reading import read_log
+from wherry.logs.tables import read_odometry
+from wherry.logs.timestamps import increasing_times
+from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph
 from wherry.robot import Odometry
 from wherry.ros.bags.reading import is_bag, read_bag
@@ -35,8 +39,6 @@ LOG_PARAMETERS = AmclParameters(
 )
 # From anywhere more noise does better: it keeps what is nearly right alive until the place is known.
 GLOBAL_PARAMETERS = AmclParameters(alpha1=0.1, alpha2=0.1, alpha3=0.1, alpha4=0.1)
-FASTEST_SCANS = 0.005  # s a scan; no lidar is faster, so a log's clock that says so stands still
-SPACING_WITHOUT_CLOCK = 1.0  # s
 START_COVARIANCE = np.diag([0.1**2, 0.1**2, 0.05**2])  # m, m, rad, where a reference gives the start
 
 
@@ -159,31 +161,8 @@ def load_any_map(path: Path) -> OccupancyGrid:
     if path.name.removesuffix(".gz").endswith(".dat"):
         return load_wean_map(path)
     if path.suffix == ".npz":
-        return load_graph(path).grid()
+        return GraphSlam.from_snapshot(load_graph(path)).grid()
     return load_map(path)
-
-
-def advancing_times(times: Floats) -> Floats:
-    """[N] s that grow from scan to scan, for logs whose stamps are coarse or stand still.
-
-    Without a clock nobody could tell driving from a jump. Scans with one stamp are spread evenly to the next stamp; a
-    log in which hardly any time passes is taken for one of a scan a second.
-
-    Args:
-        times: [N] s, as logged. Where all grow, or some run backwards, they are left alone.
-    """
-    steps = np.diff(times)
-    if (steps > 0.0).all() or (steps < 0.0).any():
-        return times
-    count = len(times)
-    if times[-1] - times[0] < FASTEST_SCANS * count:
-        counted: Floats = times[0] + SPACING_WITHOUT_CLOCK * np.arange(count)
-        return counted
-    first = np.concatenate([[0], 1 + np.flatnonzero(steps > 0.0)])
-    spacing = (times[-1] - times[0]) / first[-1]
-    ends = np.append(times[first], times[-1] + spacing * (count - first[-1]))
-    advancing: Floats = np.interp(np.arange(count), np.append(first, count), ends)
-    return advancing
 
 
 class LocalizationRun:
@@ -230,7 +209,7 @@ class LocalizationRun:
 
     def steps(self) -> Iterator[Located]:
         """Localize scan by scan."""
-        times = advancing_times(np.array([scan.time for scan in self.log.scans])).tolist()
+        times = increasing_times(np.array([scan.time for scan in self.log.scans])).tolist()
         for index, (at, scan, odometry) in enumerate(zip(times, self.log.scans, self._odometry, strict=True)):
             before = time.perf_counter()
             found = self.localizer.update(replace(odometry, time=at), replace(scan, time=at))

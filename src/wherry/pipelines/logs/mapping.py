@@ -1,60 +1,62 @@
-"""A map of a recorded log, scored by relations where there are some (paper, section 5)."""
+"""Mapping of a recorded log, scored by relations where there are some (paper, section 5)."""
 
 from __future__ import annotations
 
-import io
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
 
 from wherry.errors import InputError
 from wherry.evaluation import RelationErrors, Relations, load_relations, relation_errors
 from wherry.files import make_folder, write_atomically
-from wherry.logs.carmen import LidarLog, read_log, read_odometry
-from wherry.mapping.backends import BACKENDS, MapSettings
-from wherry.mapping.graph_slam import GraphSlam, GraphSlamSettings
-from wherry.mapping.localizer import MapLocalizer, place_on_map
-from wherry.mapping.pose_graph import optimized
+from wherry.logs.lidar_log import LidarLog
+from wherry.logs.reading import read_log
+from wherry.logs.tables import read_odometry
+from wherry.mapping.graph_slam import GraphSlam
+from wherry.mapping.loop_closure import LoopClosure
+from wherry.mapping.methods import SLAM_METHODS
 from wherry.mapping.saved_graph import load_graph, save_graph
+from wherry.mapping.scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
+from wherry.mapping.settings import SlamSettings
 from wherry.mapping.slam import Slam
+from wherry.robot import Odometry, Scan
 from wherry.ros.bags.reading import is_bag, read_bag
 from wherry.ros.bags.recording import LogRecording
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
-from wherry.space.trajectory import Trajectory, save_tum
+from wherry.space.trajectory import Trajectory, merge_odometry, save_tum
+from wherry.views.map_picture import MapPicture
 
-WARM_UP = 30  # scans
-MARGIN = 1.0  # s that a relation may lie outside a log
+WARM_UP_SCANS = 30  # scans that are mapped to compile all kernels
+RELATION_MARGIN = 1.0  # s that a relation may lie outside of a log
+MIN_RESOLUTION, MAX_RESOLUTION = 0.005, 1.0  # m
 NO_PARTICLES = np.empty((0, 3))
 TRAJECTORY_COLOUR = (31, 84, 196)
 ACCEPTED_COLOUR = (24, 140, 60)
-REFUSED_COLOUR = (214, 120, 110)
-LEAST_WIDTH, LEAST_TEXT = 480, 14  # pixels, of a picture and of the words under it
-BARS = (1, 2, 5, 10, 20, 50, 100)  # m that the bar under a map may be long
+REJECTED_COLOUR = (214, 120, 110)
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class MappingSettings:
     """What to map, and how.
 
     Attributes:
-        log: The lidar log.
-        odometry: Denser odometry (``t x y θ``), to interpolate poses with.
-        relations: True relations to score the trajectory by.
-        backend: A key of `BACKENDS`.
-        out: The folder for map, picture, trajectory and pose graph; None to write nothing.
-        seed: Of what is random in the method.
-        resolution: m, a grid cell's side.
-        lenient: Whether broken lines of the log are left out.
-        graph: A pose graph saved by mapping, to go on from; None to begin anew.
-        start: Where the log begins on that graph's map, to within 3 m and 45°; None for where mapping ended.
-        localize: Whether to follow the robot on that graph's map, and leave the map as it is.
+        log: A lidar log, see `wherry.logs.reading.read_log`, or a ROS bag.
+        odometry: Denser odometry (``t x y θ``) to interpolate poses with; None for the log's own.
+        relations: True relations to score the trajectory by; None for no score.
+        backend: The SLAM method, a key of `SLAM_METHODS`.
+        out: Folder for map, picture, trajectory and pose graph; None to write nothing.
+        seed: Seed of the method's randomness.
+        resolution: Side of a grid cell, m.
+        lenient: Whether malformed lines of the log are left out.
+        graph: A saved pose graph to continue from; None to begin a new map.
+        start: Approximate start of the log on that graph's map, to within 3 m and 45°; None for where mapping ended.
+        localize: Whether to localize the robot on that graph's map without changing it.
     """
 
     log: Path
@@ -71,25 +73,26 @@ class Settings:
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """What came of it; the errors are None without relations.
+class MappingResult:
+    """Metrics of a mapped log; the errors are None without relations.
 
     Attributes:
-        translational_error_m: Mean length of the relations' translational errors.
-        translational_sd_m: Its standard deviation.
-        rotational_error_deg: Mean absolute rotational error.
-        rotational_sd_deg: Its standard deviation.
-        relations: How many there were.
-        far_translational_error_m: The first one, over relations more than a minute apart; None if there are none.
-        ms_per_scan_median: Of the processor time that adding a scan took.
-        ms_per_scan_p99: Likewise, the 99th percentile.
-        seconds: Of processor time, from the first scan to the finished map, once everything is compiled.
-        closures_accepted: Loops that were closed.
-        closures_refused: Loops that were tried and refused.
-        scans: How many were mapped.
+        translational_error_m: Mean translational error of the relations, m.
+        translational_sd_m: Standard deviation of the translational error, m.
+        rotational_error_deg: Mean absolute rotational error of the relations, degrees.
+        rotational_sd_deg: Standard deviation of the absolute rotational error, degrees.
+        relations: Number of relations.
+        far_translational_error_m: Mean translational error of the relations more than a minute apart, m; None if there
+            are none.
+        ms_per_scan_median: Median processor time of adding a scan, ms.
+        ms_per_scan_p99: 99th percentile of the processor time of adding a scan, ms.
+        seconds: Processor time from the first scan to the finished map without compilation, s.
+        closures_accepted: Loop closures that were accepted.
+        closures_refused: Loop closures that were attempted and rejected.
+        scans: Scans that were mapped.
         skipped: Lines of the log that were left out.
-        backend: The method.
-        log: The file.
+        backend: The SLAM method.
+        log: The log's file.
     """
 
     translational_error_m: float | None
@@ -109,160 +112,170 @@ class Result:
     log: str
 
 
-def prepare(settings: Settings) -> MappingRun:
-    """Read and check everything that a user has given, before anything is done.
+AddScan = Callable[[Scan, Odometry | None], Pose]
+
+
+def prepare(settings: MappingSettings) -> MappingRun:
+    """Read and check all input before anything is mapped.
 
     Raises:
-        InputError: A file, the backend, the resolution or the folder cannot be used, or the log begins nowhere on the
-            map that is to be gone on with.
+        InputError: A file, the method, the resolution or the folder cannot be used, or the log's first scan fits
+            nowhere on the map that is to be continued.
     """
+    _check(settings)
+    read = read_bag if is_bag(settings.log) else read_log
+    log = read(settings.log, lenient=settings.lenient)
+    relations = None if settings.relations is None else _covered_relations(settings.relations, log)
+    odometry = log.odometry
+    if settings.odometry is not None:
+        odometry = merge_odometry(log.odometry, read_odometry(settings.odometry))
+    slam, add_first = _create_slam(settings, log)
+    if settings.out is not None:
+        make_folder(settings.out)
+    return MappingRun(settings, log, relations, odometry, slam, add_first)
+
+
+def _check(settings: MappingSettings) -> None:
+    """Raise an `InputError` where options do not fit together or are out of range."""
     for option, given in (("--localize", settings.localize), ("--start", settings.start is not None)):
         if given and settings.graph is None:
             raise InputError(option, "", "needs --continue GRAPH: the map that the log begins on")
     if settings.graph is not None and settings.backend != "graph":
         raise InputError("--backend", settings.backend, "cannot go on from a pose graph: graph can")
-    if settings.backend not in BACKENDS:
-        raise InputError("--backend", settings.backend, f"is none of {', '.join(BACKENDS)}")
-    if not 0.005 <= settings.resolution <= 1.0:
+    if settings.backend not in SLAM_METHODS:
+        raise InputError("--backend", settings.backend, f"is none of {', '.join(SLAM_METHODS)}")
+    if not MIN_RESOLUTION <= settings.resolution <= MAX_RESOLUTION:
         raise InputError("--resolution", str(settings.resolution), "must lie between 0.005 and 1 m")
-    read = read_bag if is_bag(settings.log) else read_log
-    log = read(settings.log, lenient=settings.lenient)
-    relations = None if settings.relations is None else _covered(settings.relations, log)
-    odometry = log.odometry
-    if settings.odometry is not None:
-        odometry = merged_odometry(log.odometry, read_odometry(settings.odometry))
-    slam, first = _begun(settings, log)
-    if settings.out is not None:
-        make_folder(settings.out)
-    return MappingRun(settings, log, relations, odometry, slam, first)
 
 
-def _covered(path: Path, log: LidarLog) -> Relations:
-    """The relations between instants that the log covers; of others a trajectory says nothing."""
+def _covered_relations(path: Path, log: LidarLog) -> Relations:
+    """The relations between times that the log covers."""
     relations = load_relations(path)
-    first, last = log.scans[0].time - MARGIN, log.scans[-1].time + MARGIN
+    first, last = log.scans[0].time - RELATION_MARGIN, log.scans[-1].time + RELATION_MARGIN
     inside = ((relations.times >= first) & (relations.times <= last)).all(axis=1)
     if not inside.any():
         raise InputError(path, "", f"has no relation within the log's time, {first:.3f} to {last:.3f} s")
     return Relations(relations.times[inside], relations.poses[inside])
 
 
-def _begun(settings: Settings, log: LidarLog) -> tuple[Slam, Pose | None]:
-    """What maps the log, and where on its map the log begins if it has one already."""
+def _create_slam(settings: MappingSettings, log: LidarLog) -> tuple[Slam, AddScan]:
+    """The SLAM method, and the function that adds the log's first scan to it."""
     if settings.graph is None:
-        common = MapSettings(resolution=settings.resolution, empty_range=0.0)
-        return BACKENDS[settings.backend](log.lidar, np.random.default_rng(settings.seed), common), None
-    slam = load_graph(settings.graph)
-    if slam.front is not None and log.scans[0].time <= slam.front.time:
-        times = f"at {log.scans[0].time:.3f} s, the graph ends at {slam.front.time:.3f} s"
+        method = SLAM_METHODS[settings.backend]
+        slam_settings = SlamSettings(resolution=settings.resolution, empty_range=0.0)
+        slam = method.create(log.lidar, np.random.default_rng(settings.seed), slam_settings)
+        return slam, slam.add
+    return _continued_slam(settings.graph, settings, log)
+
+
+def _continued_slam(path: Path, settings: MappingSettings, log: LidarLog) -> tuple[Slam, AddScan]:
+    """As `_create_slam`, on the map of a saved pose graph."""
+    snapshot, scan = load_graph(path), log.scans[0]
+    if snapshot.tracking is not None and scan.time <= snapshot.tracking.time:
+        times = f"at {scan.time:.3f} s, the graph ends at {snapshot.tracking.time:.3f} s"
         raise InputError(settings.log, "first scan", f"time runs backwards: it was taken {times}")
+    slam = GraphSlam.from_snapshot(snapshot)
     start = slam.pose if settings.start is None else settings.start
-    first = place_on_map(slam, log.scans[0], start)
+    first = locate_on_map(slam, scan, start)
     if first is None:
         place = f"({start.x:.2f} m, {start.y:.2f} m, {math.degrees(start.theta):.0f}°)"
         reason = f"fits the map nowhere around {place}, or in several places; say with --start where it is"
         raise InputError(settings.log, "first scan", reason)
-    return (MapLocalizer(slam, first) if settings.localize else slam), first
-
-
-def merged_odometry(own: Trajectory, dense: Trajectory) -> Trajectory:
-    """A log's own odometry and denser odometry in the same frame as one; at equal times the log's own counts."""
-    times = np.concatenate([own.times, dense.times])
-    poses = np.vstack([own.poses, dense.poses])
-    _, first = np.unique(times, return_index=True)
-    return Trajectory(times[first], poses[first])
+    if settings.localize:
+        localizer = ScanMatchingLocalizer(slam, first)
+        return localizer, localizer.add
+    return slam, lambda scan, odometry: slam.resume(scan, odometry, first)
 
 
 class MappingRun:
-    """A log that is being mapped.
+    """The mapping of one log: iterate `steps`, then read the `result`.
 
     Args:
-        settings: What to do.
+        settings: Settings of the run.
         log: The log.
-        relations: To score by, if there are any.
-        odometry: To interpolate poses with.
-        slam: What maps it.
-        first: base_link at the first scan, if there is a map already to go on with.
+        relations: True relations to score by; None for no score.
+        odometry: Odometry to interpolate poses with.
+        slam: The SLAM method.
+        add_first: Adds the log's first scan to it; None for ``slam.add``.
 
     Attributes:
-        result: After all `steps`, what came of it.
-        pose: base_link in the map frame at the last scan.
+        settings: Settings of the run.
+        log: The log.
+        slam: The SLAM method.
+        pose: base_link at the last scan in the map frame.
     """
 
     def __init__(
         self,
-        settings: Settings,
+        settings: MappingSettings,
         log: LidarLog,
         relations: Relations | None,
         odometry: Trajectory,
         slam: Slam,
-        first: Pose | None,
+        add_first: AddScan | None = None,
     ) -> None:
         self.settings = settings
         self.log = log
-        self.result: Result | None = None
-        self.pose = IDENTITY
-        self._relations = relations
-        self._interpolation = odometry if len(odometry.times) > 1 else None
         self.slam = slam
-        self._first = first
+        self.pose = IDENTITY
+        self._add_first = add_first or slam.add
+        self._relations = relations
+        self._odometry = odometry if len(odometry.times) > 1 else None
+        self._result: MappingResult | None = None
 
     @property
     def scans(self) -> int:
-        """How many steps there will be."""
+        """Number of scans."""
         return len(self.log.scans)
 
-    def steps(self) -> Iterator[int]:
-        """Map scan by scan, yielding how many are done; then finish the map, score it and write the files.
+    @property
+    def result(self) -> MappingResult:
+        """The metrics.
 
-        After the first yield, of 0, compiled code is loaded, or made if this is the first time: up to half a minute.
+        Raises:
+            RuntimeError: The `steps` are not finished.
+        """
+        if self._result is None:
+            raise RuntimeError("the log is not mapped yet")
+        return self._result
+
+    def steps(self) -> Iterator[int]:
+        """Map scan by scan and yield the number of mapped scans; then finish the map, score it and write the files.
+
+        After 0 is yielded, all kernels are loaded, or compiled the first time, which takes up to half a minute.
         """
         yield 0
-        self._warm_up()
+        measurements = list(zip(self.log.scans, self.log.scan_odometry, strict=True))
+        SLAM_METHODS[self.settings.backend].compile_kernels(self.log.lidar, measurements[:WARM_UP_SCANS])
         taken = np.zeros(self.scans)
-        for number, (scan, odometry) in enumerate(zip(self.log.scans, self.log.scan_odometry, strict=True)):
+        for number, (scan, odometry) in enumerate(measurements):
             before = time.process_time()
-            if number == 0 and self._first is not None and isinstance(self.slam, GraphSlam):
-                self.pose = self.slam.resume(scan, odometry, self._first)
-            else:
-                self.pose = self.slam.add(scan, odometry)
+            add = self._add_first if number == 0 else self.slam.add
+            self.pose = add(scan, odometry)
             taken[number] = time.process_time() - before
             yield number + 1
-        began = time.process_time()
-        if isinstance(self.slam, GraphSlam):
-            self.slam.finish()
+        before = time.process_time()
+        self.slam.finish()
         grid = self.slam.grid()
-        seconds = float(taken.sum()) + time.process_time() - began  # what the watchers do meanwhile does not count
-        self.result = self._scored(taken * 1e3, seconds)
+        seconds = float(taken.sum()) + time.process_time() - before  # without the time that callers take in between
+        self._result = self._scored(taken * 1e3, seconds)
         if self.settings.out is not None:
             self._write(self.settings.out, grid)
 
     def record(self, recording: LogRecording) -> None:
-        """Record the log with the trajectory and the map, once all `steps` are done."""
+        """Record the log with its trajectory and map, after all `steps`."""
         for index, pose in enumerate(self.slam.trajectory.at(np.array([scan.time for scan in self.log.scans]))):
             recording.scan(index, Pose.from_array(pose), NO_PARTICLES)
         recording.map(self.slam.grid(), self.log.scans[-1].time)
 
-    def _warm_up(self) -> None:
-        """Have everything compiled that mapping calls, by mapping a few scans, so that the clock measures mapping."""
-        slam = BACKENDS[self.settings.backend](self.log.lidar, np.random.default_rng(0), MapSettings())
-        if isinstance(slam, GraphSlam):
-            slam = GraphSlam(self.log.lidar, GraphSlamSettings(submap_scans=4, closure_every=1))
-        for scan, odometry in zip(self.log.scans[:WARM_UP], self.log.scan_odometry, strict=False):
-            slam.add(scan, odometry)
-        slam.grid()
-        if isinstance(slam, GraphSlam):
-            optimized(slam.graph)
-
-    def _scored(self, milliseconds: Floats, seconds: float) -> Result:
-        """The result."""
+    def _scored(self, milliseconds: Floats, seconds: float) -> MappingResult:
+        """The metrics, of the processor time of each scan [N] ms, and of all in all, s."""
         errors: RelationErrors | None = None
         if self._relations is not None:
-            errors = relation_errors(self.slam.trajectory, self._relations, self._interpolation)
+            errors = relation_errors(self.slam.trajectory, self._relations, self._odometry)
         far = errors.far_translational_error_m if errors and math.isfinite(errors.far_translational_error_m) else None
-        closures = self.slam.closures if isinstance(self.slam, GraphSlam) else []
-        accepted = sum(closure.accepted for closure in closures)
-        return Result(
+        accepted = sum(closure.is_accepted for closure in self.slam.loop_closures)
+        return MappingResult(
             translational_error_m=errors.translational_error_m if errors else None,
             translational_sd_m=errors.translational_sd_m if errors else None,
             rotational_error_deg=errors.rotational_error_deg if errors else None,
@@ -273,7 +286,7 @@ class MappingRun:
             ms_per_scan_p99=float(np.percentile(milliseconds, 99)),
             seconds=seconds,
             closures_accepted=accepted,
-            closures_refused=len(closures) - accepted,
+            closures_refused=len(self.slam.loop_closures) - accepted,
             scans=self.scans,
             skipped=len(self.log.skipped),
             backend=self.settings.backend,
@@ -285,88 +298,50 @@ class MappingRun:
         save_map(grid, out / "map.yaml")
         save_tum(self.slam.trajectory, out / "trajectory.tum")
         write_atomically(out / "map.png", map_picture(grid, self.slam))
-        if isinstance(self.slam, GraphSlam):
-            save_graph(self.slam, out / "graph.npz")
-            lines = [
-                f"{closure.time:.3f} keyscan {closure.node} to {closure.target}: {closure.refused or 'accepted'}"
-                f" (response {closure.response:.2f}, rival {closure.rival:.2f}, window {closure.window:.2f} m)\n"
-                for closure in self.slam.closures
-            ]
+        snapshot = self.slam.snapshot()
+        if snapshot is not None:
+            save_graph(snapshot, out / "graph.npz")
+            lines = [_closure_line(closure) for closure in snapshot.loop_closures]
             write_atomically(out / "closures.txt", "".join(lines))
 
 
-def run(settings: Settings) -> Result:
+def run(settings: MappingSettings) -> MappingResult:
     """Map a log.
 
     Raises:
-        InputError: A file, the backend, the resolution or the folder cannot be used.
+        InputError: As `prepare`.
     """
     mapping = prepare(settings)
     for _ in mapping.steps():
         pass
-    assert mapping.result is not None  # noqa: S101 - steps() ends by setting it
     return mapping.result
 
 
 def map_picture(grid: OccupancyGrid, slam: Slam) -> bytes:
-    """A PNG of a map with the way on it and, of graph SLAM, the closed and the refused loops; a legend is below.
+    """A PNG of a map with the trajectory and, of graph SLAM, the loop closures.
 
     Args:
         grid: The map; a small one is enlarged.
-        slam: What made it.
+        slam: The SLAM method that made it.
     """
-    scale = math.ceil(LEAST_WIDTH / max(grid.shape))
-    grey = (255 * (1.0 - grid.probability[::-1])).astype(np.uint8).repeat(scale, axis=0).repeat(scale, axis=1)
-    height, width = grey.shape[0], max(grey.shape[1], LEAST_WIDTH)  # the legend needs some room
-    text = max(LEAST_TEXT, width // 60)
-    image = Image.new("RGB", (width, height + 2 * text), "white")
-    image.paste(Image.fromarray(grey))
-    draw = ImageDraw.Draw(image)
-
-    def pixels(points: Floats) -> list[tuple[float, float]]:
-        cells = grid.origin.inverse.transform(points) / grid.resolution * scale
-        return [(float(x), float(height - y)) for x, y in cells]
-
-    legend = [("way", TRAJECTORY_COLOUR)]
-    if isinstance(slam, GraphSlam):
-        for closure in sorted(slam.closures, key=lambda closure: closure.accepted):
-            ends = slam.nodes[[closure.target, closure.node], :2]
-            draw.line(pixels(ends), fill=ACCEPTED_COLOUR if closure.accepted else REFUSED_COLOUR)
-        accepted = sum(closure.accepted for closure in slam.closures)
+    picture = MapPicture(grid, is_enlarged=True)
+    legend = [("trajectory", TRAJECTORY_COLOUR)]
+    if slam.snapshot() is not None:
+        closures = slam.loop_closures
+        for closure in sorted(closures, key=lambda closure: closure.is_accepted):
+            ends = slam.keyframe_poses[[closure.target, closure.keyframe], :2]
+            picture.line(ends, ACCEPTED_COLOUR if closure.is_accepted else REJECTED_COLOUR)
+        accepted = sum(closure.is_accepted for closure in closures)
         legend.append((f"{accepted} closed loops", ACCEPTED_COLOUR))
-        legend.append((f"{len(slam.closures) - accepted} refused", REFUSED_COLOUR))
-    draw.line(pixels(slam.trajectory.poses[:, :2]), fill=TRAJECTORY_COLOUR, width=2)
-    _draw_legend(draw, (width, height), text, legend, scale / grid.resolution)
-    buffer = io.BytesIO()
-    image.save(buffer, format="PNG")
-    return buffer.getvalue()
+        legend.append((f"{len(closures) - accepted} rejected", REJECTED_COLOUR))
+    picture.line(slam.trajectory.poses[:, :2], TRAJECTORY_COLOUR, width=2)
+    picture.add_legend(legend)
+    return picture.png()
 
 
-def _draw_legend(
-    draw: ImageDraw.ImageDraw,
-    corner: tuple[int, int],
-    text: int,
-    legend: Sequence[tuple[str, tuple[int, int, int]]],
-    pixels_per_metre: float,
-) -> None:
-    """Write under a map what its colours mean, and draw how long some metres are.
-
-    Args:
-        draw: Of the picture.
-        corner: The map's lower right corner, in pixels.
-        text: Its size, in pixels.
-        legend: What there is, in which colour.
-        pixels_per_metre: The map's scale.
-    """
-    width, top = corner
-    font, middle = ImageFont.load_default(text), top + text
-    x = float(text)
-    for name, colour in legend:
-        draw.line([(x, middle), (x + text, middle)], fill=colour, width=3)
-        draw.text((x + 1.4 * text, middle), name, fill="black", font=font, anchor="lm")
-        x += 3.0 * text + draw.textlength(name, font=font)
-    metres = max((length for length in BARS if length * pixels_per_metre < width / 5), default=BARS[0])
-    right = width - text
-    draw.line([(right - metres * pixels_per_metre, middle), (right, middle)], fill="black", width=3)
-    end = right - metres * pixels_per_metre - 0.4 * text
-    draw.text((end, middle), f"{metres} m", fill="black", font=font, anchor="rm")
+def _closure_line(closure: LoopClosure) -> str:
+    """A line of closures.txt, a format whose words are older than those of the code."""
+    return (
+        f"{closure.time:.3f} keyscan {closure.keyframe} to {closure.target}: {closure.explanation or 'accepted'}"
+        f" (response {closure.score:.2f}, rival {closure.second_best_score:.2f}, window {closure.window:.2f} m)\n"
+    )

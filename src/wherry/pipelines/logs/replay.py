@@ -55,7 +55,7 @@ def prepare(settings: Settings) -> ReplayRun:
         load_parameters(settings.params)  # whatever is wrong with them is told before the bag is mapped
     folder = settings.out / "mapping"
     mapping = slam.prepare(
-        slam.Settings(
+        slam.MappingSettings(
             log=settings.bag, out=folder, backend=settings.backend, seed=settings.seed, lenient=settings.lenient
         )
     )
@@ -97,7 +97,7 @@ class ReplayRun:
     def __init__(self, settings: Settings, map_file: Path, first: slam.MappingRun | LocalizationRun) -> None:
         self.out = settings.out
         self.map_file = map_file
-        self.mapping: slam.Result | None = None
+        self.mapping: slam.MappingResult | None = None
         self._settings = settings
         self._first = first
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.logs.carmen import LidarLog
-from wherry.mapping.closures import Closure
+from wherry.logs.lidar_log import LidarLog
+from wherry.mapping.loop_closure import LoopClosure
 from wherry.pipelines.logs.localization import LOST
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
@@ -60,12 +60,12 @@ class LogTrace:
         cloud = particles.astype(np.float32)
         self._sink(Seen(self._time(index), pose, lidar, points, cloud, NO_POINTS, NO_POINTS, loaded=False))
 
-    def closures(self, index: int, tried: Sequence[Closure]) -> None:
+    def closures(self, index: int, tried: Sequence[LoopClosure]) -> None:
         """Say how many loops were closed by a scan, and how many refused, where it is not what was said before."""
         if len(tried) == self._tried:
             return
         self._tried = len(tried)
-        accepted = sum(closure.accepted for closure in tried)
+        accepted = sum(closure.is_accepted for closure in tried)
         self.say(index, f"Loops so far: {accepted} closed, {len(tried) - accepted} refused.")
 
     def doubt(self, index: int, lost_probability: float) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.logs.carmen import LONGEST_JUMP, MOST_BEAMS, LidarLog
+from wherry.logs.lidar_log import MAX_BEAMS, MAX_JUMP, LidarLog
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import IDENTITY, Pose
 from wherry.space.trajectory import Trajectory
@@ -149,7 +149,7 @@ def _odometry(bag: _Bag, lenient: bool, skipped: list[str]) -> Trajectory:
         if time < latest:
             reason = f"time runs backwards, from {latest:.6f} to {time:.6f}"
         jump = np.hypot(pose.x - poses[latest].x, pose.y - poses[latest].y) if poses else 0.0
-        if not reason and not jump <= LONGEST_JUMP:
+        if not reason and not jump <= MAX_JUMP:
             reason = f"jumps by {jump:,.0f} m since the one before"
         if not _refused(bag.path, name, reason, lenient, skipped):
             poses[time], latest = pose, time
@@ -217,8 +217,8 @@ def _fault(scan: Scan, last: Scan | None) -> str:
     limits = [scan.time, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max]
     if not np.isfinite(limits).all() or scan.range_max <= 0.0 or scan.angle_increment == 0.0:
         return "has a time, an angle or a limit that cannot be"
-    if not 1 <= len(scan.ranges) <= MOST_BEAMS:
-        return f"has {len(scan.ranges)} beams; 1 to {MOST_BEAMS:,} are possible"
+    if not 1 <= len(scan.ranges) <= MAX_BEAMS:
+        return f"has {len(scan.ranges)} beams; 1 to {MAX_BEAMS:,} are possible"
     if last is not None and scan.time < last.time:
         return f"time runs backwards, from {last.time:.6f} to {scan.time:.6f}"
     if last is not None and len(scan.ranges) != len(last.ranges):

@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.logs.carmen import LidarLog
+from wherry.logs.lidar_log import LidarLog
 from wherry.robot import Body, Odometry, Robot, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.bags.reading import UNFINISHED

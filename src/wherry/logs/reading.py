@@ -1,0 +1,36 @@
+"""Reading of lidar logs in the formats of CARMEN and of Wean Hall, plain or gzipped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from wherry.logs.carmen import CARMEN_PARSERS, ignore_message
+from wherry.logs.collector import LogCollector
+from wherry.logs.lidar_log import LidarLog
+from wherry.logs.log_lines import MalformedLineError, numbered_lines
+from wherry.logs.wean_hall import WEAN_HALL_PARSERS
+
+PARSERS = {**CARMEN_PARSERS, **WEAN_HALL_PARSERS}
+
+
+def read_log(path: str | Path, *, lenient: bool = False) -> LidarLog:
+    """Read a log of CARMEN messages (FLASER, ROBOTLASER1, ODOM, PARAM) or of Wean Hall's O and L lines.
+
+    Args:
+        path: The file; gzipped if its name ends in .gz.
+        lenient: Whether to leave out malformed lines instead of refusing the file.
+
+    Raises:
+        InputError: The file cannot be read, is too large, has no scans, or (unless lenient) has a malformed line, which
+            the error names.
+    """
+    collector = LogCollector(str(path), lenient)
+    for number, line in numbered_lines(Path(path)):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            PARSERS.get(words[0], ignore_message)(collector, words)
+        except MalformedLineError as error:
+            collector.reject(number, str(error))
+    return collector.log()

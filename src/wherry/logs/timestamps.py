@@ -1,0 +1,35 @@
+"""Repair of time stamps that are coarse or constant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wherry.space.pose import Floats
+
+MIN_SCAN_PERIOD = 0.005  # s; no lidar is faster, so a log with shorter periods has no usable clock
+PERIOD_WITHOUT_CLOCK = 1.0  # s from scan to scan that is assumed then
+
+
+def increasing_times(times: Floats) -> Floats:
+    """Times that increase from scan to scan, which a motion model needs to tell driving from a jump.
+
+    Scans with equal stamps are spread evenly up to the next stamp; a log without a usable clock gets a constant period.
+
+    Args:
+        times: Times as logged, [N] s. They are returned unchanged if all increase, or if some decrease.
+
+    Returns:
+        Increasing times, [N] s.
+    """
+    steps = np.diff(times)
+    if (steps > 0.0).all() or (steps < 0.0).any():
+        return times
+    count = len(times)
+    if times[-1] - times[0] < MIN_SCAN_PERIOD * count:
+        counted: Floats = times[0] + PERIOD_WITHOUT_CLOCK * np.arange(count)
+        return counted
+    first = np.concatenate([[0], 1 + np.flatnonzero(steps > 0.0)])  # first scan of each stamp
+    period = (times[-1] - times[0]) / first[-1]
+    ends = np.append(times[first], times[-1] + period * (count - first[-1]))
+    increasing: Floats = np.interp(np.arange(count), np.append(first, count), ends)
+    return increasing

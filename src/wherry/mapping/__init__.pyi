@@ -1,0 +1,30 @@
+from .graph_slam import GraphSlam
+from .graph_snapshot import GraphSnapshot
+from .loop_closure import LoopClosure, Rejection
+from .methods import SLAM_METHODS, SlamMethod
+from .particle_slam import ParticleSlam
+from .pose_graph import PoseGraph, optimized
+from .saved_graph import load_graph, save_graph
+from .scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
+from .settings import GraphSlamSettings, ParticleSlamSettings, SlamSettings
+from .slam import Slam
+
+__all__ = [
+    "SLAM_METHODS",
+    "GraphSlam",
+    "GraphSlamSettings",
+    "GraphSnapshot",
+    "LoopClosure",
+    "ParticleSlam",
+    "ParticleSlamSettings",
+    "PoseGraph",
+    "Rejection",
+    "ScanMatchingLocalizer",
+    "Slam",
+    "SlamMethod",
+    "SlamSettings",
+    "load_graph",
+    "locate_on_map",
+    "optimized",
+    "save_graph",
+]

@@ -1,0 +1,125 @@
+"""Localization on the map of graph SLAM: scans are matched as in mapping, but the map does not change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from wherry.mapping.correlative import SearchWindow, correlate
+from wherry.mapping.graph_slam import GraphSlam
+from wherry.mapping.graph_snapshot import GraphSnapshot
+from wherry.mapping.loop_closure import LoopClosure
+from wherry.mapping.matching_grid import MatchingGrid
+from wherry.mapping.point_cloud import PointCloud
+from wherry.mapping.refinement import refine
+from wherry.mapping.scan_matching import MIN_POINTS, SEARCH_POINTS, find_scan
+from wherry.mapping.slam import NO_DISCS
+from wherry.mapping.tracking import TrackingState
+from wherry.robot import Odometry, Scan
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Floats, Pose
+from wherry.space.trajectory import Trajectory
+
+MIN_SCORE = 0.5  # mean likelihood of the points of the first scan
+MAX_SECOND_BEST = 0.9  # share of the best score that another peak may reach
+START_DISTANCE, START_ANGLE = 3.0, math.radians(45.0)  # m and rad to either side that are searched for the first scan
+
+
+def whole_map(slam: GraphSlam) -> MatchingGrid:
+    """All keyframes of graph SLAM as one matching grid in the map frame."""
+    grid = MatchingGrid()
+    for keyframe, pose in zip(slam.keyframes, slam.keyframe_poses, strict=True):
+        grid.add(keyframe.cloud.transformed(Pose.from_array(pose)))
+    return grid
+
+
+def locate_on_map(slam: GraphSlam, scan: Scan, start: Pose) -> Pose | None:
+    """Find the pose at which a scan was taken.
+
+    Args:
+        slam: The map, which is not changed.
+        scan: The scan.
+        start: Approximate base_link in the map frame, to within 3 m and 45°.
+
+    Returns:
+        base_link in the map frame; None if the scan fits nowhere around ``start``, or in several places.
+    """
+    grid, cloud = whole_map(slam), PointCloud.from_scan(scan, slam.lidar, slam.settings.range_limit)
+    if len(cloud.points) < MIN_POINTS:
+        return None
+    window = SearchWindow(start, START_DISTANCE, START_ANGLE)
+    found = correlate(grid, cloud.subsampled(SEARCH_POINTS).points, window, second_best_share=MAX_SECOND_BEST)
+    if found.score < MIN_SCORE or found.second_best_score > MAX_SECOND_BEST * found.score:
+        return None
+    return refine(grid, cloud, found.pose).pose
+
+
+class ScanMatchingLocalizer:
+    """Tracks the robot on a finished map; follows `wherry.mapping.slam.Slam`, so that it can take a method's place.
+
+    Args:
+        slam: The map, which is not changed.
+        start: base_link in the map frame; None for the last pose of the map.
+    """
+
+    def __init__(self, slam: GraphSlam, start: Pose | None = None) -> None:
+        self._slam = slam
+        self._pose = slam.pose if start is None else start
+        self._map = whole_map(slam)
+        self._tracking: TrackingState | None = None
+        self._poses: list[tuple[float, Pose]] = []
+
+    @property
+    def pose(self) -> Pose:
+        """base_link at the last scan in the map frame."""
+        return self._pose
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """base_link at each scan since localization began, in the map frame."""
+        poses = np.array([pose.as_array() for _, pose in self._poses]).reshape(-1, 3)
+        return Trajectory(np.array([time for time, _ in self._poses]), poses)
+
+    @property
+    def keyframe_poses(self) -> Floats:
+        """base_link at each keyframe of the map, [K, 3] m, m, rad."""
+        return self._slam.keyframe_poses
+
+    @property
+    def loop_closures(self) -> Sequence[LoopClosure]:
+        """Empty, since the map does not change."""
+        return ()
+
+    def snapshot(self) -> GraphSnapshot | None:
+        """None, since there is nothing new to save."""
+        return None
+
+    def finish(self) -> None:
+        """See `wherry.mapping.slam.Slam.finish`; nothing is ever pending."""
+
+    def grid(self, exclude: Floats = NO_DISCS) -> OccupancyGrid:
+        """The map; see `GraphSlam.grid`."""
+        return self._slam.grid(exclude)
+
+    def add(self, scan: Scan, odometry: Odometry | None = None) -> Pose:
+        """Localize one scan.
+
+        Args:
+            scan: A scan later than the one before.
+            odometry: Odometry at the scan's time; None without odometry.
+
+        Returns:
+            base_link in the map frame.
+        """
+        if self._tracking is None:
+            self._tracking = TrackingState.begin(scan.time, odometry).with_scan(scan.time, self._pose, odometry)
+        motion, noise = self._tracking.predict_motion(scan.time, odometry)
+        expected = self._tracking.pose @ motion
+        cloud = PointCloud.from_scan(scan, self._slam.lidar, self._slam.settings.range_limit)
+        match = find_scan(self._map, cloud, expected, motion, noise)
+        self._pose = expected if match is None else match.pose
+        self._tracking = self._tracking.with_scan(scan.time, self._pose, odometry)
+        self._poses.append((scan.time, self._pose))
+        return self._pose
