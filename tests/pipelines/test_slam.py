@@ -71,7 +71,7 @@ def test_a_log_becomes_a_map(log: Path, tmp_path: Path, backend: str, tolerance:
         assert picture.width >= grid.shape[1]
         assert picture.height > grid.shape[0]
     if backend == "graph":
-        assert len(load_graph(tmp_path / "out" / "graph.npz").keyscans) > 3
+        assert len(load_graph(tmp_path / "out" / "graph.npz").keyframes) > 3
 
 
 @pytest.mark.parametrize("backend", ["graph", "particles"])
@@ -129,7 +129,7 @@ def test_mapping_continues_from_a_saved_graph(log: Path, mapped: Path, next_day:
     both = read_odometry(tmp_path / "trajectory.tum")
     assert len(both.times) == 32
     np.testing.assert_allclose(both.poses[16:, :2], both.poses[:16, :2], atol=0.05)
-    assert len(load_graph(tmp_path / "graph.npz").keyscans) > len(load_graph(mapped / "graph.npz").keyscans)
+    assert len(load_graph(tmp_path / "graph.npz").keyframes) > len(load_graph(mapped / "graph.npz").keyframes)
 
 
 def test_localizing_does_not_change_the_map(log: Path, mapped: Path, next_day: Path, tmp_path: Path) -> None:

@@ -30,5 +30,6 @@ def gauss_newton_step(
     offset = pose - prior
     offset[2] -= math.tau * np.round(offset[2] / math.tau)
     hessian = information + prior_information + damping * np.eye(3)
-    step: Floats = np.linalg.solve(hessian, -(gradient + prior_information @ offset))
+    step: Floats = np.zeros(3)
+    step[:] = np.linalg.solve(hessian, -(gradient + prior_information @ offset))
     return step
