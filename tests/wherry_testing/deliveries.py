@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from wherry.domains.delivery import Site
+from wherry.domains.delivery import DeliverySite
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import parse_world
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import PRECISE
-from wherry.realization.boxes import Box
+from wherry.realization.boxes import BoxState
 from wherry.realization.correctors import MapCorrector
 from wherry.realization.environment import RobotEnvironment
 from wherry.realization.mission import START_COVARIANCE
@@ -50,5 +50,5 @@ def stand_ready(plan: FloorPlan, seed: int = 0) -> tuple[RobotEnvironment, Simul
     localizer = Localizer(grid, simulation.robot.body.lidar, PRECISE, beliefs)
     localizer.initialize(start, START_COVARIANCE)
     pilot = Pilot(simulation.robot, PoseTracker(MapCorrector(localizer), start), ignore)
-    boxes = [Box(number, *box.position, 9, 9) for number, box in enumerate(simulation.referee.boxes)]
-    return RobotEnvironment(pilot, frame_of(plan), Site.of_plan(plan), boxes), simulation
+    boxes = [BoxState(number, *box.position, 9, 9) for number, box in enumerate(simulation.referee.boxes)]
+    return RobotEnvironment(pilot, frame_of(plan), DeliverySite.of_plan(plan), boxes), simulation

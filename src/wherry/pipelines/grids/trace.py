@@ -50,7 +50,7 @@ class GridTrace:
                 time=self._time,
                 condition=str(step.condition),
                 action=str(step.action),
-                learning=step.learning,
+                learning=step.is_learning,
                 moved=not step.transition.failed,
                 unknown=self._unknown.count(),
                 delivered=self._ended,
