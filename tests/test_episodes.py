@@ -197,8 +197,8 @@ def test_steps_tell_what_happened() -> None:
     assert str(steps[0].condition) == "1100000"
     assert steps[0].is_exploring
     assert steps[0].is_learning
-    assert steps[0].unknown_count > 0
-    assert steps[-1].unknown_count == 0
+    assert steps[0].unknown_pairs > 0
+    assert steps[-1].unknown_pairs == 0
     for earlier, later in pairwise(steps):
         assert earlier.transition.next_state == later.state
 

@@ -54,7 +54,7 @@ class Agent(Protocol):
         ...
 
     @property
-    def unknown_count(self) -> int:
+    def unknown_pairs(self) -> int:
         """Number of pairs of a condition met so far and an action with unknown outcome; 0 if they are not counted."""
         ...
 
@@ -83,7 +83,7 @@ class Step:
         prediction: The agent's prediction before the action.
         transition: The experience.
         is_exploring: Whether the action was an experiment, or a step on the way to one.
-        unknown_count: Number of pairs of a condition and an action with unknown outcome after this step.
+        unknown_pairs: Number of pairs of a condition and an action with unknown outcome after this step.
     """
 
     number: int
@@ -93,7 +93,7 @@ class Step:
     prediction: Prediction
     transition: Transition
     is_exploring: bool
-    unknown_count: int
+    unknown_pairs: int
 
     @property
     def is_surprise(self) -> bool:
@@ -138,7 +138,7 @@ def run_episode(
             prediction,
             transition,
             decision.is_exploring,
-            agent.unknown_count,
+            agent.unknown_pairs,
         )
         if transition.terminated:
             return
@@ -173,7 +173,7 @@ class GoalAgent:
         self.unmet_goals = unmet_goals
         self.heuristic = heuristic
         self._cache = PredictionCache(learner)
-        self._unknown_pairs = UnknownPairs(learner)
+        self._unknown_pair_counter = UnknownPairs(learner)
         self._plan = Plan((), (), 0.0)
         self._is_exploring = False
         self._planned_revisions: dict[str, int] = {}
@@ -186,9 +186,9 @@ class GoalAgent:
         return self.learner.domain
 
     @property
-    def unknown_count(self) -> int:
+    def unknown_pairs(self) -> int:
         """Number of pairs of a condition met so far and an action with unknown outcome."""
-        return self._unknown_pairs.count()
+        return self._unknown_pair_counter.count()
 
     @property
     def failure_reason(self) -> str | None:
@@ -206,7 +206,7 @@ class GoalAgent:
 
     def decide(self, state: State) -> Decision | None:
         """The next action of the plan, replanning after a revision or an unplanned state; None at the end."""
-        self._unknown_pairs.meet(state)
+        self._unknown_pair_counter.meet(state)
         if self._plan.states[:1] != (state,) or self._planned_revisions != self.learner.revisions:
             self._replan(state)
         if not self._is_exploring and self.learner.has_disagreement:
@@ -272,7 +272,7 @@ class PolicyAgent:
         return self.learner.domain
 
     @property
-    def unknown_count(self) -> int:
+    def unknown_pairs(self) -> int:
         """Always 0: it does not count unknown outcomes."""
         return 0
 

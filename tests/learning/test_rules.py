@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from wherry.baselines.q_learning import QLearning
-from wherry.domains.delivery import DeliverySite, all_delivered, delivery_grid
+from wherry.domains.delivery import DeliverySite, all_delivered, delivery_grid, delivery_reward
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
