@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import header_of
+from wherry.ros.encoding import encode_header
 
 OK, WARN, ERROR = ros.DiagnosticStatus.OK, ros.DiagnosticStatus.WARN, ros.DiagnosticStatus.ERROR
 
 
 @dataclass
-class Refusals:
+class RejectedMessages:
     """How many messages were refused, by topic, and why the last one was.
 
     Attributes:
@@ -30,12 +30,12 @@ class Refusals:
         self.last = f"{topic}: {reason}"
 
 
-def status_of(name: str, level: int, text: str, values: Mapping[str, object]) -> ros.DiagnosticStatus:
+def diagnostic_status(name: str, level: int, text: str, values: Mapping[str, object]) -> ros.DiagnosticStatus:
     """How one part is doing."""
     pairs = tuple(ros.KeyValue(key, str(value)) for key, value in values.items())
     return ros.DiagnosticStatus(level, name, text, "wherry", pairs)
 
 
-def diagnostics_of(seconds: float, *statuses: ros.DiagnosticStatus) -> ros.DiagnosticArray:
+def diagnostic_array(seconds: float, *statuses: ros.DiagnosticStatus) -> ros.DiagnosticArray:
     """How all parts are doing."""
-    return ros.DiagnosticArray(header_of(seconds, ""), statuses)
+    return ros.DiagnosticArray(encode_header(seconds, ""), statuses)

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 from wherry.errors import InputError
 from wherry.ros import messages as ros
-from wherry.ros.transports.transport import Quality, Topic
+from wherry.ros.topics import QosProfile, Topic
 from wherry.yaml_files import check_number, load_mapping
 
 TOPIC_NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
@@ -31,26 +31,26 @@ class Topics:
     """Every topic; the default names are those of amcl, gmapping, move_base and nav2."""
 
     # A robot's
-    scan: Topic[ros.LaserScan] = Topic("scan", ros.LaserScan, Quality.SENSOR)
-    odom: Topic[ros.Odometry] = Topic("odom", ros.Odometry, Quality.SENSOR)
+    scan: Topic[ros.LaserScan] = Topic("scan", ros.LaserScan, QosProfile.SENSOR)
+    odom: Topic[ros.Odometry] = Topic("odom", ros.Odometry, QosProfile.SENSOR)
     tf: Topic[ros.TFMessage] = Topic("/tf", ros.TFMessage)
-    tf_static: Topic[ros.TFMessage] = Topic("/tf_static", ros.TFMessage, Quality.LATCHED)
-    clock: Topic[ros.Clock] = Topic("/clock", ros.Clock, Quality.SENSOR)
+    tf_static: Topic[ros.TFMessage] = Topic("/tf_static", ros.TFMessage, QosProfile.LATCHED)
+    clock: Topic[ros.Clock] = Topic("/clock", ros.Clock, QosProfile.SENSOR)
     joint_states: Topic[ros.JointState] = Topic("joint_states", ros.JointState)
     cmd_vel: Topic[ros.Twist] = Topic("cmd_vel", ros.Twist)
     cmd_vel_stamped: Topic[ros.TwistStamped] = Topic("cmd_vel", ros.TwistStamped)  # ROS 2; nav2 chooses one of the two
-    robot_description: Topic[ros.String] = Topic("robot_description", ros.String, Quality.LATCHED)  # ROS 2
+    robot_description: Topic[ros.String] = Topic("robot_description", ros.String, QosProfile.LATCHED)  # ROS 2
     latch_command: Topic[ros.JointState] = Topic("latch/command", ros.JointState)
     latch_state: Topic[ros.JointState] = Topic("latch/state", ros.JointState)
     # An outside stack's, and the agent's own
-    map: Topic[ros.OccupancyGrid] = Topic("map", ros.OccupancyGrid, Quality.LATCHED)
+    map: Topic[ros.OccupancyGrid] = Topic("map", ros.OccupancyGrid, QosProfile.LATCHED)
     amcl_pose: Topic[ros.PoseWithCovarianceStamped] = Topic("amcl_pose", ros.PoseWithCovarianceStamped)
     initialpose: Topic[ros.PoseWithCovarianceStamped] = Topic("initialpose", ros.PoseWithCovarianceStamped)
     # The agent's own
     particlecloud: Topic[ros.PoseArray] = Topic("particlecloud", ros.PoseArray)
     plan: Topic[ros.Path] = Topic("plan", ros.Path)
     predicted_path: Topic[ros.Path] = Topic("predicted_path", ros.Path)
-    markers: Topic[ros.MarkerArray] = Topic("markers", ros.MarkerArray, Quality.LATCHED)
+    markers: Topic[ros.MarkerArray] = Topic("markers", ros.MarkerArray, QosProfile.LATCHED)
     diagnostics: Topic[ros.DiagnosticArray] = Topic("/diagnostics", ros.DiagnosticArray)
 
 
@@ -75,7 +75,7 @@ class Rates:
 
 
 @dataclass(frozen=True, slots=True)
-class Names:
+class RosNames:
     """All names and rates of one robot, resolved.
 
     Attributes:
@@ -98,7 +98,7 @@ def load_names(
     namespace: str = "",
     frame_prefix: str = "",
     remappings: Sequence[str] = (),
-) -> Names:
+) -> RosNames:
     """Read names and rates; options outrank the file, and what neither says is ROS's convention.
 
     Args:
@@ -123,7 +123,7 @@ def load_names(
     prefix = frame_prefix or document.get("frame_prefix", "")
     if prefix:
         _matching(source, "frame_prefix", prefix, FRAME_NAME)
-    return Names(_resolved(source, topics, space), _prefixed(source, frames, prefix), Rates(**rates))
+    return RosNames(_resolved(source, topics, space), _prefixed(source, frames, prefix), Rates(**rates))
 
 
 def _section(source: str | Path, document: Mapping[str, Any], name: str, holder: type[T]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from typing import Any
 import yaml
 
 from wherry.errors import InputError
-from wherry.ros.names import Names, Topics, load_names
+from wherry.ros.names import RosNames, Topics, load_names
 from wherry.ros.transports.ros1_master import Master, choose_interface, wait_for_master
 
 PROGRAMS = {1: "rviz", 2: "rviz2"}
@@ -48,7 +48,7 @@ class View:
     scale: float = 80.0
 
 
-def configuration(generation: int, names: Names, view: View) -> str:
+def configuration(generation: int, names: RosNames, view: View) -> str:
     """RViz's configuration file for a robot with these topics and frames."""
     text = (resources.files("wherry.ros") / "rviz_configs" / f"rviz{generation}.rviz").read_text(encoding="utf-8")
     document = yaml.safe_load(text)
@@ -133,8 +133,8 @@ def _describe_to_master(description: str) -> bool:
     uri = choose_interface()
     wait_for_master(uri)
     with closing(Master("/wherry_rviz", uri)) as master:
-        if not master.ask("hasParam", DESCRIPTION):
-            master.ask("setParam", DESCRIPTION, description)
+        if not master.call("hasParam", DESCRIPTION):
+            master.call("setParam", DESCRIPTION, description)
         return not master.is_alive(f"/{PUBLISHER_NODE}")
 
 
