@@ -78,7 +78,7 @@ def stage() -> Stage:
 def test_the_map_is_told_if_it_is_ours(stage: Stage) -> None:
     grid = OccupancyGrid(np.eye(3, dtype=np.float32), 0.05)
     stage.node(MapUpdate(5.0, grid, 0.5, 1.0))
-    np.testing.assert_array_equal(from_grid(stage.heard("map")[0], "map").occupied, grid.occupied)
+    np.testing.assert_array_equal(decode_occupancy_grid(stage.heard("map")[0], "map").occupied, grid.occupied)
     somebody_elses = Stage(owns_map=False)
     somebody_elses.node(MapUpdate(5.0, grid, 0.5, 1.0))
     assert somebody_elses.heard("map") == []
@@ -90,7 +90,7 @@ def test_paths_and_particles_are_told(stage: Stage) -> None:
     assert decode_pose(stage.heard("predicted_path")[0].poses[1].pose).x == 1.0
     plan = np.array([[0.3, 0.3], [0.9, 0.3], [0.9, 0.9]], np.float32)
     stage.node(StepTaken(5.0, "101", "N", False, True, 0, 0, 1, plan))
-    assert [from_pose(pose.pose).x for pose in stage.heard("plan")[0].poses] == pytest.approx([0.3, 0.9, 0.9])
+    assert [decode_pose(pose.pose).x for pose in stage.heard("plan")[0].poses] == pytest.approx([0.3, 0.9, 0.9])
 
 
 def test_what_is_seen_is_drawn_in_spare_time_and_only_the_last_of_it(stage: Stage) -> None:

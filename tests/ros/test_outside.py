@@ -20,7 +20,7 @@ from wherry.pipelines.delivery.simulator import node_of
 from wherry.realization.mission import Ready
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import load_body
+from wherry.ros.body_files import load_body
 from wherry.ros.decoding import decode_odometry, decode_pose_estimate
 from wherry.ros.encoding import encode_header, encode_occupancy_grid, encode_pose, encode_transform
 from wherry.ros.names import load_names

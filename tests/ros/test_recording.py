@@ -235,9 +235,9 @@ def test_what_the_agent_tells_is_recorded(tmp_path: Path) -> None:
     seen = RobotSnapshot(
         4.0, Pose(1.1, 2.0, np.pi), Pose(), none, cloud, np.eye(2, dtype=np.float32), none, has_load=False
     )
-    with Bag(tmp_path / "run.mcap") as bag:
-        recording = Recording(bag)
-        recording.measured(odometry, Pose())
+    with BagWriter(tmp_path / "run.mcap") as bag:
+        recording = RunRecorder(bag)
+        recording.write_measurement(odometry, Pose())
         for record in (
             seen,
             MapUpdate(4.0, grid, 0.5, 1.0),

@@ -13,7 +13,7 @@ import pytest
 from wherry.errors import InputError
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import load_body
+from wherry.ros.body_files import load_body
 from wherry.ros.encoding import encode_laser_scan, encode_odometry, encode_transform
 from wherry.ros.names import load_names
 from wherry.ros.nodes import robot as ros_robot

@@ -16,7 +16,7 @@ import pytest
 from wherry.pipelines.delivery.simulator import node_of
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import load_body
+from wherry.ros.body_files import load_body
 from wherry.ros.decoding import decode_odometry
 from wherry.ros.encoding import encode_twist
 from wherry.ros.names import load_names

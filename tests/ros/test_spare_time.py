@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from wherry.robot import Odometry, Scan, Velocity
-from wherry.ros.bodies import load_body
+from wherry.ros.body_files import load_body
 from wherry.ros.encoding import encode_laser_scan, encode_odometry
 from wherry.ros.names import load_names
 from wherry.ros.nodes.robot import RosRobot

@@ -79,7 +79,7 @@ def recorded_transport(path: Path | None, transport: Transport, names: RosNames)
     Args:
         path: The bag; None to record nothing.
         transport: Node of the ROS system.
-        names: Names of topics and frames.
+        names: RosNames of topics and frames.
 
     Raises:
         InputError: The bag cannot be written.

@@ -162,7 +162,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         from wherry.pipelines.delivery import ros as ros_delivery
         from wherry.pipelines.delivery import simulated as delivery
         from wherry.pipelines.delivery.agent import delivery_learner
-        from wherry.ros.bodies import load_body
+        from wherry.ros.body_files import load_body
         from wherry.ros.names import load_names
         from wherry.ros.nodes.agent import AgentNode
         from wherry.ros.nodes.robot import RobotLostError, RosRobot

@@ -27,7 +27,7 @@ class RecordedTransport:
     Args:
         transport: The transport to wrap.
         bag: Bag to write to; the caller closes it.
-        names: Names of topics and frames.
+        names: RosNames of topics and frames.
     """
 
     def __init__(self, transport: Transport, bag: BagWriter, names: RosNames) -> None:

@@ -27,7 +27,7 @@ from wherry.ros.nodes.latch import LatchState, to_latch_state
 from wherry.ros.transforms import StampedTransform
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Explored, Record, Seen, Stepped
+from wherry.trace.records import MapUpdate, Record, RobotSnapshot, StepTaken
 
 MAP_PERIOD = 5.0  # s, between two messages of a growing map, as in gmapping
 UNKNOWN_COVARIANCE = np.zeros(36)
@@ -55,13 +55,13 @@ class RunRecorder:
 
     def __call__(self, record: Record) -> None:
         """Record a trace record for which ROS has a message; ignore others."""
-        if isinstance(record, Seen):
+        if isinstance(record, RobotSnapshot):
             self._write_estimates(record)
-        elif isinstance(record, Explored):
-            if record.time >= self._next_map or record.fraction >= 1.0:
+        elif isinstance(record, MapUpdate):
+            if record.time >= self._next_map or record.explored_fraction >= 1.0:
                 self._next_map = record.time + MAP_PERIOD
                 self.write_map(record.grid, record.time)
-        elif isinstance(record, Stepped):
+        elif isinstance(record, StepTaken):
             plan = encode_path(record.plan, record.time, self._frames.map)
             self._bag.write(self._topics.plan, plan, record.time)
 
@@ -114,7 +114,7 @@ class RunRecorder:
         """Record a map at a time, s."""
         self._bag.write(self._topics.map, encode_occupancy_grid(grid, seconds, self._frames.map), seconds)
 
-    def _write_estimates(self, record: Seen) -> None:
+    def _write_estimates(self, record: RobotSnapshot) -> None:
         self.write_pose_estimate(record.pose, record.particles.astype(np.float64), record.time)
         path = encode_path(record.path, record.time, self._frames.map)
         self._bag.write(self._topics.predicted_path, path, record.time)

@@ -120,7 +120,7 @@ class AgentNode:
                 self._lasting = tuple(self._cells(record))
                 self._draw(self._lasting)
             case StepTaken():
-                plan = to_path(record.plan, record.time, self._frames.map)
+                plan = encode_path(record.plan, record.time, self._frames.map)
                 self._transport.publish(self._topics.plan, plan)
             case PerceivedState():
                 self._condition = record.condition
@@ -156,8 +156,8 @@ class AgentNode:
 
     def _tell_diagnostics(self) -> None:
         text, phase = ("", "") if self._narration is None else (self._narration.text, self._narration.phase)
-        agent = status_of("wherry: agent", OK, text, {"phase": phase, "condition": self._condition})
-        message = diagnostics_of(self._robot.time, agent, self._robot.status())
+        agent = diagnostic_status("wherry: agent", OK, text, {"phase": phase, "condition": self._condition})
+        message = diagnostic_array(self._robot.time, agent, self._robot.status())
         self._transport.publish(self._topics.diagnostics, message)
 
     # ---- what is seen and believed

@@ -18,7 +18,7 @@ from typing import Any, Self
 from wherry.errors import InputError
 from wherry.robot import Body, Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import BodyParameters
+from wherry.ros.body_files import BodyParameters
 from wherry.ros.decoding import (
     MessageError,
     decode_laser_scan,
