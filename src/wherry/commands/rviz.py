@@ -13,9 +13,7 @@ def rviz(
     ros: Annotated[
         int | None, typer.Option(min=1, max=2, help="ROS version; by default that of the sourced environment.")
     ] = None,
-    names: Annotated[
-        Path | None, typer.Option(help="A YAML file with the names of the robot's topics and frames.")
-    ] = None,
+    names: Annotated[Path | None, typer.Option(help="A YAML file with the names of topics and frames.")] = None,
     namespace: Annotated[str, typer.Option(envvar="ROS_NAMESPACE", help="The robot's namespace.")] = "",
     remap: Annotated[list[str] | None, typer.Option(help="NAME:=NEW, as in ROS; several times for several.")] = None,
     centre: Annotated[tuple[float, float], typer.Option(help="Centre of the view in the map frame, m.")] = (0.0, 0.0),
@@ -38,18 +36,18 @@ def rviz(
     from wherry.ros.names import load_names
     from wherry.simulation.model import robot_urdf
 
-    called = load_names(names, namespace=namespace, remappings=remap or ())
-    view = viewer.View(*centre, scale)
+    robot_names = load_names(names, namespace=namespace, remappings=remap or ())
+    view = viewer.RvizView(*centre, scale)
     if write is not None:
-        write_atomically(write, viewer.configuration(ros or 2, called, view))
+        write_atomically(write, viewer.configuration(ros or 2, robot_names, view))
         return
     ros_version, program = viewer.find_rviz(ros)
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         config = Path(folder) / "wherry.rviz"
-        config.write_text(viewer.configuration(ros_version, called, view), encoding="utf-8")
+        config.write_text(viewer.configuration(ros_version, robot_names, view), encoding="utf-8")
         if robot_model:
-            description = robot_description(robot_urdf())
-            reason = stack.enter_context(viewer.robot_model(ros_version, description, Path(folder)))
+            urdf = robot_description(robot_urdf())
+            reason = stack.enter_context(viewer.robot_model(ros_version, urdf, Path(folder)))
             if reason:
                 typer.echo(f"wherry: {reason}", err=True)
         with contextlib.suppress(KeyboardInterrupt):

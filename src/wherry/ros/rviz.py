@@ -1,7 +1,7 @@
 """RViz of ROS 1 and ROS 2, configured to show what wherry publishes.
 
-Shown are the map, the robot, the laser in blue, the particles in red, the predicted path in green, boxes and cells. Each
-version has a configuration of its own as package data, since RViz 2 renamed everything; this module fills in topics,
+It shows the map, the robot, the laser in blue, the particles in red, the predicted path in green, boxes and cells. Each
+version has its own configuration file in the package, since RViz 2 renamed everything; this module fills in topics,
 frames and the view.
 """
 
@@ -35,7 +35,7 @@ DESCRIPTION_PARAMETER = "/robot_description"
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class RvizView:
     """The initial view: straight down, without perspective.
 
     Attributes:
@@ -49,7 +49,7 @@ class View:
     scale: float = 80.0
 
 
-def configuration(ros_version: int, names: RosNames, view: View) -> str:
+def configuration(ros_version: int, names: RosNames, view: RvizView) -> str:
     """The text of RViz's configuration file for a robot with these topics and frames."""
     text = (resources.files("wherry.ros") / "rviz_configs" / f"rviz{ros_version}.rviz").read_text(encoding="utf-8")
     document = yaml.safe_load(text)
