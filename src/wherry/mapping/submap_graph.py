@@ -14,7 +14,9 @@ from wherry.mapping.submaps import Submap
 from wherry.mapping.tracking import TrackingState
 from wherry.space.pose import IDENTITY, Floats, Pose, relative
 
-COVARIANCE_INFLATION = 4.0  # factor on the match covariance between submaps, for errors that matching does not see
+SUBMAP_CONSTRAINT_INFLATION = (
+    4.0  # factor on the match covariance between submaps, for errors that matching does not see
+)
 CLOSURE_RADIUS = 3.0  # m from the keyframes of a submap within which its surroundings are matched
 CANDIDATE_SIGMAS = 3.0  # standard deviations of the position that are added to that radius
 
@@ -63,7 +65,7 @@ class SubmapGraph:
     def connect_to_next(self, index: int) -> None:
         """Add the constraint between a submap, complete by now, and the next one."""
         following = self._submaps[index + 1]
-        inflation = COVARIANCE_INFLATION * match_covariance(following.start)
+        inflation = SUBMAP_CONSTRAINT_INFLATION * match_covariance(following.start)
         self._constraints.append(Constraint(index, index + 1, following.start, following.start_covariance + inflation))
 
     def add_constraint(self, constraint: Constraint) -> None:

@@ -24,8 +24,8 @@ from wherry.mapping.scan_matching_localizer import ScanMatchingLocalizer, locate
 from wherry.mapping.settings import SlamSettings
 from wherry.mapping.slam import Slam
 from wherry.robot import Odometry, Scan
+from wherry.ros.bags.log_recorder import LogRecorder
 from wherry.ros.bags.reading import is_bag, read_bag
-from wherry.ros.bags.recording import LogRecording
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
@@ -262,11 +262,11 @@ class MappingRun:
         if self.settings.out is not None:
             self._write(self.settings.out, grid)
 
-    def record(self, recording: LogRecording) -> None:
+    def record(self, recording: LogRecorder) -> None:
         """Record the log with its trajectory and map, after all `steps`."""
         for index, pose in enumerate(self.slam.trajectory.at(np.array([scan.time for scan in self.log.scans]))):
-            recording.scan(index, Pose.from_array(pose), NO_PARTICLES)
-        recording.map(self.slam.grid(), self.log.scans[-1].time)
+            recording.write_scan(index, Pose.from_array(pose), NO_PARTICLES)
+        recording.write_map(self.slam.grid(), self.log.scans[-1].time)
 
     def _scored(self, milliseconds: Floats, seconds: float) -> MappingResult:
         """The metrics, of the processor time of each scan [N] ms, and of all in all, s."""
