@@ -12,7 +12,7 @@ from wherry.floorplan.world_files import built_in_worlds, find_world
 from wherry.realization.cells import aligned, occupied_cells, plan_of_map, ways_seen
 from wherry.realization.pilot import without_load
 from wherry.simulation.model import BODY
-from wherry.space.frame import CellFrame, lay_cells
+from wherry.space.frame import CellFrame, fit_cell_frame
 from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
 from wherry_testing.perfect_worlds import Eye, centre, frame_of, perfect_map
@@ -47,7 +47,7 @@ def assert_same_ways(read: FloorPlan, frame: CellFrame, plan: FloorPlan, map_fro
 def test_a_perfect_map_gives_the_plans_cells_and_walls(name: str, place: Pose) -> None:
     plan = find_world(name)
     grid = perfect_map(plan, place)
-    frame = lay_cells(grid.occupied_points(), plan.cell_size)
+    frame = fit_cell_frame(grid.occupied_points(), plan.cell_size)
     assert_same_ways(plan_of_map(grid, frame, BODY.radius), frame, plan, place)
 
 

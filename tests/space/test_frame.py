@@ -1,4 +1,4 @@
-"""Cells on a map: exact walls at any angle and offset first, then points with seeded noise."""
+"""Frames of cell grids: exact walls at any angle and offset, then points with noise."""
 
 from __future__ import annotations
 
@@ -9,11 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wherry.floorplan.world_files import built_in_worlds, find_world
-from wherry.simulation.solids import Solids
-from wherry.space.frame import CellFrame, lay_cells
+from wherry.space.frame import CellFrame, fit_cell_frame
 from wherry.space.pose import Floats, Pose
-from wherry_testing.perfect_worlds import is_solid, perfect_map
 
 CELL = 0.6  # m
 WIDTH, HEIGHT = 7, 5  # cells
@@ -25,7 +22,7 @@ numbers = st.integers(-300, 300)
 
 
 def walls() -> Floats:
-    """[N, 2] m: points on the outer edge of a room of 7 × 5 cells, and on two walls in it."""
+    """Points on the outer walls of a room of 7 × 5 cells and on two inner walls, [N, 2] m."""
     along_x, along_y = np.arange(0.025, WIDTH * CELL, 0.05), np.arange(0.025, HEIGHT * CELL, 0.05)
     parts = [(along_x, 0.0), (along_x, HEIGHT * CELL), (along_x[along_x < 3 * CELL], 2 * CELL)]
     points = [np.column_stack([x, np.full(len(x), y)]) for x, y in parts]
@@ -34,29 +31,29 @@ def walls() -> Floats:
     return np.vstack(points)
 
 
-def off_the_edges(frame: CellFrame, points: Floats) -> Floats:
-    """[N] m: how far points are from the nearest edge of the cells."""
+def edge_distances(frame: CellFrame, points: Floats) -> Floats:
+    """Distances of points from the nearest edges of cells, [N] m."""
     local = frame.origin.inverse.transform(points) / frame.cell_size
     return np.abs(local - np.round(local)).min(axis=1) * frame.cell_size
 
 
 @given(st.builds(Pose, metres, metres, angles), st.floats(0.3, 2.0), numbers, numbers)
-def test_a_cells_middle_is_in_the_cell(origin: Pose, size: float, x: int, y: int) -> None:
+def test_the_centre_of_a_cell_is_in_the_cell(origin: Pose, size: float, x: int, y: int) -> None:
     frame = CellFrame(origin, size)
-    middle = frame.centre(x, y)
-    assert frame.cell_at(float(middle[0]), float(middle[1])) == (x, y)
-    assert frame.cells_at(middle[None, :]).tolist() == [[x, y]]
+    centre = frame.centre(x, y)
+    assert frame.cell_at(float(centre[0]), float(centre[1])) == (x, y)
+    assert frame.cells_at(centre[None, :]).tolist() == [[x, y]]
 
 
 @given(poses, st.floats(-0.49, 0.49), st.floats(-0.49, 0.49), numbers, numbers)
-def test_every_point_of_a_cell_is_in_it(origin: Pose, aside: float, up: float, x: int, y: int) -> None:
+def test_all_points_around_the_centre_are_in_the_cell(origin: Pose, aside: float, up: float, x: int, y: int) -> None:
     frame = CellFrame(origin, CELL)
     turned = Pose(theta=origin.theta).transform(np.array([[aside * CELL, up * CELL]]))[0]
     assert frame.cells_at((frame.centre(x, y) + turned)[None, :]).tolist() == [[x, y]]
 
 
 @given(poses, st.sampled_from([(1, 0), (0, 1), (-1, 0), (0, -1)]))
-def test_a_heading_leads_to_the_next_cell(origin: Pose, step: tuple[int, int]) -> None:
+def test_a_heading_points_to_the_next_cell(origin: Pose, step: tuple[int, int]) -> None:
     frame = CellFrame(origin, CELL)
     heading = frame.heading(*step)
     there = frame.centre(2, 3) + CELL * np.array([math.cos(heading), math.sin(heading)])
@@ -66,49 +63,30 @@ def test_a_heading_leads_to_the_next_cell(origin: Pose, step: tuple[int, int]) -
 
 @settings(max_examples=40, deadline=None)
 @given(poses)
-def test_exact_walls_fall_on_edges_at_any_angle_and_offset(place: Pose) -> None:
+def test_exact_walls_are_on_edges_at_any_angle_and_offset(place: Pose) -> None:
     points = place.transform(walls())
-    frame = lay_cells(points, CELL)
-    assert off_the_edges(frame, points).max() < 0.001
+    frame = fit_cell_frame(points, CELL)
+    assert edge_distances(frame, points).max() < 0.001
     assert abs(frame.origin.theta) <= math.radians(45.5)
     turned_by = math.remainder(frame.origin.theta - place.theta, math.pi / 2)
-    assert abs(turned_by) <= math.radians(0.0101)  # half a step of the search
+    assert abs(turned_by) <= math.radians(0.0101)  # half a step of the fine search
 
 
 @settings(max_examples=40, deadline=None)
 @given(poses)
-def test_no_wall_has_a_negative_cell_and_few_cells_are_wasted(place: Pose) -> None:
+def test_walls_are_in_cells_from_zero_on(place: Pose) -> None:
     points = place.transform(walls())
-    cells = lay_cells(points, CELL).cells_at(points)
+    cells = fit_cell_frame(points, CELL).cells_at(points)
     assert cells.min() >= 0
     assert cells.min(axis=0).max() <= 2
 
 
 @pytest.mark.parametrize("theta", [-0.6, -0.002, 0.0, 0.3, 0.785])
-def test_noise_and_clutter_move_the_grid_by_less_than_a_centimetre(theta: float) -> None:
+def test_noise_and_clutter_shift_the_grid_by_less_than_a_centimetre(theta: float) -> None:
     rng = np.random.default_rng(3)
     place = Pose(1.7, -3.1, theta)
     exact = place.transform(walls())
     noisy = exact + rng.normal(0.0, 0.015, exact.shape)
     clutter = place.transform(rng.uniform((0.0, 0.0), (WIDTH * CELL, HEIGHT * CELL), (len(exact) // 10, 2)))
-    frame = lay_cells(np.vstack([noisy, clutter]), CELL)
-    assert off_the_edges(frame, exact).max() < 0.01
-
-
-@pytest.mark.parametrize("name", built_in_worlds())
-@pytest.mark.parametrize("theta", [0.0, 0.35, -0.7])
-def test_every_built_in_worlds_map_is_laid_out_as_drawn(name: str, theta: float) -> None:
-    plan = find_world(name)
-    map_from_world = Pose(-2.03, 1.41, theta)
-    frame = lay_cells(perfect_map(plan, map_from_world).occupied_points(), plan.cell_size)
-    corners = np.array([[x, y] for x in range(plan.width + 1) for y in range(plan.height + 1)]) * plan.cell_size
-    local = frame.origin.inverse.transform(map_from_world.transform(corners)) / plan.cell_size
-    assert np.abs(local - np.round(local)).max() * plan.cell_size < 0.03  # half a wall's thickness
-
-
-def test_the_maps_walls_are_solid() -> None:
-    # The perfect map that other tests build on shows walls where they are, and nothing else.
-    plan = find_world("small")
-    grid = perfect_map(plan)
-    assert is_solid(Solids.of(plan), grid.occupied_points()).all()
-    assert grid.free.sum() * grid.resolution**2 == pytest.approx(45 * 0.36, rel=0.12)
+    frame = fit_cell_frame(np.vstack([noisy, clutter]), CELL)
+    assert edge_distances(frame, exact).max() < 0.01

@@ -1,4 +1,4 @@
-"""Maps on disk: what is written comes back, and what is broken is named."""
+"""Map files: round trips, and errors that name the field."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ def write(folder: Path, pixels: list[list[int]], **fields: object) -> Path:
     return folder / "map.yaml"
 
 
-def test_trinary_comes_back(tmp_path: Path) -> None:
+def test_trinary_maps_survive_a_round_trip(tmp_path: Path) -> None:
     loaded = load_map(save_map(GRID, tmp_path / "map.yaml"))
     np.testing.assert_array_equal(loaded.probability, [[0.0, 0.5, 1.0], [0.0, 1.0, 0.5]])
     assert loaded.origin == GRID.origin
     assert loaded.resolution == GRID.resolution
 
 
-def test_scale_comes_back_to_a_255th(tmp_path: Path) -> None:
+def test_scale_maps_survive_a_round_trip_to_a_255th(tmp_path: Path) -> None:
     loaded = load_map(save_map(GRID, tmp_path / "map.yaml", mode="scale"))
     np.testing.assert_allclose(loaded.probability, GRID.probability, atol=0.5 / 255 + 1e-6)
 
 
-def test_the_image_is_as_map_saver_writes_it(tmp_path: Path) -> None:
+def test_the_image_has_the_bytes_of_map_saver(tmp_path: Path) -> None:
     save_map(GRID, tmp_path / "map.yaml")
     assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([254, 0, 205, 254, 205, 0])
 
@@ -48,7 +48,7 @@ def test_negate_and_thresholds_are_honoured(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_map(path).probability, [[1.0, 1.0, 0.0]])
 
 
-def test_raw_is_per_cent(tmp_path: Path) -> None:
+def test_raw_maps_are_per_cents(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         load_map(write(tmp_path, [[0, 50, 100, 255]], mode="raw")).probability, [[0, 0.5, 1, 0.5]]
     )
@@ -62,22 +62,23 @@ def test_raw_is_per_cent(tmp_path: Path) -> None:
         ({"resolution": "wide"}, "resolution"),
         ({"resolution": True}, "resolution"),
         ({"origin": [0, 0]}, "origin"),
-        ({"origin": [0, 0, float("inf")]}, "origin"),
+        ({"origin": [0, 0, float("inf")]}, "origin.2"),
         ({"mode": "binary"}, "mode"),
         ({"mode": "raw"}, "mode"),
         ({"negate": 2}, "negate"),
         ({"free_thresh": 0.7}, "free_thresh"),
         ({"image": 3}, "image"),
+        ({"occupied_thresh": 0.1}, "free_thresh"),
     ],
 )
-def test_a_bad_field_is_named(tmp_path: Path, fields: dict[str, object], field: str) -> None:
+def test_an_invalid_field_is_named(tmp_path: Path, fields: dict[str, object], field: str) -> None:
     with pytest.raises(InputError) as caught:
         load_map(write(tmp_path, [[0, 101, 254]], **fields))
     assert caught.value.field == field
 
 
 @pytest.mark.parametrize("content", ["{", "- a", "", "image: !!python/object:os.system x", "\x00"])
-def test_what_is_no_yaml_mapping_is_refused(tmp_path: Path, content: str) -> None:
+def test_a_file_that_is_no_yaml_mapping_is_rejected(tmp_path: Path, content: str) -> None:
     path = tmp_path / "map.yaml"
     path.write_text(content)
     with pytest.raises(InputError):
@@ -97,7 +98,7 @@ def test_missing_and_broken_images_are_named(tmp_path: Path) -> None:
         load_map(path)
 
 
-def test_an_oversized_image_is_refused_before_its_pixels_are_read(tmp_path: Path) -> None:
+def test_an_oversized_image_is_rejected_before_its_pixels_are_decoded(tmp_path: Path) -> None:
     path = write(tmp_path, [[0, 101, 254]])
     (tmp_path / "map.pgm").write_bytes(b"P5\n100000 100000\n255\n" + bytes(3))
     with pytest.raises(InputError, match="pixels"):

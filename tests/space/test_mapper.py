@@ -1,4 +1,4 @@
-"""Scans into log-odds: exact cells first, then a room seen from many places."""
+"""Occupancy grid mapping: exact cells, then a room scanned from several poses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wherry.space.pose import Pose
 from wherry.space.raycast import cast_rays
 
 
-def test_one_beam_frees_what_it_crosses_and_fills_where_it_ends() -> None:
+def test_a_beam_frees_the_cells_it_crosses_and_hits_the_one_it_ends_in() -> None:
     mapper = GridMapper(0.1)
     mapper.add(np.array([0.05, 0.05]), np.array([[0.55, 0.05]]), np.array([True]))
     grid = mapper.grid()
@@ -22,14 +22,14 @@ def test_one_beam_frees_what_it_crosses_and_fills_where_it_ends() -> None:
     assert np.count_nonzero(grid.probability != 0.5) == 6
 
 
-def test_a_beam_without_a_hit_frees_only() -> None:
+def test_a_beam_without_a_hit_frees_all_its_cells() -> None:
     mapper = GridMapper(0.1)
     mapper.add(np.array([0.05, 0.05]), np.array([[-0.45, 0.05]]), np.array([False]))
     assert not mapper.grid().occupied.any()
-    assert (mapper.grid().probability < 0.5).sum() == 6  # the cell that it ends in too
+    assert (mapper.grid().probability < 0.5).sum() == 6  # including the cell that it ends in
 
 
-def test_a_cell_is_observed_once_a_scan_and_hits_come_first() -> None:
+def test_a_cell_is_updated_once_per_scan_and_hits_take_precedence() -> None:
     mapper = GridMapper(0.1)
     ends = np.array([[0.55, 0.05], [0.55, 0.05], [0.95, 0.05]])
     mapper.add(np.array([0.05, 0.05]), ends, np.ones(3, np.bool_))
@@ -38,23 +38,24 @@ def test_a_cell_is_observed_once_a_scan_and_hits_come_first() -> None:
     assert grid.probability[row, column] == pytest.approx(0.95, abs=1e-6)
 
 
-def test_far_apart_scans_cost_only_what_they_touch() -> None:
+def test_memory_grows_with_the_touched_tiles_only() -> None:
     mapper = GridMapper(0.05)
     for x in (0.0, 300.0):
         mapper.add(np.array([x, 0.0]), np.array([[x + 1.0, x], [x + 1.0, x + 1.0]]), np.ones(2, np.bool_))
-    assert mapper.tile_count < 3 * (300 / 0.05 / 64)  # the long diagonal beams, not the square between them
+    along_the_diagonal = 300 / 0.05 / 64
+    assert mapper.tile_count < 3 * along_the_diagonal  # and not the tiles of the square around it
 
 
-def test_nothing_added_is_nothing_known() -> None:
+def test_a_map_without_scans_is_unknown() -> None:
     assert GridMapper(0.05).grid().unknown.all()
 
 
-def test_a_room_seen_from_inside_has_its_walls_where_they_are() -> None:
+def test_the_walls_of_a_scanned_room_are_mapped_exactly() -> None:
     room = np.pad(np.zeros((60, 100), np.bool_), 1, constant_values=True)
     mapper = GridMapper(0.05)
     angles = np.linspace(-math.pi, math.pi, 720, endpoint=False)
     for x, y in ((1.0, 1.0), (2.0, 1.5), (4.0, 2.0), (3.5, 1.0)):
-        ranges = cast_rays(room, 0.05, Pose(), np.array([[x, y, 0.0]]), angles, 20.0)[0] + 0.001  # just into the wall
+        ranges = cast_rays(room, 0.05, Pose(), np.array([[x, y, 0.0]]), angles, 20.0)[0] + 0.001  # in the wall
         mapper.add(
             np.array([x, y]),
             np.array([x, y]) + ranges[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]),

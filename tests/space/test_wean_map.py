@@ -1,4 +1,4 @@
-"""Wean Hall's map format: read as it is meant, refused where it is broken."""
+"""Maps in Wean Hall's format."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wherry.space.wean_map import load_wean_map
 HEADER = "robot_specifications->resolution   10\n\nglobal_map[0]: 3 2\n"
 
 
-def test_the_first_index_is_x_and_values_are_free_space(tmp_path: Path) -> None:
+def test_lines_are_columns_of_the_map_and_values_are_free_space(tmp_path: Path) -> None:
     path = tmp_path / "map.dat.gz"
     path.write_bytes(gzip.compress(HEADER.encode() + b"1.0 0.0\n-1.0 0.25\n0.5 1.0\n"))
     grid = load_wean_map(path)
@@ -35,7 +35,7 @@ def test_the_first_index_is_x_and_values_are_free_space(tmp_path: Path) -> None:
         (HEADER.replace("10", "x"), "does not give"),
     ],
 )
-def test_broken_maps_are_refused(tmp_path: Path, text: str, named: str) -> None:
+def test_malformed_maps_are_rejected(tmp_path: Path, text: str, named: str) -> None:
     path = tmp_path / "map.dat"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
@@ -43,7 +43,7 @@ def test_broken_maps_are_refused(tmp_path: Path, text: str, named: str) -> None:
     assert named in str(caught.value)
 
 
-def test_half_a_gzip_file_is_refused(tmp_path: Path) -> None:
+def test_a_truncated_gzip_file_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "map.dat.gz"
     path.write_bytes(gzip.compress(HEADER.encode() * 50)[:-20])
     with pytest.raises(InputError, match="whole gzip"):

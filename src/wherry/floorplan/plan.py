@@ -157,6 +157,14 @@ class FloorPlan:
             if not (self.contains(wall.cell) and self.contains(beyond)):
                 raise InputError(self.name, "wall", f"of ({wall.cell.x}, {wall.cell.y}) is not between two cells")
 
+    def centre(self, cell: Cell) -> tuple[float, float]:
+        """Centre of a cell, m, from the plan's lower left corner."""
+        return (cell.x + 0.5) * self.cell_size, (cell.y + 0.5) * self.cell_size
+
+    def cell_at(self, x: float, y: float) -> Cell:
+        """The cell that contains a position, m, from the plan's lower left corner; it may be outside of the plan."""
+        return Cell(int(x // self.cell_size), int(y // self.cell_size))
+
     def contains(self, cell: Cell) -> bool:
         """Whether the cell lies on the plan."""
         return 0 <= cell.x < self.width and 0 <= cell.y < self.height

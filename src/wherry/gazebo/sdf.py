@@ -193,7 +193,7 @@ def _add_building(world: ET.Element, plan: FloorPlan) -> None:
             _shape(link, "collision", f"{name}_{index}", place, "box", size=size)
             _shape(link, "visual", f"{name}_{index}_visual", place, "box", COLOURS[name], size=size)
     for cell in sorted(plan.warehouse):
-        place = [(cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size, 0]
+        place = [*plan.centre(cell), 0]
         size = _numbers([plan.cell_size, plan.cell_size, PAINT])
         _shape(link, "visual", f"warehouse_{cell.x}_{cell.y}_visual", place, "box", COLOURS["warehouse"], size=size)
 

@@ -14,9 +14,7 @@ from wherry.mapping.submaps import Submap
 from wherry.mapping.tracking import TrackingState
 from wherry.space.pose import IDENTITY, Floats, Pose, relative
 
-SUBMAP_CONSTRAINT_INFLATION = (
-    4.0  # factor on the match covariance between submaps, for errors that matching does not see
-)
+SUBMAP_CONSTRAINT_INFLATION = 4.0  # factor on the match covariance, for errors that matching does not see
 CLOSURE_RADIUS = 3.0  # m from the keyframes of a submap within which its surroundings are matched
 CANDIDATE_SIGMAS = 3.0  # standard deviations of the position that are added to that radius
 

@@ -9,10 +9,10 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from wherry.kernels import kernel
-from wherry.space.occupancy import OccupancyGrid
+from wherry.space.distance_field import obstacle_distances
+from wherry.space.occupancy import OccupancyGrid, cell_centres
 from wherry.space.pose import Floats, Pose
 
 PREFERRED_CLEARANCE = 0.15  # m beyond the robot's radius: closer to walls than this, a metre costs more
@@ -63,7 +63,7 @@ class Costmap:
         blocked &= ~_inside(grid, known_free) | grid.occupied
         # What lies outside the map is unknown too, which one row of cells around it stands for.
         framed = np.pad(blocked, 1, constant_values=not unknown_passable)
-        distance = ndimage.distance_transform_edt(~framed) if framed.any() else np.full(framed.shape, math.inf)
+        distance = obstacle_distances(framed)
         # From middle to middle; the thing in the way begins half a cell earlier.
         clearance = np.maximum(distance[1:-1, 1:-1] - 0.5, 0.0) * grid.resolution
         for x, y, disc in obstacles:
@@ -80,7 +80,7 @@ class Costmap:
 
     def centres(self, cells: NDArray[np.int64]) -> Floats:
         """[N, 2] m, map frame: the middles of grid cells [N, 2] (row, column)."""
-        return self.origin.transform((cells[:, ::-1] + 0.5) * self.resolution)
+        return cell_centres(cells, self.resolution, self.origin)
 
     def is_passable(self, point: Floats) -> bool:
         """Whether the robot fits at a point, [2] m, map frame."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import ndimage
 
 from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
 from wherry.robot import Scan
+from wherry.space.distance_field import obstacle_distances
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -31,7 +31,7 @@ def plan_of_map(grid: OccupancyGrid, frame: CellFrame, radius: float, name: str 
         A plan without robot, boxes or warehouse; its obstacles are all cells that the robot cannot stand in or that
         the map does not know.
     """
-    clearance = ndimage.distance_transform_edt(~grid.occupied, sampling=grid.resolution)
+    clearance = obstacle_distances(grid.occupied, grid.resolution)
     height, width = grid.probability.shape
     corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) * grid.resolution
     farthest = frame.cells_at(grid.origin.transform(corners)).max(axis=0)
@@ -79,7 +79,7 @@ def occupied_cells(grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan) -> fr
     """The cells in whose middle the map shows something: not a wall, nor an obstacle's face, but maybe a box."""
     points = grid.occupied_points()
     cells = frame.cells_at(points)
-    middles = frame.origin.transform((cells + 0.5) * frame.cell_size)
+    middles = frame.centres(cells)
     inner = np.hypot(*(points - middles).T) < frame.cell_size / 3
     found = {Cell(x, y) for x, y in np.unique(cells[inner], axis=0).tolist()}
     return frozenset(cell for cell in found if plan.contains(cell))

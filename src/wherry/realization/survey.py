@@ -20,7 +20,7 @@ from wherry.realization.boxes import Box, standing_free, without_boxes
 from wherry.realization.cells import occupied_cells, plan_of_map
 from wherry.realization.correctors import Mapper
 from wherry.realization.pilot import Pilot, Ride
-from wherry.space.frame import CellFrame, lay_cells
+from wherry.space.frame import CellFrame, fit_cell_frame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import MapUpdate, Narration, Phase
@@ -100,7 +100,7 @@ class Survey:
         walls = grid.occupied_points()
         if not len(walls):
             raise InputError("map", "", "has no walls to lay cells along")
-        frame = lay_cells(walls, self._cell_size)
+        frame = fit_cell_frame(walls, self._cell_size)
         return Chart(grid, frame, plan_of_map(grid, frame, self.pilot.body.radius))
 
     def would_show_more(self, *, without: Box | None = None) -> bool:

@@ -29,7 +29,7 @@ from wherry.ros.message_protocols import (
     TwistLike,
 )
 from wherry.ros.transforms import StampedTransform
-from wherry.space.map_files import LARGEST_GRID
+from wherry.space.map_files import MAX_CELLS
 from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import Pose
 
@@ -247,8 +247,8 @@ def _check_cells(message: OccupancyGridLike) -> None:
     info, data = message.info, message.data
     if not MIN_CELL_SIZE <= info.resolution <= MAX_CELL_SIZE:  # also NaN
         raise MessageError(f"has cells of {info.resolution} m")
-    if not 0 < info.width * info.height <= LARGEST_GRID:
-        raise MessageError(f"has {info.width} × {info.height} cells; 1 to {LARGEST_GRID:,} are possible")
+    if not 0 < info.width * info.height <= MAX_CELLS:
+        raise MessageError(f"has {info.width} × {info.height} cells; 1 to {MAX_CELLS:,} are possible")
     if len(data) != info.width * info.height:
         raise MessageError(f"has {len(data)} values for {info.width} × {info.height} cells")
     if data.min() < UNKNOWN_CELL or data.max() > OCCUPIED:

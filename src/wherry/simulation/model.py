@@ -102,7 +102,7 @@ def _add_building(spec: mujoco.MjSpec, plan: FloorPlan, solids: Solids) -> None:
             name=f"warehouse {cell.x} {cell.y}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=[plan.cell_size / 2, plan.cell_size / 2, 0.001],
-            pos=[(cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size, 0],
+            pos=[*plan.centre(cell), 0],
             contype=0,
             conaffinity=0,
             rgba=COLOURS["warehouse"],

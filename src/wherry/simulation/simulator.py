@@ -49,9 +49,9 @@ def build(
     of_boxes, of_encoders, of_lidar = rng.spawn(3)
     solids = Solids.of(plan)
     offsets = _random_offsets(len(plan.boxes), of_boxes) if box_offsets is None else box_offsets
-    boxes = np.array([_centre(plan, cell) for cell in plan.boxes]).reshape(-1, 2) + offsets
+    boxes = np.array([plan.centre(cell) for cell in plan.boxes]).reshape(-1, 2) + offsets
     heading = math.atan2(plan.heading.dy, plan.heading.dx)
-    physics = Physics(build_model(plan, solids, Pose(*_centre(plan, plan.start), heading), boxes), len(boxes))
+    physics = Physics(build_model(plan, solids, Pose(*plan.centre(plan.start), heading), boxes), len(boxes))
     return Simulation(
         plan,
         physics,
@@ -198,11 +198,6 @@ class SimulatedRobot:
     def open_latch(self) -> bool:
         """Open the latch if the warehouse allows it; return whether the fork is free now."""
         return self._simulation.open_latch()
-
-
-def _centre(plan: FloorPlan, cell: Cell) -> tuple[float, float]:
-    """The middle of a cell, m, world frame."""
-    return (cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size
 
 
 def _random_offsets(count: int, rng: np.random.Generator) -> Floats:

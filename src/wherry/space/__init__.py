@@ -1,1 +1,5 @@
-"""Space in metres and radians: poses, grids and rays (paper, section 7)."""
+"""Poses, grids, rays and trajectories in metres and radians (paper, section 7)."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

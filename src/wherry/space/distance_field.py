@@ -1,4 +1,4 @@
-"""Distance fields: how far every place of a map is from the nearest obstacle (Felzenszwalb and Huttenlocher, 2012)."""
+"""Distance fields: the distance from every cell to the nearest obstacle (Felzenszwalb & Huttenlocher 2012)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from wherry.kernels import kernel
 from wherry.space.occupancy import OccupancyGrid
@@ -18,10 +19,10 @@ class DistanceField:
     """Distances from the centres of a grid's cells to the centre of the nearest occupied cell.
 
     Attributes:
-        distance: [H, W] float32 m, at most ``limit``; row 0 is the smallest y.
-        resolution: m, a grid cell's side.
-        origin: The outer corner of grid cell [0, 0] in the map frame.
-        limit: m, the distance that stands for everything farther, and for everything outside the grid.
+        distance: Distance of each cell, at most ``limit``, [H, W] float32 m; row 0 has the smallest y.
+        resolution: Side of a cell, m.
+        origin: Pose of the outer corner of cell [0, 0] in the map frame.
+        limit: Distance at which larger ones are cut off, and that of every point outside of the grid, m.
     """
 
     distance: NDArray[np.float32]
@@ -33,22 +34,24 @@ class DistanceField:
     def of(cls, grid: OccupancyGrid, limit: float) -> DistanceField:
         """The exact Euclidean distance transform of a grid's occupied cells.
 
+        The limit makes it faster than `obstacle_distances` on large maps.
+
         Args:
-            grid: The map; unknown cells count as empty.
-            limit: m, distances are cut off here.
+            grid: The map; unknown cells count as free.
+            limit: Distance at which larger ones are cut off, m.
         """
         cells = _squared_distances(grid.occupied, math.ceil(limit / grid.resolution) + 1)
         distance = np.minimum(np.sqrt(cells) * np.float32(grid.resolution), np.float32(limit))
         return cls(distance.astype(np.float32, copy=False), grid.resolution, grid.origin, limit)
 
     def at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Look distances up, without interpolation.
+        """Look up distances without interpolation.
 
         Args:
-            points: [N, 2] m, map frame.
+            points: Points in the map frame, [N, 2] m.
 
         Returns:
-            [N] m.
+            Distances, [N] m.
         """
         cells = self.origin.inverse.transform(points) / self.resolution
         height, width = self.distance.shape
@@ -59,28 +62,44 @@ class DistanceField:
         return found
 
 
-def _squared_distances(occupied: NDArray[np.bool_], reach: int) -> NDArray[np.float32]:
-    """Squared distances to the nearest occupied cell: along the columns first, then along each row.
+def obstacle_distances(occupied: NDArray[np.bool_], spacing: float = 1.0) -> NDArray[np.float64]:
+    """Unlimited Euclidean distances to the nearest occupied cell.
 
     Args:
-        occupied: [H, W].
-        reach: Cells; larger distances are not told apart.
+        occupied: Occupied cells, [H, W].
+        spacing: Distance between the centres of adjacent cells, in the unit of the result.
 
     Returns:
-        [H, W] cells², at most ``reach``².
+        Distances, [H, W]; infinite without any occupied cell.
     """
-    column = _column_distances(occupied, reach)
+    if not occupied.any():
+        return np.full(occupied.shape, np.inf)
+    distances: NDArray[np.float64] = ndimage.distance_transform_edt(~occupied, sampling=spacing)
+    return distances
+
+
+def _squared_distances(occupied: NDArray[np.bool_], limit: int) -> NDArray[np.float32]:
+    """Squared distances to the nearest occupied cell: first along the columns, then along the rows.
+
+    Args:
+        occupied: Occupied cells, [H, W].
+        limit: Distance at which larger ones are cut off, cells.
+
+    Returns:
+        Squared distances, [H, W] cells².
+    """
+    column = _column_distances(occupied, limit)
     squared = np.empty_like(column)
     for y in range(len(column)):
-        _row_envelope(column[y], float(reach), squared[y])
+        _row_envelope(column[y], float(limit), squared[y])
     return squared
 
 
 @kernel
-def _column_distances(occupied: NDArray[np.bool_], reach: int) -> NDArray[np.float32]:
-    """[H, W] cells to the nearest occupied cell above or below."""
+def _column_distances(occupied: NDArray[np.bool_], limit: int) -> NDArray[np.float32]:
+    """Distances to the nearest occupied cell of the same column, [H, W] cells."""
     height, width = occupied.shape
-    far = np.float32(reach)
+    far = np.float32(limit)
     column = np.empty((height, width), np.float32)
     for x in range(width):
         column[0, x] = 0.0 if occupied[0, x] else far
@@ -94,14 +113,14 @@ def _column_distances(occupied: NDArray[np.bool_], reach: int) -> NDArray[np.flo
 
 
 @kernel
-def _row_envelope(column: NDArray[np.float32], far: float, squared: NDArray[np.float32]) -> None:
-    """Write [W] the lower envelope of the parabolas (x − v)² + column[v]² of one row, at most far²."""
+def _row_envelope(column: NDArray[np.float32], limit: float, squared: NDArray[np.float32]) -> None:
+    """Write the lower envelope of the parabolas (x − v)² + column[v]² of one row, at most limit², [W]."""
     width = len(column)
     vertex = np.empty(width, np.int64)
     boundary = np.empty(width, np.float64)
     count = 0
     for x in range(width):
-        if column[x] >= far:  # a parabola that starts at the limit never shows below it
+        if column[x] >= limit:  # a parabola that begins at the limit is nowhere below it
             continue
         height = column[x] * column[x] + x * x
         start = -np.inf
@@ -115,10 +134,10 @@ def _row_envelope(column: NDArray[np.float32], far: float, squared: NDArray[np.f
         vertex[count] = x
         boundary[count] = start
         count += 1
-    squared[:] = far * far
+    squared[:] = limit * limit
     current = 0
     for x in range(width if count > 0 else 0):
         while current + 1 < count and boundary[current + 1] < x:
             current += 1
         v = vertex[current]
-        squared[x] = min(far * far, (x - v) * (x - v) + column[v] * column[v])
+        squared[x] = min(limit * limit, (x - v) * (x - v) + column[v] * column[v])

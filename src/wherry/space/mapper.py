@@ -1,7 +1,8 @@
-"""Scans into maps: log-odds in tiles, so that a large site costs only where it was seen (paper, section 5).
+"""Occupancy grid mapping with known poses (paper, section 5).
 
-Every scan is one observation of each cell that it crosses (Moravec & Elfes 1985; log-odds as in Thrun et al. 2005,
-table 9.1): cells where a beam ended count as hit, cells that beams crossed and in which none ended count as free.
+Every scan is one observation of each cell that its beams touch (Moravec & Elfes 1985; log odds as in Thrun et al. 2005,
+table 9.1): cells in which a beam ended are hits, cells that beams only crossed are misses. Log odds are kept in tiles,
+so that memory grows with the observed area only.
 """
 
 from __future__ import annotations
@@ -16,31 +17,35 @@ from wherry.kernels import kernel
 from wherry.space.occupancy import OccupancyGrid, log_odds_of, probability_of
 from wherry.space.pose import Floats, Pose
 from wherry.space.raycast import traverse
+from wherry.space.tiles import CELL_MASK, TILE_BITS, TILE_SIZE, enlarge
 
-TILE_BITS = 6
-TILE = 1 << TILE_BITS  # cells, a tile's side: a power of two, so that a cell's tile is a shift away
-CELL_BITS = TILE - 1
-HIT = log_odds_of(0.95)
-MISS = log_odds_of(0.18)  # once seen through is free, one hit outweighs two misses
-LARGEST_LOG_ODDS = 6.0  # so that what moved is unlearnt in a few scans
-MARGIN = 1  # cells around what was seen, so that a wall is never on the grid's edge
+HIT_LOG_ODDS = log_odds_of(0.95)
+MISS_LOG_ODDS = log_odds_of(0.18)  # one miss makes a cell free, and one hit outweighs two misses
+MAX_LOG_ODDS = 6.0  # absolute value, so that a few scans suffice to change a cell whose object has moved
+MARGIN = 1  # unknown cells around the observed ones, so that no wall is on the grid's edge
 
 
 @dataclass
 class GridMapper:
-    """A log-odds map that grows as scans are added.
-
-    Tiles of 64 × 64 cells are made when a beam first touches them; ``index`` says which, ``tiles`` holds them.
+    """A map of log odds that grows as scans are added; tiles are allocated when a beam first touches them.
 
     Args:
-        resolution: m, a cell's side. Cell edges lie on whole multiples of it in the map frame.
+        resolution: Side of a cell, m; cell edges are at whole multiples of it in the map frame.
+
+    Attributes:
+        corner: Column and row, in tiles, of index[0, 0], [2].
+        index: Index of each tile, or −1 where none is allocated, [rows, columns].
+        tiles: Log odds of the allocated tiles, [T, TILE_SIZE, TILE_SIZE]; the first ``tile_count`` are in use.
+        last_scan: Number of the last scan that observed each cell, [T, TILE_SIZE, TILE_SIZE].
+        tile_count: Number of allocated tiles.
+        scan_count: Number of scans added.
     """
 
     resolution: float
-    corner: tuple[int, int] = (0, 0)  # the tile column and row that index[0, 0] stands for
+    corner: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, np.int64))
     index: NDArray[np.int32] = field(default_factory=lambda: np.full((0, 0), -1, np.int32))
-    tiles: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, TILE, TILE), np.float32))
-    seen: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, TILE, TILE), np.int32))
+    tiles: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, TILE_SIZE, TILE_SIZE), np.float32))
+    last_scan: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, TILE_SIZE, TILE_SIZE), np.int32))
     tile_count: int = 0
     scan_count: int = 0
 
@@ -48,79 +53,76 @@ class GridMapper:
         """Add one scan.
 
         Args:
-            lidar: [2] m, map frame: where the beams start.
-            ends: [N, 2] m, map frame: where they end.
-            hit: [N] whether something stands there; otherwise the beam is only known to be free up to there.
+            lidar: Position of the lidar in the map frame, [2] m.
+            ends: Ends of the beams in the map frame, [N, 2] m.
+            hit: Which beams ended at an obstacle, [N]; the others are only known to be free up to their ends.
         """
         if len(ends) == 0:
             return
-        self._make_room(np.vstack([ends, lidar]))
+        self._reserve(np.vstack([ends, lidar]))
         self.scan_count += 1
-        shift = np.array(self.corner) * TILE
+        shift = self.corner * TILE_SIZE
         start, stops = lidar / self.resolution - shift, ends / self.resolution - shift
-        self._make_tiles(_touched(self.index, start, stops))
-        _add_scan(self.index, self.tiles, self.seen, self.scan_count, start, stops, hit)
+        self._allocate_tiles(_touched_tiles(self.index, start, stops))
+        _add_scan(self.index, self.tiles, self.last_scan, self.scan_count, start, stops, hit)
 
     def grid(self) -> OccupancyGrid:
-        """The map so far, cut to what was seen; a single unknown cell if that is nothing."""
+        """The map so far, cropped to the observed cells and a margin; a single unknown cell if there are none."""
         rows, columns = np.nonzero(self.index >= 0)
         if len(rows) == 0:
             return OccupancyGrid(np.full((1, 1), 0.5, np.float32), self.resolution)
         low, high = np.array([rows.min(), columns.min()]), np.array([rows.max(), columns.max()]) + 1
-        log_odds = np.zeros(tuple((high - low) * TILE), np.float32)
+        log_odds = np.zeros(tuple((high - low) * TILE_SIZE), np.float32)
         for row, column in zip(rows, columns, strict=True):
-            y, x = (row - low[0]) * TILE, (column - low[1]) * TILE
-            log_odds[y : y + TILE, x : x + TILE] = self.tiles[self.index[row, column]]
+            y, x = (row - low[0]) * TILE_SIZE, (column - low[1]) * TILE_SIZE
+            log_odds[y : y + TILE_SIZE, x : x + TILE_SIZE] = self.tiles[self.index[row, column]]
         known_rows, known_columns = np.nonzero(log_odds.any(axis=1))[0], np.nonzero(log_odds.any(axis=0))[0]
         top, bottom = known_rows[-1] + 1 + MARGIN, max(known_rows[0] - MARGIN, 0)
         right, left = known_columns[-1] + 1 + MARGIN, max(known_columns[0] - MARGIN, 0)
-        corner_x = ((self.corner[0] + low[1]) * TILE + left) * self.resolution
-        corner_y = ((self.corner[1] + low[0]) * TILE + bottom) * self.resolution
-        cut = probability_of(np.ascontiguousarray(log_odds[bottom:top, left:right]))
-        return OccupancyGrid(cut, self.resolution, Pose(float(corner_x), float(corner_y)))
+        corner_x = ((self.corner[0] + low[1]) * TILE_SIZE + left) * self.resolution
+        corner_y = ((self.corner[1] + low[0]) * TILE_SIZE + bottom) * self.resolution
+        cropped = probability_of(np.ascontiguousarray(log_odds[bottom:top, left:right]))
+        return OccupancyGrid(cropped, self.resolution, Pose(float(corner_x), float(corner_y)))
 
-    def _make_room(self, points: Floats) -> None:
-        """Grow the index so that it covers points, [N, 2] m; doubling margins keep this rare."""
-        tiles = np.floor(points / (self.resolution * TILE)).astype(np.int64)
+    def _reserve(self, points: Floats) -> None:
+        """Enlarge the index to cover points [N, 2] m; it grows by half of its size, so that this is rare."""
+        tiles = np.floor(points / (self.resolution * TILE_SIZE)).astype(np.int64)
         low, high = tiles.min(axis=0), tiles.max(axis=0) + 1
-        rows, columns = self.index.shape
-        if self.index.size == 0:
-            old_low, old_high = low, low
-        else:
-            old_low = np.array(self.corner)
-            old_high = old_low + np.array([columns, rows])
-            if (low >= old_low).all() and (high <= old_high).all():
+        if self.index.size:
+            rows, columns = self.index.shape
+            end = self.corner + np.array([columns, rows])
+            if (low >= self.corner).all() and (high <= end).all():
                 return
-            spare = (old_high - old_low) // 2
-            low = np.where(low < old_low, np.minimum(low, old_low - spare), old_low)
-            high = np.where(high > old_high, np.maximum(high, old_high + spare), old_high)
-        grown = np.full((high[1] - low[1], high[0] - low[0]), -1, np.int32)
-        at = old_low - low
-        grown[at[1] : at[1] + rows, at[0] : at[0] + columns] = self.index
-        self.index, self.corner = grown, (int(low[0]), int(low[1]))
+            spare = (end - self.corner) // 2
+            low = np.where(low < self.corner, np.minimum(low, self.corner - spare), self.corner)
+            high = np.where(high > end, np.maximum(high, end + spare), end)
+        self.index = enlarge(self.index, self.corner, low, high, -1)
+        self.corner = low
 
-    def _make_tiles(self, touched: NDArray[np.bool_]) -> None:
-        """Make the tiles that a scan touches and that do not exist yet."""
+    def _allocate_tiles(self, touched: NDArray[np.bool_]) -> None:
+        """Allocate the touched tiles, [rows, columns], that do not exist yet."""
         rows, columns = np.nonzero(touched & (self.index < 0))
-        wanted = self.tile_count + len(rows)
-        if wanted > len(self.tiles):
-            more = max(wanted - len(self.tiles), len(self.tiles) // 2)
-            self.tiles = np.concatenate([self.tiles, np.zeros((more, TILE, TILE), np.float32)])
-            self.seen = np.concatenate([self.seen, np.zeros((more, TILE, TILE), np.int32)])
-        self.index[rows, columns] = np.arange(self.tile_count, wanted)
-        self.tile_count = wanted
+        needed = self.tile_count + len(rows)
+        if needed > len(self.tiles):
+            added = max(needed - len(self.tiles), len(self.tiles) // 2)
+            self.tiles = np.concatenate([self.tiles, np.zeros((added, TILE_SIZE, TILE_SIZE), np.float32)])
+            self.last_scan = np.concatenate([self.last_scan, np.zeros((added, TILE_SIZE, TILE_SIZE), np.int32)])
+        self.index[rows, columns] = np.arange(self.tile_count, needed)
+        self.tile_count = needed
 
 
 @kernel
-def _touched(index: NDArray[np.int32], start: Floats, stops: Floats) -> NDArray[np.bool_]:
-    """The tiles that beams touch, [tile rows, tile columns]; start [2] and stops [N, 2] in cells of the index."""
+def _touched_tiles(index: NDArray[np.int32], start: Floats, stops: Floats) -> NDArray[np.bool_]:
+    """Which tiles beams touch, [rows, columns], of start [2] and stops [N, 2] in cells from the index's corner."""
     touched = np.zeros(index.shape, np.bool_)
     for n in range(len(stops)):
-        dx, dy = (stops[n, 0] - start[0]) / TILE, (stops[n, 1] - start[1]) / TILE
+        dx, dy = (stops[n, 0] - start[0]) / TILE_SIZE, (stops[n, 1] - start[1]) / TILE_SIZE
         length = math.hypot(dx, dy)
-        touched[int(stops[n, 1] // TILE), int(stops[n, 0] // TILE)] = True
+        touched[int(stops[n, 1] // TILE_SIZE), int(stops[n, 0] // TILE_SIZE)] = True
         if length > 0.0:
-            for column, row, _ in traverse(start[0] / TILE, start[1] / TILE, dx / length, dy / length, length):
+            for column, row, _ in traverse(
+                start[0] / TILE_SIZE, start[1] / TILE_SIZE, dx / length, dy / length, length
+            ):
                 if 0 <= column < index.shape[1] and 0 <= row < index.shape[0]:
                     touched[row, column] = True
     return touched
@@ -130,23 +132,23 @@ def _touched(index: NDArray[np.int32], start: Floats, stops: Floats) -> NDArray[
 def _add_scan(
     index: NDArray[np.int32],
     tiles: NDArray[np.float32],
-    seen: NDArray[np.int32],
+    last_scan: NDArray[np.int32],
     scan: int,
     start: Floats,
     stops: Floats,
     hit: NDArray[np.bool_],
 ) -> None:
-    """Update log-odds by one scan: hits first, then what beams crossed; no cell twice, which ``seen`` remembers.
+    """Update log odds with one scan: first the hits, then the misses, no cell twice.
 
-    Tile and cell are worked out in place: a call with arrays in the inner loop costs ten times as much.
+    Tile and cell are computed inline, since a call that takes arrays makes the inner loop ten times slower.
     """
     for n in range(len(stops)):
         column, row = math.floor(stops[n, 0]), math.floor(stops[n, 1])
         tile = index[row >> TILE_BITS, column >> TILE_BITS]
-        y, x = row & CELL_BITS, column & CELL_BITS
-        if hit[n] and seen[tile, y, x] != scan:
-            seen[tile, y, x] = scan
-            tiles[tile, y, x] = min(tiles[tile, y, x] + HIT, LARGEST_LOG_ODDS)
+        y, x = row & CELL_MASK, column & CELL_MASK
+        if hit[n] and last_scan[tile, y, x] != scan:
+            last_scan[tile, y, x] = scan
+            tiles[tile, y, x] = min(tiles[tile, y, x] + HIT_LOG_ODDS, MAX_LOG_ODDS)
     for n in range(len(stops)):
         dx, dy = stops[n, 0] - start[0], stops[n, 1] - start[1]
         length = math.hypot(dx, dy)
@@ -155,9 +157,9 @@ def _add_scan(
         for column, row, _ in traverse(start[0], start[1], dx / length, dy / length, length):
             tile_row, tile_column = row >> TILE_BITS, column >> TILE_BITS
             if not (0 <= tile_row < index.shape[0] and 0 <= tile_column < index.shape[1]):
-                continue  # rounding, on the outermost edge
+                continue  # rounding at the outermost edge
             tile = index[tile_row, tile_column]
-            y, x = row & CELL_BITS, column & CELL_BITS
-            if tile >= 0 and seen[tile, y, x] != scan:
-                seen[tile, y, x] = scan
-                tiles[tile, y, x] = max(tiles[tile, y, x] + MISS, -LARGEST_LOG_ODDS)
+            y, x = row & CELL_MASK, column & CELL_MASK
+            if tile >= 0 and last_scan[tile, y, x] != scan:
+                last_scan[tile, y, x] = scan
+                tiles[tile, y, x] = max(tiles[tile, y, x] + MISS_LOG_ODDS, -MAX_LOG_ODDS)

@@ -1,4 +1,4 @@
-"""Occupancy grids: what is known to be free, occupied, or not known (paper, section 5)."""
+"""Occupancy grids: probabilities of cells, which are free, occupied or unknown (paper, section 5)."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from numpy.typing import NDArray
 
 from wherry.space.pose import IDENTITY, Floats, Pose
 
-FREE_BELOW = 0.196  # map_server's free_thresh
-OCCUPIED_ABOVE = 0.65  # map_server's occupied_thresh
-UNKNOWN = 0.5
+FREE_THRESHOLD = 0.196  # probability below which a cell is free, as in map_server
+OCCUPIED_THRESHOLD = 0.65  # probability above which a cell is occupied, as in map_server
+UNKNOWN = 0.5  # probability of an unknown cell
 
 
 @dataclass(frozen=True)
 class OccupancyGrid:
-    """A map as probabilities.
+    """A map of square cells.
 
     Attributes:
-        probability: [H, W] float32, P(occupied); row 0 is the smallest y, column 0 the smallest x; 0.5 is unknown.
-        resolution: m, a grid cell's side.
-        origin: The outer corner of grid cell [0, 0] in the map frame.
+        probability: Probability that each cell is occupied, [H, W] float32; row 0 has the smallest y, column 0 the
+            smallest x; 0.5 is unknown.
+        resolution: Side of a cell, m.
+        origin: Pose of the outer corner of cell [0, 0] in the map frame.
     """
 
     probability: NDArray[np.float32]
@@ -31,44 +32,44 @@ class OccupancyGrid:
 
     @property
     def occupied(self) -> NDArray[np.bool_]:
-        """[H, W] where something stands."""
-        return self.probability > OCCUPIED_ABOVE
+        """Which cells are occupied, [H, W]."""
+        return self.probability > OCCUPIED_THRESHOLD
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """[H, W] where nothing stands."""
-        return self.probability < FREE_BELOW
+        """Which cells are free, [H, W]."""
+        return self.probability < FREE_THRESHOLD
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
-        """[H, W] where neither is known."""
+        """Which cells are neither occupied nor free, [H, W]."""
         return ~(self.occupied | self.free)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns, [H, W]."""
+        """Number of rows and of columns, (H, W)."""
         height, width = self.probability.shape
         return height, width
 
     def cells_at(self, points: Floats) -> NDArray[np.int64]:
-        """The grid cells that contain points; they may lie outside the grid.
+        """The cells that contain points, which may be outside of the grid.
 
         Args:
-            points: [N, 2] m, map frame.
+            points: Points in the map frame, [N, 2] m.
 
         Returns:
-            [N, 2] row and column.
+            Rows and columns, [N, 2].
         """
         return np.floor(self.origin.inverse.transform(points) / self.resolution).astype(np.int64)[:, ::-1]
 
     def contains(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which cells lie on the grid.
+        """Which cells are on the grid.
 
         Args:
-            cells: [N, 2] row and column.
+            cells: Rows and columns, [N, 2].
 
         Returns:
-            [N].
+            Whether each cell is on the grid, [N].
         """
         rows, columns = cells.T
         height, width = self.shape
@@ -76,27 +77,41 @@ class OccupancyGrid:
         return inside
 
     def centres(self, cells: NDArray[np.int64]) -> Floats:
-        """The middles of grid cells.
+        """The centres of cells.
 
         Args:
-            cells: [N, 2] row and column, as from `cells_at` or ``np.argwhere(grid.occupied)``.
+            cells: Rows and columns, [N, 2], as from `cells_at` or ``np.argwhere(grid.occupied)``.
 
         Returns:
-            [N, 2] m, map frame.
+            Points in the map frame, [N, 2] m.
         """
-        return self.origin.transform((cells[:, ::-1] + 0.5) * self.resolution)
+        return cell_centres(cells, self.resolution, self.origin)
 
     def occupied_points(self) -> Floats:
-        """[N, 2] m, map frame: the middles of the occupied cells, row by row."""
+        """Centres of the occupied cells in the map frame, row by row, [N, 2] m."""
         return self.centres(np.argwhere(self.occupied))
 
 
+def cell_centres(cells: NDArray[np.int64], resolution: float, origin: Pose) -> Floats:
+    """The centres of a grid's cells.
+
+    Args:
+        cells: Rows and columns, [N, 2].
+        resolution: Side of a cell, m.
+        origin: Pose of the outer corner of cell [0, 0] in the map frame.
+
+    Returns:
+        Points in the map frame, [N, 2] m.
+    """
+    return origin.transform((cells[:, ::-1] + 0.5) * resolution)
+
+
 def probability_of(log_odds: NDArray[np.float32]) -> NDArray[np.float32]:
-    """P(occupied) of log-odds l = log(p / (1 − p))."""
+    """Probabilities p of log odds log(p / (1 − p))."""
     probability: NDArray[np.float32] = np.float32(1.0) / (np.float32(1.0) + np.exp(-log_odds))
     return probability
 
 
 def log_odds_of(probability: float) -> float:
-    """Log-odds l = log(p / (1 − p))."""
+    """Log odds log(p / (1 − p)) of a probability p."""
     return math.log(probability / (1.0 - probability))

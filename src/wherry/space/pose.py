@@ -1,4 +1,4 @@
-"""SE(2): positions and headings in the plane, and how they are put together.
+"""Poses in the plane, SE(2): composition, inversion and transformation of points.
 
 Every frame follows REP 103: x forward, y to the left, angles counter-clockwise from the x axis, metres and radians.
 """
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 def wrap(angle: float) -> float:
-    """Return the same direction as an angle in (−π, π], in rad."""
+    """The equivalent angle in (−π, π], rad."""
     wrapped = math.remainder(angle, math.tau)
     return math.pi if wrapped == -math.pi else wrapped
 
@@ -26,9 +26,9 @@ class Pose:
     """A position and a heading; also the rigid transform that carries the origin there.
 
     Attributes:
-        x: m, along the frame's x axis.
-        y: m, along the frame's y axis.
-        theta: θ, rad, counter-clockwise from the frame's x axis.
+        x: Position along the frame's x axis, m.
+        y: Position along the frame's y axis, m.
+        theta: Heading θ counter-clockwise from the frame's x axis, rad.
     """
 
     x: float = 0.0
@@ -46,22 +46,22 @@ class Pose:
 
     @property
     def inverse(self) -> Pose:
-        """The transform that undoes this one: ``p @ p.inverse`` is the identity (⊖)."""
+        """The inverse transform: ``p @ p.inverse`` is the identity (⊖)."""
         cos, sin = math.cos(self.theta), math.sin(self.theta)
         return Pose(-cos * self.x - sin * self.y, sin * self.x - cos * self.y, wrap(-self.theta))
 
     def relative_to(self, origin: Pose) -> Pose:
-        """This pose as seen from ``origin``: ``origin.inverse @ self``."""
+        """This pose in the frame of ``origin``: ``origin.inverse @ self``."""
         return origin.inverse @ self
 
     def transform(self, points: NDArray[np.floating[Any]]) -> Floats:
-        """Carry points of this pose's own frame into the frame that the pose is given in.
+        """Transform points from this pose's own frame into the frame that the pose is given in.
 
         Args:
-            points: [N, 2] m.
+            points: Points in this pose's frame, [N, 2] m.
 
         Returns:
-            [N, 2] m.
+            The points in the frame that the pose is given in, [N, 2] m.
         """
         cos, sin = math.cos(self.theta), math.sin(self.theta)
         rotation = np.array([[cos, sin], [-sin, cos]])
@@ -69,20 +69,20 @@ class Pose:
         return moved
 
     def distance_to(self, other: Pose) -> float:
-        """Distance between the two positions, m."""
+        """Distance between the positions, m."""
         return math.hypot(other.x - self.x, other.y - self.y)
 
     def is_near(self, other: Pose, distance: float, angle: float) -> bool:
-        """Whether two poses are less than a distance, m, and less than an angle, rad, apart."""
+        """Whether the poses differ by less than a distance, m, and less than an angle, rad."""
         return self.distance_to(other) < distance and abs(wrap(self.theta - other.theta)) < angle
 
     def as_array(self) -> Floats:
-        """[3] x m, y m, θ rad."""
+        """x, y and θ, [3] m, m, rad."""
         return np.array([self.x, self.y, self.theta])
 
     @classmethod
     def from_array(cls, array: Floats) -> Self:
-        """The pose of an array [3] x m, y m, θ rad; θ is wrapped."""
+        """The pose of x, y and θ, [3] m, m, rad; θ is wrapped."""
         return cls(float(array[0]), float(array[1]), wrap(float(array[2])))
 
 
@@ -90,7 +90,7 @@ IDENTITY = Pose()
 
 
 def compose(first: Floats, second: Floats) -> Floats:
-    """⊕ of many poses: [N, 3] ``first @ second``, m, m, rad; headings wrapped into [−π, π]."""
+    """``first @ second`` of many poses, [N, 3] m, m, rad; headings are wrapped into [−π, π]."""
     cos, sin = np.cos(first[..., 2]), np.sin(first[..., 2])
     x = first[..., 0] + cos * second[..., 0] - sin * second[..., 1]
     y = first[..., 1] + sin * second[..., 0] + cos * second[..., 1]
@@ -98,7 +98,7 @@ def compose(first: Floats, second: Floats) -> Floats:
 
 
 def relative(poses: Floats, origins: Floats) -> Floats:
-    """[N, 3] poses as seen from origins, m, m, rad: ``origins.inverse @ poses``."""
+    """``origins.inverse @ poses`` of many poses, [N, 3] m, m, rad; headings are wrapped into [−π, π]."""
     cos, sin = np.cos(origins[..., 2]), np.sin(origins[..., 2])
     dx, dy = poses[..., 0] - origins[..., 0], poses[..., 1] - origins[..., 1]
     turned = _wrapped(poses[..., 2] - origins[..., 2])
@@ -106,6 +106,6 @@ def relative(poses: Floats, origins: Floats) -> Floats:
 
 
 def _wrapped(angles: Floats) -> Floats:
-    """The same directions within [−π, π], rad."""
+    """The equivalent angles in [−π, π], rad."""
     wrapped: Floats = angles - math.tau * np.round(angles / math.tau)
     return wrapped

@@ -1,4 +1,4 @@
-"""Rays through a grid, cell by cell (Amanatides & Woo 1987): what a lidar would measure on a map."""
+"""Ray casting in grids, cell by cell (Amanatides & Woo 1987)."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ def cast_rays(
     angles: Floats,
     range_max: float,
 ) -> Floats:
-    """Distances at which rays enter the first blocked cell; exact for grids whose cells are the truth.
+    """Distances at which rays enter the first blocked cell.
 
     Args:
-        blocked: [H, W] cells that stop a ray; what lies outside the grid does not.
-        resolution: m, a cell's side.
-        origin: The outer corner of cell [0, 0] in the map frame.
-        poses: [N, 3] m, m, rad, map frame: where the lidars stand.
-        angles: [R] rad, the beams' directions in the lidar's frame.
-        range_max: m, rays end there.
+        blocked: Cells that stop a ray, [H, W]; outside of the grid nothing does.
+        resolution: Side of a cell, m.
+        origin: Pose of the outer corner of cell [0, 0] in the map frame.
+        poses: Poses of lidars in the map frame, [N, 3] m, m, rad.
+        angles: Directions of the beams in the lidar frame, [R] rad.
+        range_max: Length at which rays end, m.
 
     Returns:
-        [N, R] m; ``inf`` where a ray met nothing, 0 where it starts in a blocked cell.
+        Distances, [N, R] m; infinite where no blocked cell was met, 0 where the ray starts in one.
     """
     starts = origin.inverse.transform(np.asarray(poses, dtype=np.float64)[:, :2]) / resolution
     directions = np.asarray(poses, dtype=np.float64)[:, 2:3] - origin.theta + angles[None, :]
@@ -40,7 +40,7 @@ def cast_rays(
 
 @kernel
 def _cast_rays(blocked: NDArray[np.bool_], starts: Floats, directions: Floats, limit: float) -> Floats:
-    """As `cast_rays`, in cells: starts [N, 2], directions [N, R] rad, lengths [N, R]."""
+    """As `cast_rays`, in cells from the grid's corner: starts [N, 2], directions [N, R] rad."""
     lengths = np.empty(directions.shape)
     for n in range(directions.shape[0]):
         for r in range(directions.shape[1]):
@@ -51,15 +51,15 @@ def _cast_rays(blocked: NDArray[np.bool_], starts: Floats, directions: Floats, l
 
 @kernel
 def ray_length(blocked: NDArray[np.bool_], x: float, y: float, dx: float, dy: float, limit: float) -> float:
-    """How far a ray gets before it enters a blocked cell, in cells; ``inf`` if it gets as far as the limit.
+    """Length of a ray up to the first blocked cell, in cells; infinite if it reaches the limit.
 
     Args:
-        blocked: [H, W].
-        x: The start, in cells from the grid's corner.
-        y: The start, likewise.
-        dx: The direction; a unit vector.
-        dy: The direction, likewise.
-        limit: Cells.
+        blocked: Cells that stop the ray, [H, W].
+        x: Start in x, in cells from the grid's corner.
+        y: Start in y, in cells from the grid's corner.
+        dx: x component of the direction, a unit vector.
+        dy: y component of the direction.
+        limit: Length at which the ray ends, cells.
     """
     height, width = blocked.shape
     for column, row, entered in traverse(x, y, dx, dy, limit):
@@ -72,40 +72,40 @@ def ray_length(blocked: NDArray[np.bool_], x: float, y: float, dx: float, dy: fl
             or (row < 0 and dy <= 0)
             or (row >= height and dy >= 0)
         ):
-            break  # the ray left the grid and does not come back
+            break  # the ray has left the grid for good
     return math.inf
 
 
 @stepper
 def traverse(x: float, y: float, dx: float, dy: float, limit: float) -> Iterator[tuple[int, int, float]]:
-    """Yield the cells that a ray crosses, in order: column, row, and how far along the ray it is entered.
+    """Yield the cells that a ray crosses in order: column, row, and the length at which the ray enters the cell.
 
-    Crossings are computed from whole cell numbers each time, so that nothing accumulates along a long ray.
+    Lengths are computed from the cell's column and row each time, so that rounding errors do not accumulate.
 
     Args:
-        x: The start, in cells from the grid's corner.
-        y: The start, likewise.
-        dx: The direction; a unit vector.
-        dy: The direction, likewise.
-        limit: Cells; a cell entered at or beyond it is not crossed.
+        x: Start in x, in cells from the grid's corner.
+        y: Start in y, in cells from the grid's corner.
+        dx: x component of the direction, a unit vector.
+        dy: y component of the direction.
+        limit: Length before which a cell must be entered to count, cells.
     """
     column, row = math.floor(x), math.floor(y)
     step_x = 1 if dx > 0 else -1
     step_y = 1 if dy > 0 else -1
-    ahead_x = 1 if dx > 0 else 0  # the edge of the present cell that the ray leaves through
-    ahead_y = 1 if dy > 0 else 0
+    edge_x = 1 if dx > 0 else 0  # offset of the edge through which the ray leaves a cell
+    edge_y = 1 if dy > 0 else 0
     per_column = 1.0 / dx if dx != 0.0 else math.inf
     per_row = 1.0 / dy if dy != 0.0 else math.inf
-    leave_x = (column + ahead_x - x) * per_column if dx != 0.0 else math.inf
-    leave_y = (row + ahead_y - y) * per_row if dy != 0.0 else math.inf
+    leave_x = (column + edge_x - x) * per_column if dx != 0.0 else math.inf
+    leave_y = (row + edge_y - y) * per_row if dy != 0.0 else math.inf
     entered = 0.0
     while entered < limit:
         yield column, row, entered
         if leave_x <= leave_y:
             entered = leave_x
             column += step_x
-            leave_x = (column + ahead_x - x) * per_column
+            leave_x = (column + edge_x - x) * per_column
         else:
             entered = leave_y
             row += step_y
-            leave_y = (row + ahead_y - y) * per_row
+            leave_y = (row + edge_y - y) * per_row

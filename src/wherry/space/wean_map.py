@@ -1,4 +1,4 @@
-"""Maps in the text format of Carnegie Mellon's Wean Hall: a header, then probabilities, a column of the map a line."""
+"""Maps in the text format of Carnegie Mellon's Wean Hall: a header, then one line of probabilities per map column."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from wherry.files import read_bytes
 from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY
 
-LARGEST_FILE = 200_000_000  # bytes, unpacked
-RESOLUTION = "robot_specifications->resolution"
-MAP = "global_map[0]:"
+MAX_FILE_SIZE = 200_000_000  # bytes, unpacked
+RESOLUTION_KEY = "robot_specifications->resolution"
+MAP_KEY = "global_map[0]:"
 CENTIMETRE = 0.01  # m
 
 
 def load_wean_map(path: str | Path) -> OccupancyGrid:
-    """Read a map whose values are P(free), with −1 where it is not known.
+    """Read a map of probabilities that cells are free, with −1 for unknown cells.
 
     Args:
         path: The file; gzipped if its name ends in .gz.
 
     Raises:
-        InputError: The file cannot be read or is not such a map; the error names the line.
+        InputError: The file cannot be read, or is not a valid map; the error names the line.
     """
     lines = _unpacked(Path(path)).decode("latin-1").splitlines()
-    start = next((i for i, line in enumerate(lines) if line.startswith(MAP)), None)
+    start = next((i for i, line in enumerate(lines) if line.startswith(MAP_KEY)), None)
     if start is None:
-        raise InputError(path, MAP, "is missing: this is no map of this format")
-    resolution = next((line.split()[-1] for line in lines[:start] if line.startswith(RESOLUTION)), None)
+        raise InputError(path, MAP_KEY, "is missing: this is no map of this format")
+    resolution = next((line.split()[-1] for line in lines[:start] if line.startswith(RESOLUTION_KEY)), None)
     try:
         cell = float(resolution or "") * CENTIMETRE
         width, height = (int(word) for word in lines[start].split()[1:])
@@ -57,14 +57,15 @@ def load_wean_map(path: str | Path) -> OccupancyGrid:
 
 
 def _unpacked(path: Path) -> bytes:
+    """Content of a file, unpacked if its name ends in .gz."""
     if path.suffix != ".gz":
-        return read_bytes(path, limit=LARGEST_FILE)
+        return read_bytes(path, limit=MAX_FILE_SIZE)
     try:
         with gzip.open(path, "rb") as file:
-            data = file.read(LARGEST_FILE + 1)
+            data = file.read(MAX_FILE_SIZE + 1)
     except (OSError, EOFError, zlib.error) as error:
         reason = getattr(error, "strerror", None) or f"is not a whole gzip file: {error}"
         raise InputError(path, "", reason) from error
-    if len(data) > LARGEST_FILE:
-        raise InputError(path, "", f"is larger than {LARGEST_FILE:,} bytes, unpacked")
+    if len(data) > MAX_FILE_SIZE:
+        raise InputError(path, "", f"is larger than {MAX_FILE_SIZE:,} bytes, unpacked")
     return data

@@ -192,7 +192,7 @@ def somewhere(plan: FloorPlan, rng: np.random.Generator) -> Pose:
 
 
 def _centre(plan: FloorPlan, cell: Cell, heading: float) -> Pose:
-    return Pose((cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size, heading)
+    return Pose(*plan.centre(cell), heading)
 
 
 def summarize(sights: list[Sight]) -> Result:

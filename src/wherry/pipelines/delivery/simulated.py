@@ -209,12 +209,12 @@ class DeliveryRun:
             self._rounds.append(Round([], [self._mark()]))
 
     def _mark(self) -> Mark:
-        referee, size = self.simulation.referee, self.plan.cell_size
+        referee = self.simulation.referee
         truths = [box for box in referee.boxes if box.first_cell not in self.unreachable]
-        on_floor = tuple(_cell_of(box.position, size) for box in truths if box.place is BoxPlace.FLOOR)
+        on_floor = tuple(self.plan.cell_at(*box.position) for box in truths if box.place is BoxPlace.FLOOR)
         loaded = any(box.place is BoxPlace.HELD for box in truths)
         pose = referee.pose
-        return Mark(_cell_of((pose.x, pose.y), size), on_floor, loaded, len(referee.trajectory))
+        return Mark(self.plan.cell_at(pose.x, pose.y), on_floor, loaded, len(referee.trajectory))
 
     def _score(self, wall_seconds: float, *, stopped: bool) -> Result:
         """Everything in it but the steps comes from the referee."""
@@ -304,15 +304,6 @@ def order_of(plan: FloorPlan) -> Order:
     """
     if plan.start is None:
         raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
-    size = plan.cell_size
-    start = Pose(*_middle(plan.start, size), math.atan2(plan.heading.dy, plan.heading.dx))
-    cells = np.array([_middle(cell, size) for cell in sorted(plan.warehouse)])
-    return Order(warehouse=start.inverse.transform(cells), cell_size=size)
-
-
-def _middle(cell: Cell, size: float) -> tuple[float, float]:
-    return (cell.x + 0.5) * size, (cell.y + 0.5) * size
-
-
-def _cell_of(position: tuple[float, float], size: float) -> Cell:
-    return Cell(int(position[0] // size), int(position[1] // size))
+    start = Pose(*plan.centre(plan.start), math.atan2(plan.heading.dy, plan.heading.dx))
+    cells = np.array([plan.centre(cell) for cell in sorted(plan.warehouse)])
+    return Order(warehouse=start.inverse.transform(cells), cell_size=plan.cell_size)
