@@ -142,7 +142,7 @@ class DeliverySite:
             Wall.between(cell, direction)
             for cell in open_cells
             for direction in Direction
-            if cell.towards(direction) not in open_cells
+            if cell.neighbour(direction) not in open_cells
         }
         columns, rows = [cell.x for cell in open_cells], [cell.y for cell in open_cells]
         return cls(
@@ -223,7 +223,7 @@ def _steps_from(state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
     while queue:
         cell = queue.popleft()
         for direction in Direction:
-            after, wall = cell.towards(direction), Wall.between(cell, direction)
+            after, wall = cell.neighbour(direction), Wall.between(cell, direction)
             inside = x_range.admits(after.x) and y_range.admits(after.y)
             if after not in steps and inside and (wall.cell.x, wall.cell.y, wall.north) not in walls:
                 steps[after] = steps[cell] + 1

@@ -77,7 +77,7 @@ class TaxiGrid(DeterministicMdp):
                 Wall.between(cell, direction)
                 for cell in plan.cells()
                 for direction in Direction
-                if plan.blocked(cell, direction)
+                if plan.is_blocked(cell, direction)
             }
         )
         self.scene = Scene(
@@ -108,8 +108,8 @@ class TaxiGrid(DeterministicMdp):
         taxi, passenger, destination = state["taxi"], state["passenger"], state["destination"]
         if action.name in DIRECTIONS:
             direction = Direction(DIRECTIONS[action.name])
-            moved = Cell(taxi.x, taxi.y).towards(direction)
-            blocked = self.plan.blocked(Cell(taxi.x, taxi.y), direction)
+            moved = Cell(taxi.x, taxi.y).neighbour(direction)
+            blocked = self.plan.is_blocked(Cell(taxi.x, taxi.y), direction)
             next_state = state if blocked else state.replace("taxi", x=moved.x, y=moved.y)
             return Transition(state, action, next_state, STEP_REWARD, terminated=False)
         if action.name == "PICKUP":

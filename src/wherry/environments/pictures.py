@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from wherry.floorplan.drawing import draw_plan
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
-from wherry.floorplan.world_files import drawing
 
 CELL_PIXELS = 48
 WALL_PIXELS = 4
@@ -53,7 +53,7 @@ def render_text(plan: FloorPlan, sprites: Iterable[Sprite]) -> str:
     for cell in plan.warehouse:
         letters[cell] = letters.get(cell, "") + "w"
     letters |= dict.fromkeys(plan.obstacles, "###")
-    return drawing(plan, lambda cell: letters.get(cell, "")[:3])
+    return draw_plan(plan, lambda cell: letters.get(cell, "")[:3])
 
 
 def render_rgb(plan: FloorPlan, sprites: Iterable[Sprite]) -> NDArray[np.uint8]:
@@ -74,7 +74,7 @@ def render_rgb(plan: FloorPlan, sprites: Iterable[Sprite]) -> NDArray[np.uint8]:
             draw.text((left, top), marks[cell], fill=MARK)
     for cell in every:
         for direction in Direction:
-            if plan.blocked(cell, direction):
+            if plan.is_blocked(cell, direction):
                 draw.line(_edge(plan, cell, direction), fill=WALL, width=WALL_PIXELS)
     for sprite in sprites:
         shape = draw.ellipse if sprite.round else draw.rectangle
