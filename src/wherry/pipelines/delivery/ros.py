@@ -207,7 +207,7 @@ def run(
     actions = learning = 0
     for step in delivery:
         actions += 1
-        learning += step.learning
+        learning += step.is_learning
     ready = delivery.ready
     environment = ready.environment
     figures = Figures(environment.delivered, environment.remaining, actions, learning, robot.time - started)
