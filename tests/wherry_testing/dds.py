@@ -38,12 +38,10 @@ def simulator(world: str | Path, domain: int, *options: str) -> Iterator[subproc
         process.communicate()
 
 
-def ended(
-    process: subprocess.Popen[str], signal_to_send: signal.Signals | None = None, timeout: float = 20.0
-) -> dict[str, Any]:
+def ended(process: subprocess.Popen[str], sent: signal.Signals | None = None, timeout: float = 20.0) -> dict[str, Any]:
     """Send a signal to a process, or wait for its end; return the JSON of its last line."""
-    if signal_to_send is not None:
-        process.send_signal(signal_to_send)
+    if sent is not None:
+        process.send_signal(sent)
     output, _ = process.communicate(timeout=timeout)
     try:
         result = json.loads(output.splitlines()[-1])
