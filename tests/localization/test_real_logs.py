@@ -1,4 +1,4 @@
-"""Real robots in real buildings: half of the Intel log on the map of the other half, and Wean Hall from anywhere."""
+"""Real robots: half of the Intel log on the map of the other half, and Wean Hall from a global start."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.relocalization import Relocalizer
 from wherry.logs.carmen import LidarLog, read_log, read_rows
-from wherry.pipelines.logs.localization import Settings, prepare
+from wherry.pipelines.logs.localization import LocalizationSettings, prepare
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
@@ -31,7 +31,7 @@ def data(name: str) -> Path:
 
 @cache
 def intel() -> tuple[LidarLog, list[Pose], OccupancyGrid]:
-    """The log, its reference poses, and the map that every second scan draws from there."""
+    """The log, its reference poses, and the map of every second scan at these poses."""
     log = read_log(data("intel/intel_910_rawodom.clf.gz"))
     poses = [
         Pose.from_array(row[1:]) for row in read_rows(data("intel/intel_910_gfs_corrected_tum.txt.gz"), widths=(4,))
@@ -44,7 +44,7 @@ def intel() -> tuple[LidarLog, list[Pose], OccupancyGrid]:
     return log, poses, mapper.grid()
 
 
-def test_one_scan_finds_the_robot_in_the_intel_lab() -> None:
+def test_one_scan_relocalizes_the_robot_in_the_intel_lab() -> None:
     log, poses, grid = intel()
     relocalizer = Relocalizer(grid, log.lidar)
     chosen = range(1, 910, 18)
@@ -68,11 +68,11 @@ def test_tracking_in_the_intel_lab_with_raw_odometry() -> None:
     assert max(errors) < 1.0
 
 
-def test_wean_hall_from_anywhere() -> None:
+def test_global_localization_in_wean_hall() -> None:
     log, plan = data("wean/robotdata3.log.gz"), data("wean/wean.dat.gz")
     finals = []
     for seed in range(2):
-        run = prepare(Settings(log, plan, everywhere=True, seed=seed))
+        run = prepare(LocalizationSettings(log, plan, is_global=True, seed=seed))
         for _ in run.steps():
             pass
         finals.append(run.result().final_pose)
