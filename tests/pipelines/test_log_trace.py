@@ -55,7 +55,7 @@ def test_doubt_is_said_once_and_so_is_its_end() -> None:
     told: list[Record] = []
     trace = LogTrace("localize", "walk.log", log(), told.append)
     for probability in (0.1, 0.6, 0.9, 0.2, 0.1):
-        trace.doubt(1, probability)
+        trace.lost_probability(1, probability)
     assert [record.text for record in told[2:] if isinstance(record, Narration)] == [
         "I no longer know where I am.",
         "Now I know where I am.",
@@ -67,7 +67,7 @@ def test_loops_are_counted_when_more_were_tried() -> None:
     trace = LogTrace("map", "walk.log", log(), told.append)
     tried = [closure(""), closure("response 0.3"), closure("")]
     for count in (0, 2, 2, 3):
-        trace.closures(1, tried[:count])
+        trace.loop_closures(1, tried[:count])
     assert [record.text for record in told[2:] if isinstance(record, Narration)] == [
         "Loops so far: 1 closed, 1 refused.",
         "Loops so far: 2 closed, 1 refused.",
