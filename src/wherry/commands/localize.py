@@ -69,13 +69,13 @@ def localize(
         with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
             task = progress.add_task("localizing", total=len(run))
             if recording is not None:
-                recording.map(run.grid, run.log.scans[0].time)
+                recording.write_map(run.grid, run.log.scans[0].time)
             for scan in run.steps():
                 progress.update(task, completed=scan.index + 1)
                 trace.scan(scan.index, scan.localization.pose, run.localizer.particles)
                 trace.lost_probability(scan.index, scan.localization.lost_probability)
                 if recording is not None:
-                    recording.scan(scan.index, scan.localization.pose, run.localizer.particles)
+                    recording.write_scan(scan.index, scan.localization.pose, run.localizer.particles)
         result = run.result()
         if result.unknown_parameters:
             say(console, f"Unknown parameters were ignored: {', '.join(result.unknown_parameters)}")
