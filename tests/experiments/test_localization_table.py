@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from wherry.experiments.localization.table import (
 from wherry.views.filter_bars import filter_bars
 from wherry.views.learning_curve import as_bytes
 from wherry.views.reliability import reliability_diagram
+from wherry_testing.buildings import shared_data
 
 
 def test_largest_group_of_agreeing_poses() -> None:
@@ -57,11 +57,7 @@ def test_pictures_are_reproducible() -> None:
 
 @pytest.mark.slow
 def test_every_part_runs(tmp_path: Path) -> None:
-    data = Path(os.environ.get("WHERRY_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
-    if not data.exists():
-        if os.environ.get("CI") == "true":
-            pytest.fail(f"{data} is missing; set WHERRY_DATA")
-        pytest.skip(f"{data} is missing; set WHERRY_DATA")
+    data = shared_data("intel").parent
     small = LocalizationTableSettings(
         FilterComparisonSettings(seconds=6.0, repetitions=1),
         KidnappingSettings(tracking_seconds=5.0, kidnappings=1, seconds_per_kidnapping=5.0),

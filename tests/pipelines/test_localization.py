@@ -19,6 +19,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.space.raycast import cast_rays
 from wherry.space.trajectory import save_tum
+from wherry_testing.buildings import shared_data
 
 ORIGIN = Pose(-1.0, -2.0)
 
@@ -142,3 +143,15 @@ def test_constant_stamps_are_no_odometry_jump(files: LocalizationSettings) -> No
     truth = Pose(0.6 + 1.5 * math.sin(last / 8), 0.2 * math.cos(last / 5) - 0.8, last / 10 - 1.0)
     assert run.localized[-1].localization.pose.distance_to(truth) < 0.1
     assert (np.diff(advancing_times(np.array([scan.time for scan in run.log.scans]))) > 0.0).all()
+
+
+def test_global_localization_in_wean_hall() -> None:
+    log, plan = shared_data("wean/robotdata3.log.gz"), shared_data("wean/wean.dat.gz")
+    finals = []
+    for seed in range(2):
+        run = prepare(LocalizationSettings(log, plan, is_global=True, seed=seed))
+        for _ in run.steps():
+            pass
+        finals.append(run.result().final_pose)
+    assert np.hypot(finals[0][0] - 39.9, finals[0][1] - 39.7) < 0.5  # beside where the log begins
+    assert np.hypot(finals[0][0] - finals[1][0], finals[0][1] - finals[1][1]) < 0.5
