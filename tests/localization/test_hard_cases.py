@@ -51,7 +51,7 @@ def test_two_seconds_of_wheel_slip_are_corrected_meanwhile(at: int) -> None:
     localizer = Localizer(building.grid(), LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0))
     localizer.initialize(truth[0], CLOSE)
     found = follow(building, localizer, truth, driven[:at] + slipping + resumed)
-    errors = [one.pose.distance_to(place) for one, place in zip(found, truth, strict=True)]
+    errors = [one.pose.distance_to(pose) for one, pose in zip(found, truth, strict=True)]
     assert max(errors) < 0.3
     assert max(errors[at + 20 :]) < 0.08
 

@@ -20,10 +20,8 @@ from wherry_testing.buildings import shared_data
 def intel() -> tuple[LidarLog, list[Pose], OccupancyGrid]:
     """The log, its reference poses, and the map of every second scan at these poses."""
     log = read_log(shared_data("intel/intel_910_rawodom.clf.gz"))
-    poses = [
-        Pose.from_array(row[1:])
-        for row in read_rows(shared_data("intel/intel_910_gfs_corrected_tum.txt.gz"), widths=(4,))
-    ]
+    rows = read_rows(shared_data("intel/intel_910_gfs_corrected_tum.txt.gz"), widths=(4,))
+    poses = [Pose.from_array(row[1:]) for row in rows]
     mapper = GridMapper(0.05)
     for scan, pose in zip(log.scans[::2], poses[::2], strict=True):
         lidar = pose @ log.lidar

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2, norm
 
-from wherry.localization.clusters import heaviest_cluster
+from wherry.localization.clusters import dominant_cluster
 from wherry.localization.resampling import (
     BIN_SIZE,
     adaptive_sample_size,
@@ -87,7 +87,7 @@ def test_dominant_cluster_is_not_averaged_with_another() -> None:
     here = rng.normal([1.0, 2.0, math.pi], [0.1, 0.05, 0.02], (600, 3))
     here[:, 2] = np.remainder(here[:, 2] + math.pi, math.tau) - math.pi  # around ±π
     there = rng.normal([8.0, 2.0, 0.0], [0.1, 0.05, 0.02], (400, 3))
-    cluster = heaviest_cluster(np.vstack([here, there]), np.full(1000, 1e-3), hash_table(1000))
+    cluster = dominant_cluster(np.vstack([here, there]), np.full(1000, 1e-3), hash_table(1000))
     assert cluster.weight == pytest.approx(0.6)
     assert (cluster.mean.x, cluster.mean.y) == pytest.approx((1.0, 2.0), abs=0.02)
     assert abs(cluster.mean.theta) == pytest.approx(math.pi, abs=0.005)

@@ -33,7 +33,7 @@ def test_full_window_drops_the_oldest_scan() -> None:
     assert window.mean_agreement().inlier_fraction == pytest.approx(0.5 + 0.01 * (MAX_SCANS + 3) / 2)
 
 
-def test_one_scan_at_which_the_robot_was_localized_is_enough() -> None:
+def test_lost_probability_must_be_exceeded_at_every_scan() -> None:
     window = ScanWindow()
     window.add(window_scan(0))
     assert window.has_lost_probability_above(0.5)

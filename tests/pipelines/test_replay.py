@@ -55,11 +55,11 @@ def test_bag_is_mapped_and_localized_on_its_map(ride: tuple[Path, Pose], tmp_pat
     folder, truth = ride
     result = run("replay", str(folder / "run.bag"), "--out", str(tmp_path / "out"), "--json", "--seed", "3")
     assert result.exit_code == 0, result.output
-    figures = json.loads(result.stdout.splitlines()[-1])
-    assert figures["mapping"]["scans"] == figures["localization"]["scans"] == SCANS
-    assert figures["localization"]["rmse_m"] < 0.05  # against mapping's own trajectory
-    assert np.hypot(*np.subtract(figures["localization"]["final_pose"][:2], (truth.x, truth.y))) < 0.05
-    assert figures["localization"]["lost_fraction"] < 0.05
+    metrics = json.loads(result.stdout.splitlines()[-1])
+    assert metrics["mapping"]["scans"] == metrics["localization"]["scans"] == SCANS
+    assert metrics["localization"]["rmse_m"] < 0.05  # against mapping's own trajectory
+    assert np.hypot(*np.subtract(metrics["localization"]["final_pose"][:2], (truth.x, truth.y))) < 0.05
+    assert metrics["localization"]["lost_fraction"] < 0.05
     names = set(files_of(tmp_path / "out"))
     assert names >= {"mapping/map.yaml", "mapping/map.png", "mapping/trajectory.tum", "localization/localization.png"}
 
@@ -76,9 +76,9 @@ def test_with_a_map_only_localization_runs(ride: tuple[Path, Pose], tmp_path: Pa
     assert run("replay", str(folder / "run"), "--out", str(tmp_path / "first"), "-q").exit_code == 0
     map_file = tmp_path / "first" / "mapping" / "map.yaml"
     result = run("replay", str(folder / "run"), "--map", str(map_file), "--out", str(tmp_path / "second"), "--json")
-    figures = json.loads(result.stdout.splitlines()[-1])
-    assert figures["mapping"] is None
-    assert figures["localization"]["scans"] == SCANS
+    metrics = json.loads(result.stdout.splitlines()[-1])
+    assert metrics["mapping"] is None
+    assert metrics["localization"]["scans"] == SCANS
     assert set(files_of(tmp_path / "second")) == {"localization/localization.png", "localization/trajectory.tum"}
 
 
@@ -117,9 +117,9 @@ def test_recorded_delivery_is_replayed(tmp_path: Path) -> None:
     log = read_bag(record)
     assert log.scans[-1].time == pytest.approx(recorded["sim_seconds"], abs=0.1)
     result = run("replay", str(record), "--out", str(tmp_path / "replay"), "--json", "-q")
-    figures = json.loads(result.stdout.splitlines()[-1])
-    assert figures["localization"]["rmse_m"] < 0.05
-    assert figures["localization"]["lost_fraction"] < 0.02
+    metrics = json.loads(result.stdout.splitlines()[-1])
+    assert metrics["localization"]["rmse_m"] < 0.05
+    assert metrics["localization"]["lost_fraction"] < 0.02
 
 
 def write_bag_without_odometry(path: Path) -> None:

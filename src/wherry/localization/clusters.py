@@ -31,7 +31,7 @@ class Cluster:
     covariance: Floats
 
 
-def heaviest_cluster(particles: Floats, weights: Floats, table: Integers) -> Cluster:
+def dominant_cluster(particles: Floats, weights: Floats, table: Integers) -> Cluster:
     """Find the cluster with the most weight, as amcl does: adjoining bins of 0.5 m and 10° form a cluster.
 
     Args:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wherry.localization.clusters import heaviest_cluster
+from wherry.localization.clusters import dominant_cluster
 from wherry.localization.particles import ParticleSet
 from wherry.localization.refinement import agrees, match_scan
 from wherry.localization.resampling import Integers
@@ -71,7 +71,7 @@ def cluster_estimate(particles: ParticleSet, time: float, likelihood: float, tab
         likelihood: The scan's likelihood, see `PoseEstimate`.
         table: Scratch memory from `resampling.hash_table` for at least as many bins as there are particles.
     """
-    cluster = heaviest_cluster(particles.poses, particles.weights, table)
+    cluster = dominant_cluster(particles.poses, particles.weights, table)
     return PoseEstimate(
         time, cluster.mean, cluster.covariance, cluster.weight, len(particles), likelihood, is_updated=True
     )

@@ -72,7 +72,7 @@ class LogTrace:
             return
         self._closures_reported = len(candidates)
         accepted = sum(closure.accepted for closure in candidates)
-        self.say(index, f"Loops so far: {accepted} closed, {len(candidates) - accepted} refused.")
+        self.say(index, f"Loop closures so far: {accepted} accepted, {len(candidates) - accepted} rejected.")
 
     def lost_probability(self, index: int, probability: float) -> None:
         """Report when the robot gets lost and when it is localized again.
