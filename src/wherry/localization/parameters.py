@@ -98,7 +98,7 @@ class AmclParameters:
         independent_beams: Number of independent readings that the weighed beams are worth, since the errors of
             neighbouring beams are correlated.
         least_effective: Fraction of the particles that must remain as effective sample size after a scan; its
-            likelihood is tempered to keep that many. Without it a multi-modal posterior collapses to one mode too early.
+            likelihood is tempered to keep that many. Without it a multi-modal posterior collapses too early.
         refine: Whether the estimate is matched to the map with all beams before it is reported.
         refine_sigma: Standard deviation σ of the matched beam ends around the map's obstacles, m.
         robot_radius: Radius around base_link within which readings are the robot's own load and are dropped, m.

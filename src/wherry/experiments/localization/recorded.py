@@ -1,4 +1,4 @@
-"""Localization of real robots: half of the Intel log on the map of the other half, and Wean Hall from a global start."""
+"""Localization of real robots: one half of the Intel log on the map of the other, Wean Hall from a global start."""
 
 from __future__ import annotations
 
