@@ -98,12 +98,12 @@ def _map(run: MappingRun, trace: LogTrace, console: Console, record: Path | None
                 trace.scan(done - 1, run.pose)
             if done in shown_at:
                 trace.map(run.slam.grid(), done - 1, fraction=done / run.scans)
-                trace.closures(done - 1, run.slam.loop_closures)
+                trace.loop_closures(done - 1, run.slam.loop_closures)
         if recording is not None:
             run.record(recording)
     if maps:
         trace.map(run.slam.grid(), run.scans - 1)
-        trace.closures(run.scans - 1, run.slam.loop_closures)
+        trace.loop_closures(run.scans - 1, run.slam.loop_closures)
 
 
 def _print_result(console: Console, log: Path, run: MappingRun, metrics: Mapping[str, object]) -> None:
@@ -116,7 +116,7 @@ def _print_result(console: Console, log: Path, run: MappingRun, metrics: Mapping
     rejections = count_rejections(run.slam.loop_closures)
     if rejections:
         rows = {reason.description: str(count) for reason, count in rejections.items()}
-        print_table(console, "Loops refused because", rows)
+        print_table(console, "Loop closures rejected because", rows)
     if run.settings.out is None:
         console.print("Nothing was saved; --out DIR saves map, picture, trajectory and pose graph.")
     else:
