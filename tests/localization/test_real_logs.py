@@ -38,8 +38,8 @@ def test_one_scan_relocalizes_the_robot_in_the_intel_lab() -> None:
     chosen = range(1, 910, 18)
     found = [relocalizer.search(log.scans[i]) for i in chosen]
     right = [f.hypotheses[0].pose.distance_to(poses[i]) < 0.5 for f, i in zip(found, chosen, strict=True)]
-    assert all(good or f.ambiguous for f, good in zip(found, right, strict=True))
-    assert sum(f.ambiguous for f in found) <= 0.1 * len(found) + 2
+    assert all(good or f.is_ambiguous for f, good in zip(found, right, strict=True))
+    assert sum(f.is_ambiguous for f in found) <= 0.1 * len(found) + 2
 
 
 def test_tracking_in_the_intel_lab_with_raw_odometry() -> None:

@@ -67,7 +67,7 @@ class EkfLocalization:
         ends = valid_beams(scan, self._lidar, self._parameters).evenly_spaced(MAX_MATCHED_BEAMS).ends
         if len(ends):
             match = match_scan(self._field, ends, self._pose, self._covariance, self._parameters.sigma_hit)
-            if match.accepted:
+            if match.is_accepted:
                 self._pose, self._covariance = match.pose, match.covariance
         return self._pose
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from wherry.localization.clusters import dominant_cluster
 from wherry.localization.particles import ParticleSet
-from wherry.localization.refinement import agrees, match_scan
+from wherry.localization.refinement import is_within_gate, match_scan
 from wherry.localization.resampling import Integers
 from wherry.localization.sensor import Beams
 from wherry.space.distance_field import DistanceField
@@ -93,12 +93,12 @@ def match_estimate(
         sigma: Standard deviation σ of the beam ends around the obstacles, m.
     """
     ends = beams.evenly_spaced(MAX_MATCHED_BEAMS).ends
-    supported = [pose for pose in starts if agrees(pose, estimate.pose, estimate.covariance)]
+    supported = [pose for pose in starts if is_within_gate(pose, estimate.pose, estimate.covariance)]
     best, best_inliers = estimate.pose, -1.0
     for start in supported:
         if best_inliers >= 0.0 and start.is_near(best, SAME_START_DISTANCE, SAME_START_HEADING):
             continue
         match = match_scan(field, ends, start, estimate.covariance, sigma)
-        if match.explained > best_inliers + MATCH_MIN_INLIER_GAIN:
-            best, best_inliers = match.pose, match.explained
+        if match.inlier_fraction > best_inliers + MATCH_MIN_INLIER_GAIN:
+            best, best_inliers = match.pose, match.inlier_fraction
     return replace(estimate, pose=best)

@@ -177,8 +177,8 @@ class Localizer:
         """Draw the particles around the hypotheses for the first scan; if there are too many, keep all free space."""
         found = self._relocalizer.search_beams(beams)
         if found.hypotheses:
-            if found.complete:
-                uniform_weight = AMBIGUOUS_UNIFORM_WEIGHT if found.ambiguous else 0.0
+            if found.is_complete:
+                uniform_weight = AMBIGUOUS_UNIFORM_WEIGHT if found.is_ambiguous else 0.0
                 self.amcl.initialize_modes(_modes(found.hypotheses), uniform_weight=uniform_weight)
             self._is_started = True
         return found.hypotheses

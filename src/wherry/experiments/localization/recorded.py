@@ -191,7 +191,7 @@ def relocalize(data: SplitLog, every: int = 1) -> SingleScanResult:
         seconds.append(time.thread_time() - before)
         best = result.hypotheses[0].pose if result.hypotheses else None
         correct.append(best is not None and best.distance_to(Pose.from_array(truth)) < MAX_DISTANCE)
-        ambiguous.append(result.ambiguous)
+        ambiguous.append(result.is_ambiguous)
     return SingleScanResult(
         scans=len(seconds),
         correct=float(np.mean(correct)),
