@@ -125,8 +125,8 @@ def test_the_absolute_trajectory_error_is_the_root_mean_square() -> None:
 
 
 def test_a_trajectory_survives_the_tum_format(tmp_path: Path) -> None:
-    save_tum(Trajectory(TIMES, POSES), tmp_path / "way.tum")
-    loaded = read_odometry(tmp_path / "way.tum")
+    save_tum(Trajectory(TIMES, POSES), tmp_path / "trajectory.tum")
+    loaded = read_odometry(tmp_path / "trajectory.tum")
     np.testing.assert_allclose(loaded.times, TIMES)
     np.testing.assert_allclose(relative(loaded.poses, POSES), 0.0, atol=2e-6)
 

@@ -11,13 +11,13 @@ from wherry.space.tiles import TILE_SIZE
 
 
 def test_the_drive_keeps_to_the_streets() -> None:
-    way, blocked = drive(44.5), site(44.5, np.random.default_rng(0))
-    cells = np.floor(way[:, :2] / RESOLUTION).astype(np.int64)
+    poses, blocked = drive(44.5), site(44.5, np.random.default_rng(0))
+    cells = np.floor(poses[:, :2] / RESOLUTION).astype(np.int64)
     assert not blocked[cells[:, 1], cells[:, 0]].any()
-    steps = relative(way[1:], way[:-1])
+    steps = relative(poses[1:], poses[:-1])
     assert np.hypot(steps[:, 0], steps[:, 1]).max() < SCAN_DISTANCE + 1e-9
     assert np.abs(steps[:, 2]).max() < SCAN_ANGLE + 1e-9
-    assert way[:, :2].max() > 30.0
+    assert poses[:, :2].max() > 30.0
 
 
 def test_a_small_site_is_mapped_accurately() -> None:

@@ -81,8 +81,8 @@ def test_a_closure_in_a_corridor_is_rejected_as_ambiguous() -> None:
     grid = MatchingGrid()
     grid.add(corridor)
     part = np.abs(corridor.points[:, 0]) < 3.0
-    seen = PointCloud(corridor.points[part], corridor.normals[part])
-    closure = attempt_loop_closure(0.0, 1, 0, grid, seen, SearchWindow(Pose(), 2.0, 0.1))
+    middle = PointCloud(corridor.points[part], corridor.normals[part])
+    closure = attempt_loop_closure(0.0, 1, 0, grid, middle, SearchWindow(Pose(), 2.0, 0.1))
     assert closure.rejection is Rejection.AMBIGUOUS
     assert closure.second_best_score > 0.9 * closure.score
 

@@ -65,8 +65,8 @@ def test_invalid_far_and_dense_readings_are_left_out() -> None:
     assert np.hypot(*cloud.points.T).max() <= 2.0
     steps = np.hypot(*np.diff(PointCloud.from_scan(scan, Pose()).points, axis=0).T)
     assert steps.min() >= MIN_POINT_SPACING - 1e-9
-    nothing = Scan(0.0, np.full(10, np.nan), 0.0, 0.1, 0.05, RANGE_MAX)
-    assert PointCloud.from_scan(nothing, Pose()).points.shape == (0, 2)
+    empty = Scan(0.0, np.full(10, np.nan), 0.0, 0.1, 0.05, RANGE_MAX)
+    assert PointCloud.from_scan(empty, Pose()).points.shape == (0, 2)
 
 
 def test_merging_keeps_one_point_per_cell() -> None:
@@ -200,9 +200,9 @@ def test_a_scan_that_fits_nowhere_has_no_match() -> None:
 
 def test_the_prior_determines_what_the_points_leave_open() -> None:
     across = Refinement(Pose(0.3, 0.0, 0.1), np.diag([0.0, 1e6, 1e6]), overlap=0.5, residual=0.02)
-    held = _fused_with_prior(Pose(0.3, 0.02, 0.01), across, Pose(), ODOMETRY.information(Pose(1.0)))
-    assert held.pose.x == pytest.approx(0.0, abs=0.01), "the points do not determine it along the corridor"
-    assert held.pose.y == pytest.approx(0.02, abs=0.005)
-    assert held.pose.theta == pytest.approx(0.01, abs=0.002)
-    assert held.information[0, 0] < 2.0
-    assert held.information[1, 1] > 300.0
+    fused = _fused_with_prior(Pose(0.3, 0.02, 0.01), across, Pose(), ODOMETRY.information(Pose(1.0)))
+    assert fused.pose.x == pytest.approx(0.0, abs=0.01), "the points do not determine it along the corridor"
+    assert fused.pose.y == pytest.approx(0.02, abs=0.005)
+    assert fused.pose.theta == pytest.approx(0.01, abs=0.002)
+    assert fused.information[0, 0] < 2.0
+    assert fused.information[1, 1] > 300.0

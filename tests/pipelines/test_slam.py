@@ -136,8 +136,8 @@ def test_localizing_does_not_change_the_map(log: Path, mapped: Path, next_day: P
     run(MappingSettings(next_day, graph=mapped / "graph.npz", start=Pose(), localize=True, out=tmp_path))
     assert (tmp_path / "map.pgm").read_bytes() == (mapped / "map.pgm").read_bytes()
     assert not (tmp_path / "graph.npz").exists()
-    way, first = read_odometry(tmp_path / "trajectory.tum"), read_odometry(mapped / "trajectory.tum")
-    np.testing.assert_allclose(way.poses[:, :2], first.poses[:, :2], atol=0.05)
+    localized, first = read_odometry(tmp_path / "trajectory.tum"), read_odometry(mapped / "trajectory.tum")
+    np.testing.assert_allclose(localized.poses[:, :2], first.poses[:, :2], atol=0.05)
 
 
 def test_graphs_that_cannot_be_continued_are_named(log: Path, mapped: Path, next_day: Path) -> None:

@@ -1,4 +1,4 @@
-"""Detection of the reading that a lidar gives for beams without a return, where its log does not tell it.
+"""Detection of the reading that a lidar gives for beams without a return, where its log does not state it.
 
 Many lidars answer with their longest range, or a code near it. In a building, readings become fewer and fewer towards
 the longest; where more of them lie next to the longest one than in the whole metre below, they are no walls.

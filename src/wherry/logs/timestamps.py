@@ -11,7 +11,7 @@ PERIOD_WITHOUT_CLOCK = 1.0  # s from scan to scan that is assumed then
 
 
 def increasing_times(times: Floats) -> Floats:
-    """Times that increase from scan to scan, which a motion model needs to tell driving from a jump.
+    """Times that increase from scan to scan, as a motion model needs them to distinguish driving from a jump.
 
     Scans with equal stamps are spread evenly up to the next stamp; a log without a usable clock gets a constant period.
 

@@ -27,11 +27,11 @@ MAX_ITERATIONS = 12
 CONVERGENCE_TOLERANCE = 1e-5  # m and rad, step below which the iteration ends
 SURFACE_RADIUS = 0.15  # m, radius within which surfels make up the surface at a point; nearer ones weigh more
 SURFACE_CELLS = math.ceil(SURFACE_RADIUS / RESOLUTION)  # cells to either side that are searched for surfels
-DAMPING = 1.0  # information (1/m² and 1/rad²) added where neither points nor prior hold the pose
+DAMPING = 1.0  # 1/m² and 1/rad², keeps the system regular where neither points nor prior determine the pose
 NO_PRIOR = np.zeros((3, 3))
-# In a bare corridor the errors of the normals feign information along it. Where the ratio of the information along to
-# that across is below the first bound it is discarded, above the second it is kept, in between scaled (Zhang et al.
-# 2016).
+# In a bare corridor, errors of the normals give false information along it. Where the ratio of the least to the
+# greatest information is below the first bound it is discarded, above the second it is kept, in between it is scaled
+# (Zhang et al. 2016).
 MIN_INFORMATION_RATIO, FULL_INFORMATION_RATIO = 0.01, 0.04
 
 
@@ -100,7 +100,7 @@ def _refine(
     overlap, residual = 0.0, 0.0
     for _ in range(MAX_ITERATIONS):
         overlap, residual = _linearize(surfel_at, surfels, corner, points, normals, pose, information, gradient)
-        _discard_feigned_information(information, gradient)
+        _discard_false_information(information, gradient)
         step = gauss_newton_step(pose, gradient, information, prior, prior_information, DAMPING)
         pose += step
         if (
@@ -169,7 +169,7 @@ def _surface(
     facing_x: float,
     facing_y: float,
 ) -> tuple[bool, float, float, float]:
-    """Find the surface at a point (m) with a normal that faces its way.
+    """Find the surface at a point (m) whose normal has about the direction (facing_x, facing_y).
 
     Returns:
         Whether there is one, the point's signed distance from it, m, and its unit normal.
@@ -200,7 +200,7 @@ def _surface(
 
 
 @kernel
-def _discard_feigned_information(information: Floats, gradient: Floats) -> None:
+def _discard_false_information(information: Floats, gradient: Floats) -> None:
     """Scale down information [3, 3] and gradient [3] in the direction in which the position is determined least."""
     mean, half = (information[0, 0] + information[1, 1]) / 2.0, (information[0, 0] - information[1, 1]) / 2.0
     spread = math.sqrt(half * half + information[0, 1] * information[0, 1])

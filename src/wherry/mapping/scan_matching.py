@@ -100,7 +100,7 @@ def _search(grid: MatchingGrid, cloud: PointCloud, expected: Pose, motion: Pose,
 def _fused_with_prior(found: Pose, match: Refinement, expected: Pose, prior_information: Floats) -> Refinement:
     """The pose of the search fused with the prior, for scans whose few surfaces lead the refinement astray.
 
-    The information of the refinement still tells in which directions the points determine the pose.
+    The information of the refinement is still valid: it shows in which directions the points determine the pose.
     """
     covariance = SEARCH_COVARIANCE + invert(match.information + np.eye(3))
     information = invert(covariance)

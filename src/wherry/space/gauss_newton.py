@@ -22,7 +22,8 @@ def gauss_newton_step(
         information: Gauss–Newton Hessian Jᵀ W J of the residuals, [3, 3].
         prior: Mean of the prior, [3] m, m, rad.
         prior_information: Information of the prior, [3, 3].
-        damping: Added to the Hessian's diagonal, so that it is regular where neither residuals nor prior hold the pose.
+        damping: Added to the Hessian's diagonal, so that it is regular where neither residuals nor prior determine
+            the pose.
 
     Returns:
         The step to add to the pose, [3] m, m, rad.

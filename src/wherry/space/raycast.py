@@ -23,7 +23,7 @@ def cast_rays(
     """Distances at which rays enter the first blocked cell.
 
     Args:
-        blocked: Cells that stop a ray, [H, W]; outside of the grid nothing does.
+        blocked: Cells that stop a ray, [H, W]; cells outside of the grid do not.
         resolution: Side of a cell, m.
         origin: Pose of the outer corner of cell [0, 0] in the map frame.
         poses: Poses of lidars in the map frame, [N, 3] m, m, rad.

@@ -190,9 +190,9 @@ def reproduce(progress: Callable[[int, int], None]) -> str:
                 f"{result.seconds:.0f} s",
             ]
         )
-    header = ["side", "way", "scans", "closures", "rmse", "map cells", "known", "peak memory", "ms a scan", "in all"]
+    header = ["side", "drive", "scans", "closures", "rmse", "map cells", "known", "peak memory", "ms per scan", "total"]
     text = (
-        "Made-up sites of blocks and streets, driven up and down every street and mapped at 5 cm with odometry that "
-        f"drifts: {BEAMS} beams, {RANGE_MAX:.0f} m. The peak is that of the whole process, the made-up site included."
+        "Artificial sites of blocks and streets, mapped at 5 cm along a drive through every street with drifting "
+        f"odometry: {BEAMS} beams, {RANGE_MAX:.0f} m. Peak memory is that of the process, the artificial site included."
     )
     return f"## Large sites\n{text}\n\n{markdown_table(header, rows)}\n"

@@ -147,7 +147,7 @@ def explore(plan: FloorPlan, seed: int) -> ExplorationResult:
 
 def table(results: Sequence[ExplorationResult]) -> str:
     """A Markdown table with one row per run."""
-    header = ["world", "seed", "scans", "median wall error, cm", "pose rmse, cm", "ms a scan", "× real time"]
+    header = ["world", "seed", "scans", "median wall error, cm", "pose rmse, cm", "ms per scan", "× real time"]
     rows = [
         [
             result.world,

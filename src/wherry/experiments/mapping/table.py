@@ -84,27 +84,26 @@ def _section(
     return "\n".join(
         [
             "## SLAM",
-            "Intel Research Lab, 910 scans, scored by the relations of Kümmerle et al. 2009. Rows without times are",
-            "published ones. Times are a core's own, whatever else the machine did.",
+            "Intel Research Lab, 910 scans, scored with the relations of Kümmerle et al. 2009. Rows without times are",
+            "published results. Times are processor times of one core.",
             "",
             intel_table(intel),
             "",
-            "Buildings whose odometry was lost, with odometry that drifts, made from the corrected poses of their",
-            f"logs: {DRIFT_SEEDS} drifts each. "
-            "Errors are distances to those poses, an earlier SLAM's, after alignment. A",
-            "closure is false if it is off them by more than 1 m or 5°.",
+            "Buildings whose logs have no odometry, with drifting odometry made from their corrected poses,",
+            f"{DRIFT_SEEDS} drifts each. Errors are distances from the corrected poses, the result of an earlier SLAM,",
+            "after alignment. A loop closure is false if it differs from them by more than 1 m or 5°.",
             "",
             drifting_table(drifting),
             "",
-            "A simulated robot that explores its world, with noise, drift and boxes in the way. The map is laid on the",
-            "world by the robot's first pose alone; × real time is how long it drove, ÷ what its scans and the maps it",
-            "asked for took.",
+            "A simulated robot explores its world, with sensor noise, drift and boxes. The map is aligned with the",
+            "world by the robot's first pose alone; × real time is the duration of the drive over the processor time",
+            "of scans and maps.",
             "",
             simulated.table(explored),
             "",
-            "The median time of a scan on Intel, with all that is installed:",
+            "Median time of a scan on Intel, of all methods that are installed:",
             "",
-            markdown_table(["method", "ms a scan"], [[name, f"{median:.2f}"] for name, median in times.items()]),
+            markdown_table(["method", "ms per scan"], [[name, f"{median:.2f}"] for name, median in times.items()]),
         ]
     )
 
@@ -136,7 +135,7 @@ def intel_table(results: Sequence[MappingResult]) -> str:
                 f"{result.seconds:.1f}",
             ]
         )
-    header = ["method", "error, m", "over 60 s apart, m", "error, °", "closures", "ms a scan", "in all, s"]
+    header = ["method", "error, m", "over 60 s apart, m", "error, °", "closures", "ms per scan", "total, s"]
     return markdown_table(header, rows)
 
 
@@ -157,7 +156,7 @@ def drifting_table(results: Sequence[BuildingResult]) -> str:
                 str(sum(result.false_closures for result in runs)),
             ]
         )
-    header = ["building", "odometry rmse, m", "mean rmse, m", "worst, m", "closures", "farthest off, m", "false"]
+    header = ["building", "odometry rmse, m", "mean rmse, m", "worst rmse, m", "closures", "worst closure, m", "false"]
     return markdown_table(header, rows)
 
 
