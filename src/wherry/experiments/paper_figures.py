@@ -30,7 +30,7 @@ from wherry.simulation import Simulation, build
 from wherry.simulation.picture import Photographer
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import Record, RobotSnapshot
-from wherry.views.drawing import Scene, draw
+from wherry.views.snapshot_svg import MapBackground, draw_snapshot
 
 Progress = Callable[[int, int], None]
 
@@ -112,7 +112,7 @@ def _particles() -> Iterator[str]:
     parameters = AmclParameters(max_particles=PARTICLES, update_min_d=0.05, update_min_a=0.05)
     amcl = Amcl(grid, robot.body.lidar, parameters, np.random.default_rng(SEED))
     amcl.initialize_globally()
-    scene = Scene(grid, np.empty((0, 4, 2)), np.empty((0, 2, 2)), robot.body.radius, robot.body.box_radius)
+    scene = MapBackground(grid, np.empty((0, 4, 2)), np.empty((0, 2, 2)), robot.body.radius, robot.body.box_radius)
     wanderer, instants = Wanderer(np.random.default_rng(SEED)), list(INSTANTS)
     odometry: Odometry | None = None
     driven: list[tuple[float, float]] = []
@@ -130,7 +130,7 @@ def _particles() -> Iterator[str]:
             robot.command(safe_velocity(wanderer.velocity(measurement), measurement, robot.body))
 
 
-def _moment(scene: Scene, amcl: Amcl, truth: Pose, time: float, driven: Floats) -> str:
+def _moment(scene: MapBackground, amcl: Amcl, truth: Pose, time: float, driven: Floats) -> str:
     """One instant; the robot is drawn where it truly is."""
     seen = RobotSnapshot(
         time=time,
@@ -143,4 +143,4 @@ def _moment(scene: Scene, amcl: Amcl, truth: Pose, time: float, driven: Floats) 
         has_load=False,
     )
     label = f"Particles {time:.1f} s after the robot was switched on"
-    return draw(scene, seen, driven, NOTHING, label=label)
+    return draw_snapshot(scene, seen, driven, NOTHING, label=label)
