@@ -144,7 +144,7 @@ def test_what_a_smaller_plan_takes_with_it_is_told_and_comes_back(editor: playwr
     before = editor.input_value("#text")
     editor.locator("#width").fill("2")
     editor.locator("#width").press("Enter")
-    assert re.search(r"With the smaller plan went .*\. Undo brings it back\.", editor.inner_text("#hint"))
+    assert re.search(r"The smaller plan removed .*\. Undo restores the larger one\.", editor.inner_text("#hint"))
     editor.get_by_role("button", name="Undo").click()
     assert editor.input_value("#text") == before
 

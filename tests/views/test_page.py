@@ -123,7 +123,7 @@ def test_what_it_knows_stands_beside_the_map(page: playwright.Page, carried: str
     assert page.locator("#bits li.on").all_inner_texts() == ["1\ntouch_E(wall)"]
     assert "if not touch_N(wall) and not" in page.inner_text("#rules")
     assert "0000000" in page.inner_text("#rules")
-    assert "fails in 2" in page.inner_text("#rules")
+    assert "no effect in 2" in page.inner_text("#rules")
     assert page.inner_text("#unknown") == "3"
     go_to(page, 7.5)
     assert "0******" in page.inner_text("#rules")
@@ -144,7 +144,8 @@ def test_the_log_leads_through_the_run(page: playwright.Page, carried: str) -> N
     log = page.locator("#log li")
     assert log.count() == 3 + 4 + 2 + 2  # said, done, learnt, mapped
     assert page.locator("#log .said").all_inner_texts()[1:3] == ["0:00\nMapped 40 %.", "0:02\nMapped 80 %."]
-    narrower = log.filter(has_text="N: robot.y += 1 if not touch_N(wall)")
+    assert log.filter(has_text=re.compile(r"N: robot\.y \+= 1 if no term holds$")).count() == 1
+    narrower = log.filter(has_text=re.compile(r"N: robot\.y \+= 1 if not touch_N\(wall\)$"))
     assert narrower.get_attribute("title") == "0******, was 0000000: if not touch_N(robot, wall)"
     assert page.locator("#log li.later").count() == 9
     log.filter(has_text="PICKUP").click()
@@ -152,7 +153,7 @@ def test_the_log_leads_through_the_run(page: playwright.Page, carried: str) -> N
     assert page.evaluate("player.time") == 8.0
     assert page.inner_text("#log li.here").endswith("PICKUP · touch_E(wall)")
     assert page.get_attribute("#log li.here", "title") == (
-        "In condition 0010000: not touch_N(robot, wall) and not touch_S(robot, wall) and touch_E(robot, wall)"
+        "Condition 0010000: not touch_N(robot, wall) and not touch_S(robot, wall) and touch_E(robot, wall)"
         " and not touch_W(robot, wall) and not on(robot, box) and not on(robot, warehouse) and not box.in_bot"
     )
 
@@ -220,15 +221,15 @@ def test_whatever_is_drawn_stands_in_the_legend(page: playwright.Page, carried: 
     opened(page, carried, at=10.0)
     layers = [
         "Laser",
-        "Particle cloud",
-        "Path ahead",
-        "Plan, cell by cell",
-        "Way driven",
+        "Particles",
+        "Path",
+        "Plan (cells)",
+        "Path driven",
         "Boxes",
         "Warehouse",
         "Cells",
     ]
-    drawn = ["Robot, fork ahead", "Wall", "Free", "Unknown"]
+    drawn = ["Robot, fork at the front", "Wall", "Free", "Unknown"]
     assert legend(page) == [*layers, *drawn, "Explores", "Learns", "Delivers", "Done", "Box delivered"]
     opened(page, taxi, at=3.0)
     assert legend(page) == ["Cells", "Destination", "Passenger", "Taxi", "Wall", "Learns", "Uses its rules"]
@@ -262,9 +263,9 @@ def test_an_experiment_is_told_from_the_way_to_one(page: playwright.Page, taxi: 
 
 def test_the_page_explains_itself_and_its_keys(page: playwright.Page, carried: str) -> None:
     opened(page, carried, at=4.5)
-    page.get_by_role("button", name="What is what").click()
+    page.get_by_role("button", name="Explanations and keys").click()
     explained = page.locator("#help dt").all_inner_texts()
-    assert {"Condition", "Learnt rules", "Unknown", "Delivered", "Log"} <= set(explained)
+    assert {"Condition", "Learnt rules", "Unknown pairs", "Delivered", "Log"} <= set(explained)
     page.keyboard.press("Space")  # presses what has the focus, which closes it, and plays nothing
     until(page, "!document.getElementById('help').open")
     assert page.evaluate("player.playing") is False
@@ -294,14 +295,14 @@ def test_where_a_log_puts_the_robot_stands_beside_the_map(page: playwright.Page,
         "y": "0.00 m",
         "heading": "0°",
         "particles": "4",
-        "their spread (rms)": "0.35 m",  # √((0.3² + 0.3² + 0.4² + 0.4²) ÷ 4)
+        "particle spread (rms)": "0.35 m",  # √((0.3² + 0.3² + 0.4² + 0.4²) ÷ 4)
     }
-    assert legend(page) == ["Laser", "Particle cloud", "Way driven", "Robot", "Wall", "Free", "Unknown"]
+    assert legend(page) == ["Laser", "Particles", "Path driven", "Robot", "Wall", "Free", "Unknown"]
 
 
 def test_what_is_not_known_yet_is_not_told_as_false(page: playwright.Page, carried: str) -> None:
     opened(page, carried, at=3.0)
-    assert page.get_attribute("#bits li >> nth=2", "aria-label") == "touch_E(robot, wall): not known yet"
+    assert page.get_attribute("#bits li >> nth=2", "aria-label") == "touch_E(robot, wall): unknown"
     go_to(page, 5.0)
     assert page.get_attribute("#bits li >> nth=2", "aria-label") == "touch_E(robot, wall): holds"
 
@@ -329,7 +330,7 @@ def test_a_log_that_is_mapped_shows_map_and_way_whole(page: playwright.Page, tmp
     assert is_near(colour_at(page, 1.5, -0.6), WHITE)
     purple = colour_at(page, 0.05, 0.0)
     assert purple[2] > purple[0] > purple[1]  # the way, from its beginning on
-    assert page.locator("#layers label:visible").all_inner_texts() == ["Laser", "Way driven"]
+    assert page.locator("#layers label:visible").all_inner_texts() == ["Laser", "Path driven"]
     assert page.inner_text("#phase") == "Maps"
     assert "Mapped 40 % of the log." in page.inner_text("#log")
 
