@@ -27,14 +27,14 @@ def blocks_of(page: str, language: str) -> list[str]:
         ("docs/how-to/ros.md", "yaml", "src/wherry/ros/body.yaml"),
     ],
 )
-def test_examples_are_shown_as_they_are(page: str, language: str, example: str) -> None:
+def test_examples_in_the_docs_equal_their_files(page: str, language: str, example: str) -> None:
     text = (ROOT / example).read_text("utf-8")
     blocks = [block for block in blocks_of(page, language) if block in text]
     assert re.sub(r"\s+", "", "".join(blocks)) == re.sub(r"\s+", "", text)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_the_readmes_world_is_delivered(tmp_path: Path, seed: int) -> None:
+def test_the_world_of_the_readme_is_delivered(tmp_path: Path, seed: int) -> None:
     """One of its boxes stands in a niche, where it is seen from few places only."""
     readme = (ROOT / "README.md").read_text("utf-8")
     drawing = re.search(r"^    wherry-world: 1\n(?:(?:    .*)?\n)+", readme, re.MULTILINE)
@@ -46,7 +46,7 @@ def test_the_readmes_world_is_delivered(tmp_path: Path, seed: int) -> None:
     assert (result.delivered, result.collisions, result.exit_status) == (2, 0, 0)
 
 
-def test_the_tutorials_world_is_delivered(tmp_path: Path) -> None:
+def test_the_world_of_the_tutorial_is_delivered(tmp_path: Path) -> None:
     world = str(ROOT / "docs/examples/home.txt")
     result = prepare(Settings(world=world, seed=3, out=tmp_path))(null_sink)
     assert (result.delivered, result.boxes, result.collisions) == (3, 3, 0)
@@ -66,7 +66,7 @@ def test_the_reference_lists_every_part() -> None:
 @pytest.mark.parametrize(
     "page", ["README.md", *(str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("**/*.md"))]
 )
-def test_every_picture_has_the_command_that_made_it_beside_it(page: str) -> None:
+def test_every_picture_names_the_command_that_made_it(page: str) -> None:
     for section in re.split(r"^## ", (ROOT / page).read_text("utf-8"), flags=re.MULTILINE):
         if "](images/" in section or "](docs/images/" in section or "](../images/" in section:
             assert re.search(r"`(\./)?wherry [^`]+`", section), f"{page}: {section.partition(chr(10))[0]}"
