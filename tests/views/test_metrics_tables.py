@@ -46,7 +46,7 @@ def field_names(result: type) -> set[str]:
     ("names", "labels"),
     [
         (field_names(slam.Result) - {"log"}, MAPPING_METRICS),
-        (field_names(localization.Result), LOCALIZATION_METRICS),
+        (field_names(localization.LocalizationResult), LOCALIZATION_METRICS),
         (field_names(taxi.Result) - {"settings", "runs"} | {"learner", "seed"}, LEARNING_METRICS),
         (set(Monitor(cast(Transport, SilentTransport()), load_names()).figures()), ROS_TRAFFIC_METRICS),
     ],
