@@ -1,4 +1,4 @@
-"""What the README shows as Python runs as it stands."""
+"""The Python example of the README runs."""
 
 from __future__ import annotations
 
