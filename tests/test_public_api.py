@@ -18,228 +18,76 @@ ROOT = Path(__file__).parents[1]
 INTERNAL = ("wherry.commands", "wherry.experiments", "wherry.pipelines")
 HEAVY = ("gymnasium", "matplotlib", "mujoco", "numba", "numpy", "pydantic", "scipy", "starlette")
 
-PUBLIC_API: dict[str, tuple[str, ...]] = {
-    "wherry.adapters": (
-        "GymnasiumTaxi",
-        "MiniGrid",
-        "minigrid_domain",
-    ),
-    "wherry.domains": (
-        "BoxState",
-        "DeliveryHeuristic",
-        "DeliverySite",
-        "TaxiGrid",
-        "all_delivered",
-        "boxes_left",
-        "delivery_domain",
-        "delivery_grid",
-        "delivery_reward",
-        "delivery_transition",
-        "taxi_domain",
-        "taxi_grid",
-    ),
-    "wherry.environments": (
-        "DeliveryEnvironment",
-        "ObjectEnvironment",
-        "TaxiEnvironment",
-    ),
-    "wherry.episodes": (
-        "Agent",
-        "ConditionalLearner",
-        "Decision",
-        "GoalAgent",
-        "PolicyAgent",
-        "Step",
-        "run_episode",
-    ),
-    "wherry.errors": ("InputError",),
-    "wherry.evaluation": (
-        "RelationErrors",
-        "Relations",
-        "absolute_trajectory_error",
-        "alignment",
-        "load_relations",
-        "relation_errors",
-    ),
-    "wherry.floorplan": (
-        "Cell",
-        "Direction",
-        "FloorPlan",
-        "Wall",
-        "built_in_worlds",
-        "find_world",
-        "format_world",
-        "generate_world",
-        "load_world",
-        "parse_world",
-        "place_boxes",
-    ),
-    "wherry.localization": (
-        "Amcl",
-        "AmclParameters",
-        "EkfLocalization",
-        "GLOBAL_PARAMETERS",
-        "GridMarkov",
-        "Hypothesis",
-        "LOG_PARAMETERS",
-        "LoadedParameters",
-        "Localization",
-        "Localizer",
-        "LostDetector",
-        "PRECISE_PARAMETERS",
-        "PoseEstimate",
-        "PoseMode",
-        "Relocalization",
-        "Relocalizer",
-        "ScanAgreement",
-        "load_parameters",
-    ),
-    "wherry.oomdp": (
-        "Action",
-        "Attribute",
-        "AttributeKind",
-        "Condition",
-        "ConditionalModel",
-        "ConditionalOutcome",
-        "ConditionalPrediction",
-        "DIRECTIONS",
-        "DeterministicMdp",
-        "Domain",
-        "EFFECT_TYPES",
-        "Effect",
-        "EffectType",
-        "EffectsOutcome",
-        "Environment",
-        "IMPOSSIBLE",
-        "Learner",
-        "Model",
-        "ON",
-        "Object",
-        "ObjectClass",
-        "Outcome",
-        "PAPER_TYPES",
-        "PerStateModel",
-        "Prediction",
-        "Relation",
-        "RewardFunction",
-        "Scene",
-        "State",
-        "StepReward",
-        "TOUCH",
-        "TOUCH_EDGE",
-        "Task",
-        "Term",
-        "TerminationFunction",
-        "Transition",
-        "UNKNOWN",
-        "attribute_holds",
-        "attribute_is",
-        "boolean",
-        "enumeration",
-        "integer",
-        "property_holds",
-        "real",
-        "related",
-        "state_from_json",
-    ),
-    "wherry.planning": (
-        "Lrtdp",
-        "PLANNERS",
-        "PddlTask",
-        "Plan",
-        "Planner",
-        "PlannerEntry",
-        "PolicyIteration",
-        "PredictionCache",
-        "StateSpace",
-        "Uct",
-        "ValueIteration",
-        "a_star",
-        "cheapest_experiment",
-        "export_pddl",
-    ),
-    "wherry.robot": (
-        "Body",
-        "Odometry",
-        "Robot",
-        "Scan",
-        "Velocity",
-    ),
-    "wherry.ros": (
-        "BodyParameters",
-        "Frames",
-        "MessageError",
-        "QosProfile",
-        "Rates",
-        "RosNames",
-        "StampedTransform",
-        "Topic",
-        "Topics",
-        "decode_laser_scan",
-        "decode_occupancy_grid",
-        "decode_odometry",
-        "decode_transform",
-        "decode_twist",
-        "encode_laser_scan",
-        "encode_occupancy_grid",
-        "encode_odometry",
-        "encode_transform",
-        "encode_twist",
-        "load_body",
-        "load_names",
-        "robot_description",
-    ),
-    "wherry.ros.bags": (
-        "BagWriter",
-        "LogRecorder",
-        "RecordedRobot",
-        "RecordedTransport",
-        "RunRecorder",
-        "is_bag",
-        "read_bag",
-    ),
-    "wherry.ros.transports": (
-        "Ros1Transport",
-        "Ros2Transport",
-        "Transport",
-    ),
-    "wherry.trace": (
-        "CellLayout",
-        "LearntModel",
-        "LearntRule",
-        "MapUpdate",
-        "Narration",
-        "ObjectSnapshot",
-        "PerceivedState",
-        "Phase",
-        "Record",
-        "RobotSnapshot",
-        "RunStarted",
-        "Sink",
-        "StepTaken",
-        "TraceRecorder",
-        "combine_sinks",
-        "find_trace",
-        "load_trace",
-        "null_sink",
-        "throttle_snapshots",
-    ),
-    "wherry.views": (
-        "DeliveryProgress",
-        "DeliveryReport",
-        "MapBackground",
-        "PageServer",
-        "ReportPicture",
-        "TraceBroadcast",
-        "draw_snapshot",
-        "learning_curves",
-        "player_page",
-        "render_report",
-        "rerun_recording",
-        "serve_editor",
-        "serve_recording",
-        "serve_run",
-    ),
+PUBLIC_API = {
+    name: tuple(exported.split())
+    for name, exported in {
+        "wherry.adapters": """
+            GymnasiumTaxi MiniGrid minigrid_domain
+        """,
+        "wherry.domains": """
+            BoxState DeliveryHeuristic DeliverySite TaxiGrid all_delivered boxes_left
+            delivery_domain delivery_grid delivery_reward delivery_transition taxi_domain taxi_grid
+        """,
+        "wherry.environments": """
+            DeliveryEnvironment ObjectEnvironment TaxiEnvironment
+        """,
+        "wherry.episodes": """
+            Agent ConditionalLearner Decision GoalAgent PolicyAgent Step run_episode
+        """,
+        "wherry.errors": """
+            InputError
+        """,
+        "wherry.evaluation": """
+            RelationErrors Relations absolute_trajectory_error alignment load_relations
+            relation_errors
+        """,
+        "wherry.floorplan": """
+            Cell Direction FloorPlan Wall built_in_worlds find_world format_world generate_world
+            load_world parse_world place_boxes
+        """,
+        "wherry.localization": """
+            Amcl AmclParameters EkfLocalization GLOBAL_PARAMETERS GridMarkov Hypothesis
+            LOG_PARAMETERS LoadedParameters Localization Localizer LostDetector PRECISE_PARAMETERS
+            PoseEstimate PoseMode Relocalization Relocalizer ScanAgreement load_parameters
+        """,
+        "wherry.oomdp": """
+            Action Attribute AttributeKind Condition ConditionalModel ConditionalOutcome
+            ConditionalPrediction DIRECTIONS DeterministicMdp Domain EFFECT_TYPES Effect EffectType
+            EffectsOutcome Environment IMPOSSIBLE Learner Model ON Object ObjectClass Outcome
+            PAPER_TYPES PerStateModel Prediction Relation RewardFunction Scene State StepReward
+            TOUCH TOUCH_EDGE Task Term TerminationFunction Transition UNKNOWN attribute_holds
+            attribute_is boolean enumeration integer property_holds real related state_from_json
+        """,
+        "wherry.planning": """
+            Lrtdp PLANNERS PddlTask Plan Planner PlannerEntry PolicyIteration PredictionCache
+            StateSpace Uct ValueIteration a_star cheapest_experiment export_pddl
+        """,
+        "wherry.robot": """
+            Body Odometry Robot Scan Velocity
+        """,
+        "wherry.ros": """
+            BodyParameters Frames MessageError QosProfile Rates RosNames StampedTransform Topic
+            Topics decode_laser_scan decode_occupancy_grid decode_odometry decode_transform
+            decode_twist encode_laser_scan encode_occupancy_grid encode_odometry encode_transform
+            encode_twist load_body load_names robot_description
+        """,
+        "wherry.ros.bags": """
+            BagWriter LogRecorder RecordedRobot RecordedTransport RunRecorder is_bag read_bag
+        """,
+        "wherry.ros.transports": """
+            Ros1Transport Ros2Transport Transport
+        """,
+        "wherry.trace": """
+            CellLayout LearntModel LearntRule MapUpdate Narration ObjectSnapshot PerceivedState
+            Phase Record RobotSnapshot RunStarted Sink StepTaken TraceRecorder combine_sinks
+            find_trace load_trace null_sink throttle_snapshots
+        """,
+        "wherry.views": """
+            DeliveryProgress DeliveryReport MapBackground PageServer ReportPicture TraceBroadcast
+            draw_snapshot learning_curves player_page render_report rerun_recording serve_editor
+            serve_recording serve_run
+        """,
+    }.items()
 }
 
 
