@@ -24,7 +24,15 @@ from wherry.commands.common import (
     print_json,
 )
 from wherry.commands.recording import RecordOption, recorded_transport
-from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, ViewOption, trace_sink
+from wherry.commands.watching import (
+    DEFAULT_HOST,
+    DEFAULT_PORT,
+    HostOption,
+    PageOptions,
+    PortOption,
+    ViewOption,
+    trace_sink,
+)
 
 if TYPE_CHECKING:
     import threading
@@ -194,7 +202,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
             stack = ros_delivery.Stack(robot, transport, called, wait, owns_map=owns_map, owns_pose=owns_pose)
             with (
                 AgentNode(robot, transport, called, owns_map=owns_map, owns_pose=owns_pose) as node,
-                trace_sink("wherry: ROS", out, console, view=view, host=host, port=port) as sink,
+                trace_sink("wherry: ROS", out, console, PageOptions(view, host, port)) as sink,
                 DeliveryProgress(console, 0) as progress,
             ):
                 if grid is not None:
