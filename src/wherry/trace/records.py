@@ -239,7 +239,7 @@ def throttle_snapshots(sink: Sink, period: float) -> Sink:
 
     Args:
         sink: The sink that records are passed on to.
-        period: Least time between two `RobotSnapshot`s, s, on the robot's clock.
+        period: Least time between two snapshots on the robot's clock, s.
     """
     latest = -math.inf
 
