@@ -25,7 +25,7 @@ from wherry.robot import Velocity
 from wherry.ros import messages as ros
 from wherry.ros.conversion import header_of, to_pose
 from wherry.ros.names import Rates, load_names
-from wherry.ros.nodes.latch import LatchCommand, LatchState, from_latch_state, to_latch_command
+from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, from_latch_state, to_latch_command
 from wherry.ros.transports.ros2 import DdsTransport
 from wherry.simulation.simulator import LATCH_REACH
 from wherry.space.pose import Pose

@@ -32,14 +32,7 @@ from wherry.ros.conversion import (
     to_transform,
     to_twist,
 )
-from wherry.ros.nodes.latch import (
-    LatchCommand,
-    LatchState,
-    from_latch_command,
-    from_latch_state,
-    to_latch_command,
-    to_latch_state,
-)
+from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, from_latch_command, from_latch_state, to_latch_command, to_latch_state
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 

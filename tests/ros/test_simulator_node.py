@@ -15,7 +15,7 @@ from wherry.robot import Velocity
 from wherry.ros import messages as ros
 from wherry.ros.conversion import from_laser_scan, from_odometry, from_transform, header_of, seconds_of, to_twist
 from wherry.ros.names import Names, load_names
-from wherry.ros.nodes.latch import LatchCommand, LatchState, from_latch_state, to_latch_command
+from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, from_latch_state, to_latch_command
 from wherry.ros.transports.transport import Topic
 from wherry.simulation import Simulation
 from wherry.simulation.model import LASER_HEIGHT, robot_urdf

@@ -32,7 +32,7 @@ from wherry.ros import messages as ros
 from wherry.ros.conversion import MessageError, from_pose, seconds_of
 from wherry.ros.diagnostics import Refusals
 from wherry.ros.names import Names
-from wherry.ros.nodes.latch import LatchCommand, LatchState, from_latch_command, to_latch_state
+from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, from_latch_command, to_latch_state
 from wherry.ros.transports.transport import Topic, Transport
 from wherry.space.pose import Pose
 from wherry.yaml_files import check_number, load_mapping

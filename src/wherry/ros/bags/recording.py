@@ -39,7 +39,7 @@ from wherry.ros.conversion import (
 )
 from wherry.ros.messages import M, Message
 from wherry.ros.names import Names, load_names
-from wherry.ros.nodes.latch import LatchState, to_latch_state
+from wherry.ros.nodes.latch_protocol import LatchState, to_latch_state
 from wherry.ros.transports.transport import Topic, Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
