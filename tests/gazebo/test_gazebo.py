@@ -24,9 +24,9 @@ from wherry.errors import InputError
 from wherry.floorplan.generation import place_boxes
 from wherry.floorplan.plan import Cell
 from wherry.floorplan.world_files import built_in_worlds, find_world, format_world
-from wherry.gazebo.export import MARK, Settings, bridge, contents, export
+from wherry.gazebo.export import MARKER_FILE, GazeboExportSettings, bridge_config, export_files, export_world
 from wherry.gazebo.sdf import FORTRESS, GENERATIONS, TREAD
-from wherry.pipelines.delivery.ros import order_from
+from wherry.pipelines.delivery.ros import parse_order
 from wherry.pipelines.delivery.simulated import order_of
 from wherry.simulation import build
 from wherry.simulation.drive import TRACK, WHEEL_RADIUS
@@ -48,7 +48,7 @@ def exported(request: pytest.FixtureRequest) -> tuple[dict[str, ET.Element], muj
     """A world's files, and the simulator's model of it."""
     plan = find_world(request.param)
     plan = place_boxes(plan, 3, np.random.default_rng(2))
-    files = contents(plan, np.random.default_rng(5), FORTRESS)
+    files = export_files(plan, np.random.default_rng(5), FORTRESS)
     worlds = {name: parsed(files[name]).find("world") for name in WORLD_FILES}
     return worlds, build(plan, np.random.default_rng(5)).physics.model
 
@@ -334,16 +334,16 @@ def test_every_box_has_a_latch_that_the_world_opens_at_first(exported: tuple[dic
 @pytest.mark.parametrize("generation", GENERATIONS)
 def test_nothing_is_called_as_in_another_generation(generation: str) -> None:
     plan = place_boxes(find_world("small"), 2, np.random.default_rng(0))
-    files = contents(plan, np.random.default_rng(0), GENERATIONS[generation])
-    text = files["world.sdf"] + files["bridge.yaml"]
+    files = export_files(plan, np.random.default_rng(0), GENERATIONS[generation])
+    text = files["world.sdf"] + files["bridge_config.yaml"]
     assert ("ignition" in text) == (generation == "fortress")
     assert ("gz-sim" in text) == (generation == "harmonic")
 
 
 def test_the_bridge_carries_every_topic_that_gazebo_has_and_no_other() -> None:
     plan = place_boxes(find_world("small"), 2, np.random.default_rng(0))
-    entries = yaml.safe_load(bridge(plan, FORTRESS))
-    world = parsed(contents(plan, np.random.default_rng(0), FORTRESS)["world.sdf"])
+    entries = yaml.safe_load(bridge_config(plan, FORTRESS))
+    world = parsed(export_files(plan, np.random.default_rng(0), FORTRESS)["world.sdf"])
     tags = ("topic", "odom_topic", "tf_topic", "attach_topic", "detach_topic", "output_topic")
     topics = {element.text for element in world.find(".//model[@name='wherry']").iter() if element.tag in tags}
     poses = {f"/model/{model}/pose" for model in tellers(world)}
@@ -407,7 +407,7 @@ def test_the_warehouse_puts_what_it_takes_in_down_outside_the_building(
 
 
 def test_no_frame_of_the_description_has_two_parents_beside_odometrys() -> None:
-    files = contents(find_world("taxi"), np.random.default_rng(0), FORTRESS)
+    files = export_files(find_world("taxi"), np.random.default_rng(0), FORTRESS)
     urdf = parsed(files["robot.urdf"])
     children = [joint.find("child").get("link") for joint in urdf.iter("joint")]
     assert "base_link" not in children
@@ -420,7 +420,7 @@ def test_no_frame_of_the_description_has_two_parents_beside_odometrys() -> None:
 def test_nothing_stands_in_anything_else_at_first(name: str) -> None:
     """Robot and boxes clear of walls and of each other; whatever touches the floor just touches it."""
     plan = place_boxes(find_world("rooms"), 4, np.random.default_rng(1))
-    world = parsed(contents(plan, np.random.default_rng(1), FORTRESS)[name]).find("world")
+    world = parsed(export_files(plan, np.random.default_rng(1), FORTRESS)[name]).find("world")
     robot = numbers(world.find("model[@name='wherry']/pose"))
     discs = [(robot[:2], BODY.radius)]
     for element in world.findall("model"):
@@ -457,7 +457,7 @@ def test_the_command_writes_what_deliver_of_the_same_seed_drives_in(tmp_path: Pa
         assert_allclose(pose[:2], simulation.physics.box_positions[index, :2], atol=1e-9)
     told = result.stderr.splitlines()[-1]
     assert told.startswith("The agent: wherry ros2 deliver --warehouse ")
-    order = order_from(told.replace("--warehouse", "").split()[5:], simulation.plan.cell_size)
+    order = parse_order(told.replace("--warehouse", "").split()[5:], simulation.plan.cell_size)
     assert_allclose(order.warehouse, order_of(simulation.plan).warehouse, atol=1e-5)
     compile((folder / "gazebo.launch.py").read_text(), "gazebo.launch.py", "exec")
     parsed((folder / "classic.launch").read_text())
@@ -465,9 +465,9 @@ def test_the_command_writes_what_deliver_of_the_same_seed_drives_in(tmp_path: Pa
 
 def test_the_same_seed_gives_the_same_files_and_an_export_may_be_written_over(tmp_path: Path) -> None:
     one, two = tmp_path / "one", tmp_path / "two"
-    export(Settings("small", one, seed=1))
-    export(Settings("small", two, seed=2))
-    export(Settings("small", two, seed=1))
+    export_world(GazeboExportSettings("small", one, seed=1))
+    export_world(GazeboExportSettings("small", two, seed=2))
+    export_world(GazeboExportSettings("small", two, seed=1))
     for path in one.iterdir():
         assert path.read_bytes() == (two / path.name).read_bytes()
 
@@ -475,12 +475,12 @@ def test_the_same_seed_gives_the_same_files_and_an_export_may_be_written_over(tm
 def test_a_folder_with_something_else_is_left_alone_unless_forced(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("x")
     with pytest.raises(InputError, match="--force"):
-        export(Settings("small", tmp_path))
-    (tmp_path / MARK).write_text("not an export")
+        export_world(GazeboExportSettings("small", tmp_path))
+    (tmp_path / MARKER_FILE).write_text("not an export")
     with pytest.raises(InputError, match="--force"):
-        export(Settings("small", tmp_path))
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["thesis.txt", MARK]
-    export(Settings("small", tmp_path, force=True))
+        export_world(GazeboExportSettings("small", tmp_path))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["thesis.txt", MARKER_FILE]
+    export_world(GazeboExportSettings("small", tmp_path, force=True))
     assert (tmp_path / "world.sdf").is_file()
     assert (tmp_path / "thesis.txt").read_text() == "x"
 
@@ -495,23 +495,23 @@ def test_a_folder_with_something_else_is_left_alone_unless_forced(tmp_path: Path
 )
 def test_bad_settings_are_named(tmp_path: Path, arguments: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError, match=named):
-        export(Settings(folder=tmp_path / "out", **arguments))
+        export_world(GazeboExportSettings(folder=tmp_path / "out", **arguments))
     assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="file"):
-        export(Settings("small", tmp_path / "file"))
+        export_world(GazeboExportSettings("small", tmp_path / "file"))
 
 
 def test_a_worlds_name_that_no_topic_can_have(tmp_path: Path) -> None:
     plan = find_world("small")
     path = tmp_path / "w.txt"
     path.write_text(format_world(plan).replace("name: small", "name: Büro 3, Mitte"))
-    export(Settings(str(path), tmp_path / "out"))
+    export_world(GazeboExportSettings(str(path), tmp_path / "out"))
     assert parsed((tmp_path / "out" / "world.sdf").read_text()).find("world").get("name") == "B_ro_3_Mitte"
-    assert "/world/B_ro_3_Mitte/clock" in (tmp_path / "out" / "bridge.yaml").read_text()
+    assert "/world/B_ro_3_Mitte/clock" in (tmp_path / "out" / "bridge_config.yaml").read_text()
 
 
 # ---- Gazebo's own parser
@@ -529,7 +529,7 @@ def check(path: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize("name", built_in_worlds())
 def test_gazebos_parser_accepts_every_built_in_world(tmp_path: Path, name: str) -> None:
-    export(Settings(name, tmp_path, generation="harmonic" if name == "taxi" else "fortress"))
+    export_world(GazeboExportSettings(name, tmp_path, generation="harmonic" if name == "taxi" else "fortress"))
     for file in WORLD_FILES:
         checked = check(tmp_path / file)
         assert (checked.returncode, checked.stdout.strip()) == (0, "Valid."), checked.stdout + checked.stderr
@@ -545,7 +545,7 @@ def test_gazebos_parser_accepts_every_built_in_world(tmp_path: Path, name: str) 
     ],
 )
 def test_gazebos_parser_refuses_a_broken_world(tmp_path: Path, good: str, bad: str) -> None:
-    export(Settings("small", tmp_path))
+    export_world(GazeboExportSettings("small", tmp_path))
     text = (tmp_path / "world.sdf").read_text()
     assert good in text
     (tmp_path / "world.sdf").write_text(text.replace(good, bad))

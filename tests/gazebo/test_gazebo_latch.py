@@ -16,11 +16,13 @@ import pytest
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell
 from wherry.floorplan.world_files import find_world
-from wherry.gazebo.export import Settings as ExportSettings
-from wherry.gazebo.export import export
-from wherry.gazebo.latch import GazeboLatch, Site, close_topic, format_site, load_site, pose_topic, state_topic
+from wherry.gazebo.export import SimulatorSettings as ExportSettings
+from wherry.gazebo.export import export_world
+from wherry.gazebo.latch import GazeboLatch
+from wherry.gazebo.latch_topics import close_topic, pose_topic, state_topic
+from wherry.gazebo.latch_settings import GazeboLatchSettings, format_latch_settings, load_latch_settings
 from wherry.pipelines.delivery.simulated import order_of
-from wherry.pipelines.delivery.simulator import Settings, prepare
+from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation
 from wherry.robot import Velocity
 from wherry.ros import messages as ros
 from wherry.ros.conversion import header_of, to_pose
@@ -47,8 +49,8 @@ name: near
 +---+---+---+---+
 """
 ON_THE_BOX, ON_THE_WAREHOUSE = Pose(1.5, 0.3), Pose(2.1, 0.3)
-SITE = Site(2, LATCH_REACH, 0.6, frozenset({Cell(2, 1)}))
-SITE_NEAR = Site(2, LATCH_REACH, 0.6, frozenset({Cell(3, 0)}))
+SITE = GazeboLatchSettings(2, LATCH_REACH, 0.6, frozenset({Cell(2, 1)}))
+SITE_NEAR = GazeboLatchSettings(2, LATCH_REACH, 0.6, frozenset({Cell(3, 0)}))
 
 
 class Stage:
@@ -192,18 +194,18 @@ def test_what_cannot_be_is_refused(stage: Stage) -> None:
     assert stage.answer(close=True)
 
 
-# ---- the file that an export brings along
+# ---- the file that an export_world brings along
 
 
 def test_an_export_tells_the_latch_what_it_has_to_know(tmp_path: Path) -> None:
-    export(ExportSettings("small", tmp_path, boxes=1))
-    site, plan = load_site(tmp_path / "latch.yaml"), find_world("small")
-    assert site == Site(1, LATCH_REACH, plan.cell_size, plan.warehouse)
+    export_world(ExportSettings("small", tmp_path, boxes=1))
+    site, plan = load_latch_settings(tmp_path / "latch.yaml"), find_world("small")
+    assert site == GazeboLatchSettings(1, LATCH_REACH, plan.cell_size, plan.warehouse)
 
 
 def test_a_file_holds_what_was_written(tmp_path: Path) -> None:
-    (tmp_path / "latch.yaml").write_text(format_site(SITE))
-    assert load_site(tmp_path / "latch.yaml") == SITE
+    (tmp_path / "latch.yaml").write_text(format_latch_settings(SITE))
+    assert load_latch_settings(tmp_path / "latch.yaml") == SITE
     assert SITE.allows_opening(Pose(1.21, 0.61))
     assert not SITE.allows_opening(Pose(1.19, 0.61))
     assert not SITE.allows_opening(Pose(-0.1, 0.61))
@@ -224,11 +226,11 @@ def test_a_file_holds_what_was_written(tmp_path: Path) -> None:
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, old: str, new: str, field: str) -> None:
-    text = format_site(SITE)
+    text = format_latch_settings(SITE)
     assert old in text
     (tmp_path / "latch.yaml").write_text(text.replace(old, new))
     with pytest.raises(InputError) as caught:
-        load_site(tmp_path / "latch.yaml")
+        load_latch_settings(tmp_path / "latch.yaml")
     assert caught.value.field == field
     assert "\n" not in str(caught.value)
 
@@ -257,9 +259,9 @@ def bridge(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> I
         yield transport
 
 
-def site_file(tmp_path: Path, site: Site) -> str:
+def site_file(tmp_path: Path, site: GazeboLatchSettings) -> str:
     path = tmp_path / "latch.yaml"
-    path.write_text(format_site(site))
+    path.write_text(format_latch_settings(site))
     return str(path)
 
 
@@ -301,11 +303,11 @@ def test_a_whole_delivery_in_the_stand_in_over_dds(bridge: DdsTransport, tmp_pat
     """Agent and latch are two processes; Gazebo knows nothing of latches, nor the agent of Gazebo."""
     world = tmp_path / "world.txt"
     world.write_text(NEAR.replace(">   o   w", ">       w"))
-    simulation = prepare(Settings(str(world)))
+    simulation = build_simulation(SimulatorSettings(str(world)))
     plan = simulation.plan
     places = [option for x, y in order_of(plan).warehouse for option in ("--warehouse", f"{x:.3f},{y:.3f}")]
     running = Running(Gazebo(simulation, bridge), rate=1.0)
-    file = site_file(tmp_path, Site(len(plan.boxes), LATCH_REACH, plan.cell_size, plan.warehouse))
+    file = site_file(tmp_path, GazeboLatchSettings(len(plan.boxes), LATCH_REACH, plan.cell_size, plan.warehouse))
     processes: list[Any] = [wherry("ros2", "gazebo-latch", file, domain=WHOLE)]
     try:
         processes.append(wherry("ros2", "deliver", *places, "--json", "--wait", "60", domain=WHOLE))

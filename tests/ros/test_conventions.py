@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from wherry.pipelines.delivery.simulator import node_of
+from wherry.ros.nodes.simulator import simulator_node
 from wherry.ros import messages as ros
 from wherry.ros.conversion import seconds_of
 from wherry.ros.description import robot_description
@@ -29,7 +29,7 @@ FLOAT = np.float32  # of a LaserScan's numbers
 def bus() -> Bus:
     """All that the robot says in a second."""
     bus, simulation = Bus(), hall()
-    node_of(simulation, bus.node(), load_names(), 20.0).run(lambda: simulation.time >= 1.0)
+    simulator_node(simulation, bus.node(), load_names(), 20.0).run(lambda: simulation.time >= 1.0)
     return bus
 
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros.conversion import MessageError
-from wherry.ros.nodes.measurements import Row, StampGuard, TimeWentBackError
+from wherry.ros.nodes.measurements import MeasurementSequencer, StampValidator
+from wherry.ros.nodes.errors import TimeMovedBackwardsError
 from wherry.space.pose import Pose
 
 
@@ -23,14 +24,14 @@ def scan(time: float) -> Scan:
 
 
 def test_a_scan_of_odometrys_instant_follows_it_at_once() -> None:
-    row = Row()
+    row = MeasurementSequencer()
     assert row.hear_odometry(odometry(1.0)) == (odometry(1.0),)
     (there,) = row.hear_scan(scan(1.0))
     assert there.time == 1.0
 
 
 def test_a_scan_that_comes_first_waits() -> None:
-    row = Row()
+    row = MeasurementSequencer()
     assert row.hear_scan(scan(1.0)) == ()
     first, second = row.hear_odometry(odometry(1.0))
     assert isinstance(first, Odometry)
@@ -38,7 +39,7 @@ def test_a_scan_that_comes_first_waits() -> None:
 
 
 def test_a_scan_in_between_gets_odometry_of_its_own() -> None:
-    row = Row()
+    row = MeasurementSequencer()
     row.hear_odometry(odometry(1.0))
     assert row.hear_scan(scan(1.25)) == ()
     between, there, last = row.hear_odometry(odometry(2.0))
@@ -49,7 +50,7 @@ def test_a_scan_in_between_gets_odometry_of_its_own() -> None:
 
 
 def test_a_late_scan_gets_the_pose_of_its_time_and_the_time_of_now() -> None:
-    row = Row()
+    row = MeasurementSequencer()
     for time in (1.0, 1.5, 2.0):
         row.hear_odometry(odometry(time))
     then, there, last = row.hear_scan(scan(1.25))
@@ -60,7 +61,7 @@ def test_a_late_scan_gets_the_pose_of_its_time_and_the_time_of_now() -> None:
 
 
 def test_headings_are_interpolated_the_short_way() -> None:
-    row = Row()
+    row = MeasurementSequencer()
     row.hear_odometry(Odometry(0.0, Pose(theta=3.1), Velocity()))
     row.hear_scan(scan(0.5))
     between = row.hear_odometry(Odometry(1.0, Pose(theta=-3.1), Velocity()))[0]
@@ -69,7 +70,7 @@ def test_headings_are_interpolated_the_short_way() -> None:
 
 
 def test_a_scan_older_than_all_odometry_is_refused() -> None:
-    row = Row()
+    row = MeasurementSequencer()
     row.hear_odometry(odometry(5.0))
     with pytest.raises(MessageError, match="odometry begins"):
         row.hear_scan(scan(4.0))
@@ -83,7 +84,7 @@ def test_a_scan_older_than_all_odometry_is_refused() -> None:
 def test_times_never_decrease_and_every_scan_has_its_pose(ticks: list[int], turns: list[int], order: object) -> None:
     # Each topic is in order; how the two interleave is random.
     sources = [[odometry(t / 20) for t in sorted(set(ticks))], [scan(t / 20 + 0.01) for t in sorted(set(turns))]]
-    row, out = Row(), []
+    row, out = MeasurementSequencer(), []
     while any(sources):
         source = order.choice([source for source in sources if source])  # type: ignore[attr-defined]
         item = source.pop(0)
@@ -97,14 +98,14 @@ def test_times_never_decrease_and_every_scan_has_its_pose(ticks: list[int], turn
 
 
 def test_stamps_that_go_on_are_accepted() -> None:
-    guard = StampGuard("/scan")
+    guard = StampValidator("/scan")
     for stamp in (100.0, 100.1, 100.1, 100.9):
         guard.check(stamp)
 
 
 @pytest.mark.parametrize("strange", [0.0, 99.9, 150.0, 1e9])
 def test_a_single_strange_stamp_is_refused_and_forgotten(strange: float) -> None:
-    guard = StampGuard("/scan")
+    guard = StampValidator("/scan")
     guard.check(100.0)
     for step in range(20):
         with pytest.raises(MessageError, match="stamp"):
@@ -113,7 +114,7 @@ def test_a_single_strange_stamp_is_refused_and_forgotten(strange: float) -> None
 
 
 def test_a_gap_is_believed_when_it_is_confirmed() -> None:
-    guard = StampGuard("/scan")
+    guard = StampValidator("/scan")
     guard.check(100.0)
     for step in range(4):
         with pytest.raises(MessageError):
@@ -123,17 +124,17 @@ def test_a_gap_is_believed_when_it_is_confirmed() -> None:
 
 
 def test_time_that_goes_back_for_good_is_a_fault() -> None:
-    guard = StampGuard("/scan")
+    guard = StampValidator("/scan")
     guard.check(100.0)
     for step in range(4):
         with pytest.raises(MessageError):
             guard.check(step / 10)
-    with pytest.raises(TimeWentBackError, match="/scan: time went back from 100"):
+    with pytest.raises(TimeMovedBackwardsError, match="/scan: time went back from 100"):
         guard.check(0.4)
 
 
 def test_strange_stamps_that_do_not_agree_are_refused_forever() -> None:
-    guard = StampGuard("/scan")
+    guard = StampValidator("/scan")
     guard.check(100.0)
     for step in range(50):
         with pytest.raises(MessageError):

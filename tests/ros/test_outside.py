@@ -14,16 +14,16 @@ from typer.testing import CliRunner
 
 from wherry.cli import app
 from wherry.errors import InputError
-from wherry.pipelines.delivery.ros import Stack, is_own, order_from
+from wherry.pipelines.delivery.ros import NavigationStack, parse_provider, parse_order
 from wherry.pipelines.delivery.simulated import order_of
-from wherry.pipelines.delivery.simulator import node_of
+from wherry.ros.nodes.simulator import simulator_node
 from wherry.realization.mission import Ready
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.bodies import load_body
 from wherry.ros.conversion import Link, from_estimate, from_odometry, header_of, to_grid, to_pose, to_transform
 from wherry.ros.names import load_names
-from wherry.ros.nodes.outside import OutsideMap, OutsidePose
+from wherry.ros.nodes.external import ExternalMap, ExternalPose
 from wherry.ros.nodes.robot import RosRobot
 from wherry.simulation import Simulation
 from wherry.space.occupancy import OccupancyGrid
@@ -45,7 +45,7 @@ def tell_pose(bus: Bus, pose: Pose, time: float = 1.0) -> None:
 
 def test_a_map_may_grow() -> None:
     bus = Bus()
-    outside = OutsideMap(bus.node(), NAMES)
+    outside = ExternalMap(bus.node(), NAMES)
     bus.say(TOPICS.map, to_grid(GRID, 0.0, "map"))
     outside.wait(1.0)
     assert outside.grid().shape == (4, 6)
@@ -57,7 +57,7 @@ def test_a_map_may_grow() -> None:
 def test_of_gmappings_map_of_200_metres_what_is_known_is_taken() -> None:
     """With a metre around it, so that there are frontiers; everything is where it was."""
     bus = Bus()
-    outside = OutsideMap(bus.node(), NAMES)
+    outside = ExternalMap(bus.node(), NAMES)
     data = np.full((4000, 4000), -1, np.int8)
     data[2000:2101, 1980:2001] = 0
     data[2100, 1980] = 100
@@ -75,7 +75,7 @@ def test_of_gmappings_map_of_200_metres_what_is_known_is_taken() -> None:
 
 def test_a_map_of_which_nothing_is_known_stays_as_it_is() -> None:
     bus = Bus()
-    outside = OutsideMap(bus.node(), NAMES)
+    outside = ExternalMap(bus.node(), NAMES)
     info = ros.MapMetaData(resolution=0.05, width=3, height=2)
     bus.say(TOPICS.map, ros.OccupancyGrid(header_of(0.0, "map"), info, np.full(6, -1, np.int8)))
     assert outside.grid().shape == (2, 3)
@@ -92,7 +92,7 @@ def test_a_map_of_which_nothing_is_known_stays_as_it_is() -> None:
 )
 def test_a_map_of_another_size_or_frame_is_refused_and_the_last_one_kept(changes: dict[str, Any]) -> None:
     bus = Bus()
-    outside = OutsideMap(bus.node(), NAMES)
+    outside = ExternalMap(bus.node(), NAMES)
     broken = replace(to_grid(GRID, 0.0, "map"), **changes)
     bus.say(TOPICS.map, broken)
     with pytest.raises(InputError, match="/map: not heard within 0 s; refused /map"):
@@ -105,7 +105,7 @@ def test_a_map_of_another_size_or_frame_is_refused_and_the_last_one_kept(changes
 
 def test_a_pose_is_the_transform_after_the_odometry() -> None:
     bus = Bus()
-    outside = OutsidePose(bus.node(), NAMES, lambda: STILL)
+    outside = ExternalPose(bus.node(), NAMES, lambda: STILL)
     with pytest.raises(InputError, match="map → odom on /tf, or /amcl_pose"):
         outside.wait(0.0)
     tell_pose(bus, Pose(2.0, 3.0, math.pi / 2))
@@ -116,7 +116,7 @@ def test_a_pose_is_the_transform_after_the_odometry() -> None:
 
 def test_transforms_outrank_estimates() -> None:
     bus = Bus()
-    outside = OutsidePose(bus.node(), NAMES, lambda: STILL)
+    outside = ExternalPose(bus.node(), NAMES, lambda: STILL)
     estimate = ros.PoseWithCovarianceStamped(header_of(1.0, "map"), ros.PoseWithCovariance(to_pose(Pose(5.0))))
     bus.say(TOPICS.amcl_pose, estimate)
     assert outside.pose(STILL).x == pytest.approx(5.0)
@@ -128,7 +128,7 @@ def test_transforms_outrank_estimates() -> None:
 
 def test_a_pose_that_nobody_confirms_is_lost() -> None:
     bus = Bus()
-    outside = OutsidePose(bus.node(), NAMES, lambda: STILL)
+    outside = ExternalPose(bus.node(), NAMES, lambda: STILL)
     tell_pose(bus, Pose(), time=10.0)
     for time, lost in ((10.0, False), (11.9, False), (12.1, True)):
         outside.correct(STILL, Scan(time, np.ones(4), 0.0, 1.0, 0.0, 9.0))
@@ -140,7 +140,7 @@ def test_a_pose_that_nobody_confirms_is_lost() -> None:
 @pytest.mark.parametrize("pose", [Pose(math.nan), Pose(theta=math.inf), Pose(1e9)])
 def test_poses_that_cannot_be_are_refused(pose: Pose) -> None:
     bus = Bus()
-    outside = OutsidePose(bus.node(), NAMES, lambda: STILL)
+    outside = ExternalPose(bus.node(), NAMES, lambda: STILL)
     tell_pose(bus, Pose(1.0))
     message = to_transform(Link("map", "odom", 1.0, Pose()))
     broken = ros.Transform(ros.Vector3(pose.x), ros.Quaternion(z=pose.theta, w=1.0))
@@ -150,12 +150,12 @@ def test_poses_that_cannot_be_are_refused(pose: Pose) -> None:
 
 
 def test_orders_are_checked() -> None:
-    np.testing.assert_array_equal(order_from(["3.6,-1.8", " 1, 2"], 0.6).warehouse, [[3.6, -1.8], [1.0, 2.0]])
+    np.testing.assert_array_equal(parse_order(["3.6,-1.8", " 1, 2"], 0.6).warehouse, [[3.6, -1.8], [1.0, 2.0]])
     for texts in ([], ["3.6"], ["a,b"], ["1,2,3"], ["nan,0"], ["1e9,0"]):
         with pytest.raises(InputError, match="--warehouse"):
-            order_from(texts, 0.6)
+            parse_order(texts, 0.6)
     with pytest.raises(InputError, match="--cell-size"):
-        order_from(["1,2"], math.nan)
+        parse_order(["1,2"], math.nan)
 
 
 # ---- a whole stack, that knows the truth
@@ -205,7 +205,7 @@ def robot(other: OtherStack) -> Iterator[RosRobot]:
     over = threading.Event()
     with RosRobot(other.bus.node(), NAMES, load_body()) as robot:
         other.start()
-        node = node_of(other.simulation, other.bus.node(), NAMES, 5.0)
+        node = simulator_node(other.simulation, other.bus.node(), NAMES, 5.0)
         thread = threading.Thread(target=node.run, args=(over.is_set,))
         thread.start()
         try:
@@ -217,8 +217,8 @@ def robot(other: OtherStack) -> Iterator[RosRobot]:
 
 
 def get_ready(other: OtherStack, robot: RosRobot, mapping: str, localization: str, patience: float = 10.0) -> Ready:
-    own = {"owns_map": is_own("--mapping", mapping), "owns_pose": is_own("--localization", localization)}
-    stack = Stack(robot, other.bus.node(), NAMES, patience, **own)
+    own = {"owns_map": parse_provider("--mapping", mapping), "owns_pose": parse_provider("--localization", localization)}
+    stack = NavigationStack(robot, other.bus.node(), NAMES, patience, **own)
     if mapping == "ros":
         other.tell_map()
     return stack.get_ready(order_of(other.simulation.plan), None, ignore, np.random.default_rng(0))
@@ -267,7 +267,7 @@ def test_a_localization_that_does_not_take_what_it_is_told_is_named(other: Other
 
 
 def test_a_stack_that_says_nothing_is_named(other: OtherStack, robot: RosRobot) -> None:
-    stack = Stack(robot, other.bus.node(), NAMES, 0.2, owns_map=False, owns_pose=True)
+    stack = NavigationStack(robot, other.bus.node(), NAMES, 0.2, owns_map=False, owns_pose=True)
     with pytest.raises(InputError, match=r"/map: not heard within 0\.2 s"):
         stack.get_ready(order_of(other.simulation.plan), None, ignore, np.random.default_rng(0))
 

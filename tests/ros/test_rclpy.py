@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wherry.pipelines.delivery.simulator import WHEEL_JOINTS, node_of
+from wherry.ros.nodes.simulator import WHEEL_JOINTS, simulator_node
 from wherry.ros import messages as ros
 from wherry.ros.conversion import to_grid, to_pose_array
 from wherry.ros.names import load_names
@@ -100,7 +100,7 @@ def stage(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     over = threading.Event()
     with DdsTransport() as robot, DdsTransport() as agent:
         stage = Stage(agent)
-        node = node_of(stage.simulation, robot, load_names(), 1.0)
+        node = simulator_node(stage.simulation, robot, load_names(), 1.0)
         thread = threading.Thread(target=node.run, args=(over.is_set,))
         thread.start()
         agent.publish(TOPICS.map, to_grid(GRID, 0.0, "map"))  # long before rclpy comes

@@ -18,7 +18,8 @@ from wherry.ros.conversion import Link, to_laser_scan, to_odometry, to_transform
 from wherry.ros.names import load_names
 from wherry.ros.nodes import robot as ros_robot
 from wherry.ros.nodes.latch_protocol import LatchState, from_latch_command, to_latch_state
-from wherry.ros.nodes.robot import RobotLostError, RosRobot
+from wherry.ros.nodes.robot import RosRobot
+from wherry.ros.nodes.errors import RobotLostError
 from wherry.space.pose import Pose
 from wherry_testing.bus import Bus, BusTransport, DdsBus, free_domain, wait_for
 

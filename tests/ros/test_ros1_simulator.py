@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from wherry.pipelines.delivery.simulator import Settings, prepare
+from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation
 from wherry.robot import Scan
 from wherry.ros.transports.ros1_master import Master
 from wherry.simulation.drive import WHEEL_RADIUS
@@ -57,7 +57,7 @@ def peer(roscore: Roscore, simulator: Program) -> Iterator[Peer]:
 
 
 def test_scans_are_the_simulators_own(peer: Peer) -> None:
-    simulation = prepare(Settings(world="small", boxes=2, seed=5))
+    simulation = build_simulation(SimulatorSettings(world="small", boxes=2, seed=5))
     scans = {round(stamp(scan), 6): scan for scan in peer.wait_for("/scan", 3, 5.0)}
     compared = 0
     while simulation.time < max(scans):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from wherry.pipelines.delivery.simulated import order_of
-from wherry.pipelines.delivery.simulator import Settings, prepare
+from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation
 from wherry.ros import messages as ros
 from wherry.ros.conversion import from_grid, links_between
 from wherry.ros.names import load_names
@@ -69,7 +69,7 @@ def audience(monkeypatch: pytest.MonkeyPatch) -> Iterator[Audience]:
 def test_two_boxes_are_delivered_over_dds_alone(audience: Audience, tmp_path: Path) -> None:
     world = tmp_path / "world.txt"
     world.write_text(WORLD)
-    plan = prepare(Settings(str(world))).plan
+    plan = build_simulation(SimulatorSettings(str(world))).plan
     places = [option for x, y in order_of(plan).warehouse for option in ("--warehouse", f"{x:.3f},{y:.3f}")]
     with simulator(world, DOMAIN, "--rate", str(RATE), "--duration", "900") as robot:
         agent = wherry("ros2", "deliver", *places, "--json", "--out", str(tmp_path), domain=DOMAIN)

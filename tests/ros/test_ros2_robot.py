@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from wherry.pipelines.delivery.simulator import node_of
+from wherry.ros.nodes.simulator import simulator_node
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.bodies import load_body
@@ -60,7 +60,7 @@ class TestRosRobot(RobotContract):
         monkeypatch.setenv("ROS_DOMAIN_ID", str(CONTRACT))
         over = threading.Event()
         with DdsTransport() as robots, DdsTransport() as transport, RosRobot(transport, NAMES, load_body()) as robot:
-            node = node_of(hall(EMPTY), robots, NAMES, RATE)
+            node = simulator_node(hall(EMPTY), robots, NAMES, RATE)
             thread = threading.Thread(target=node.run, args=(over.is_set,))
             thread.start()
             try:

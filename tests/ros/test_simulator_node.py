@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from wherry.errors import InputError
-from wherry.pipelines.delivery.simulator import WHEEL_JOINTS, Settings, node_of, prepare
+from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation
+from wherry.ros.nodes.simulator import WHEEL_JOINTS, simulator_node
 from wherry.robot import Velocity
 from wherry.ros import messages as ros
 from wherry.ros.conversion import from_laser_scan, from_odometry, from_transform, header_of, seconds_of, to_twist
@@ -33,7 +34,7 @@ class Stage:
     def __init__(self, simulation: Simulation, names: Names = NAMES, rate: float = 20.0) -> None:
         self.simulation = simulation
         self.bus = Bus()
-        self.node = node_of(simulation, self.bus.node(), names, rate)
+        self.node = simulator_node(simulation, self.bus.node(), names, rate)
 
     def run(self, seconds: float, *, each_tick: Callable[[float], None] = lambda _: None) -> None:
         """Run for a while of simulated time; ``each_tick`` is called before every instant."""
@@ -259,7 +260,7 @@ def test_a_pause_is_not_caught_up_with() -> None:
 
 
 def test_worlds_are_those_of_the_delivery() -> None:
-    assert len(prepare(Settings("small", boxes=1)).plan.boxes) == 1
-    for settings in (Settings("small", boxes=-1), Settings("small", rate=0.0), Settings("small", rate=math.nan)):
+    assert len(build_simulation(SimulatorSettings("small", boxes=1)).plan.boxes) == 1
+    for settings in (SimulatorSettings("small", boxes=-1), SimulatorSettings("small", rate=0.0), SimulatorSettings("small", rate=math.nan)):
         with pytest.raises(InputError):
-            prepare(settings)
+            build_simulation(settings)

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from wherry.gazebo.latch import OPEN, close_topic, pose_topic, state_topic, take_in_topic
-from wherry.pipelines.delivery.simulator import node_of
+from wherry.gazebo.latch_topics import OPEN, close_topic, pose_topic, state_topic, take_in_topic
+from wherry.ros.nodes.simulator import simulator_node
 from wherry.robot import Odometry, Scan
 from wherry.ros import messages as ros
 from wherry.ros.conversion import header_of, to_pose
@@ -64,7 +64,7 @@ class Gazebo:
 
     def node(self, rate: float) -> SimulatorNode:
         """The rest of the robot's driver software, with this as its world."""
-        node = node_of(self.simulation, self.transport, NO_LATCH, rate)
+        node = simulator_node(self.simulation, self.transport, NO_LATCH, rate)
         node._world = self
         return node
 
