@@ -335,7 +335,7 @@ def test_every_box_has_a_latch_that_the_world_opens_at_first(exported: tuple[dic
 def test_nothing_is_called_as_in_another_generation(generation: str) -> None:
     plan = place_boxes(find_world("small"), 2, np.random.default_rng(0))
     files = export_files(plan, np.random.default_rng(0), GENERATIONS[generation])
-    text = files["world.sdf"] + files["bridge_config.yaml"]
+    text = files["world.sdf"] + files["bridge.yaml"]
     assert ("ignition" in text) == (generation == "fortress")
     assert ("gz-sim" in text) == (generation == "harmonic")
 
@@ -511,7 +511,7 @@ def test_a_worlds_name_that_no_topic_can_have(tmp_path: Path) -> None:
     path.write_text(format_world(plan).replace("name: small", "name: Büro 3, Mitte"))
     export_world(GazeboExportSettings(str(path), tmp_path / "out"))
     assert parsed((tmp_path / "out" / "world.sdf").read_text()).find("world").get("name") == "B_ro_3_Mitte"
-    assert "/world/B_ro_3_Mitte/clock" in (tmp_path / "out" / "bridge_config.yaml").read_text()
+    assert "/world/B_ro_3_Mitte/clock" in (tmp_path / "out" / "bridge.yaml").read_text()
 
 
 # ---- Gazebo's own parser

@@ -194,7 +194,7 @@ def test_what_cannot_be_is_refused(stage: Stage) -> None:
     assert stage.answer(close=True)
 
 
-# ---- the file that an export_world brings along
+# ---- the file that an export contains along
 
 
 def test_an_export_tells_the_latch_what_it_has_to_know(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from wherry.pipelines.delivery.agent import Delivery, delivery_learner
 from wherry.realization.mission import Ready
 from wherry.space.frame import CellFrame
 from wherry.space.pose import IDENTITY
-from wherry.trace.records import Record, Said
+from wherry.trace.records import Narration, Record
 
 
 class Grid(DeterministicMdp):
@@ -44,7 +44,7 @@ class Grid(DeterministicMdp):
         return 1 - self.remaining
 
 
-def words(*, broken: bool, in_the_way: tuple[str, ...] = ()) -> list[Said]:
+def words(*, broken: bool, in_the_way: tuple[str, ...] = ()) -> list[Narration]:
     ready = Ready(
         Grid(broken=broken),
         grid=None,
@@ -56,7 +56,7 @@ def words(*, broken: bool, in_the_way: tuple[str, ...] = ()) -> list[Said]:
     told: list[Record] = []
     for _ in Delivery(ready, delivery_learner("bayes"), told.append, np.random.default_rng(0)):
         pass
-    return [record for record in told if isinstance(record, Said)]
+    return [record for record in told if isinstance(record, Narration)]
 
 
 def last_words(*, broken: bool) -> str:

@@ -274,7 +274,7 @@ def _deliver(
     from wherry.pipelines.delivery.ros import NavigationStack, Provider, run
     from wherry.ros.nodes.agent import AgentNode
     from wherry.ros.nodes.errors import RobotLostError
-    from wherry.trace.records import both
+    from wherry.trace.records import combine_sinks
     from wherry.views.terminal import DeliveryProgress
 
     mapping, localization = settings.mapping, settings.localization
@@ -295,7 +295,7 @@ def _deliver(
         if settings.grid is not None:
             node.publish_map(settings.grid)
         try:
-            return run(robot, stack, settings, both(node, progress, sink))
+            return run(robot, stack, settings, combine_sinks(node, progress, sink))
         except RobotLostError as error:
             typer.echo(f"wherry: {error}", err=True)
             raise typer.Exit(1) from error

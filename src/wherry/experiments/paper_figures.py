@@ -29,7 +29,7 @@ from wherry.robot import Odometry
 from wherry.simulation import Simulation, build
 from wherry.simulation.picture import Photographer
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Record, Seen
+from wherry.trace.records import Record, RobotSnapshot
 from wherry.views.drawing import Scene, draw
 
 Progress = Callable[[int, int], None]
@@ -132,7 +132,7 @@ def _particles() -> Iterator[str]:
 
 def _moment(scene: Scene, amcl: Amcl, truth: Pose, time: float, driven: Floats) -> str:
     """One instant; the robot is drawn where it truly is."""
-    seen = Seen(
+    seen = RobotSnapshot(
         time=time,
         pose=truth,
         lidar=truth,
@@ -140,7 +140,7 @@ def _moment(scene: Scene, amcl: Amcl, truth: Pose, time: float, driven: Floats) 
         particles=amcl.particles.astype(np.float32),
         path=NOTHING.astype(np.float32),
         boxes=NOTHING.astype(np.float32),
-        loaded=False,
+        has_load=False,
     )
     label = f"Particles {time:.1f} s after the robot was switched on"
     return draw(scene, seen, driven, NOTHING, label=label)

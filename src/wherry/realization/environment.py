@@ -20,7 +20,7 @@ from wherry.realization.pilot import Load, Pilot, shows_load, without_load
 from wherry.robot import Scan
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Said
+from wherry.trace.records import Narration, Phase
 
 LOOK_EVERY = 3  # scans between two in which the boxes are looked for
 LONGEST_INTAKE = 50  # scans that the robot waits for a conveyor to take its box
@@ -221,7 +221,9 @@ class RobotEnvironment:
         self._boxes = tuple(box for box in self._boxes if box is not here)
         self._ghosts.add(here.name)
         self._tell_pilot()
-        self.pilot.sink(Said(self.pilot.time, "survey", f"There is no box here: what I took for {here.name} is none."))
+        self.pilot.sink(
+            Narration(self.pilot.time, Phase.SURVEY, f"There is no box here: what I took for {here.name} is none.")
+        )
 
     def _correct_walls(self, scan: Scan) -> None:
         """A live scan outranks the map, wherever it shows whether a way is blocked."""

@@ -63,19 +63,19 @@ class Settings:
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
-    """What the learner says of an action.
+class PredictionText:
+    """The most likely outcome of an action, as text.
 
     Attributes:
         action: The action.
-        words: What it would change; "UNKNOWN" where the learner cannot tell.
-        worth: Its reward and whether it ends the episode, in words; empty where that is not known.
-        probability: How sure the learner is of that; None where it does not say.
+        changes: The attributes that change; "UNKNOWN" where the learner cannot tell.
+        reward: The reward and whether the episode ends; empty where that is not known.
+        probability: Probability of the outcome; None where the learner is certain or states none.
     """
 
     action: Action
-    words: str
-    worth: str
+    changes: str
+    reward: str
     probability: float | None
 
 
@@ -150,8 +150,8 @@ class Game:
         """What was learnt so far, in words."""
         return self.table.learner.sentences()
 
-    def expected(self) -> tuple[Expected, ...]:
-        """What the learner says of every action."""
+    def predictions(self) -> tuple[PredictionText, ...]:
+        """The learner's prediction for every action."""
         probable = self.settings.learner == "bayes"
         return tuple(
             _in_words(self.state, action, self.table.learner.predict(self.state, action), probable)
@@ -177,16 +177,16 @@ class Game:
         """
         if self.over:
             raise RuntimeError("the episode has ended; begin another")
-        foretold = self.table.learner.predict(self.state, action)
+        expected = self.table.learner.predict(self.state, action).most_likely.next_state
         done = self.table.mdp.step(action)
         self.table.agent.learn(done)
-        wrong = foretold.state is not None and foretold.state.objects != done.next_state.objects
+        wrong = expected is not None and expected.objects != done.next_state.objects
         self.surprises += wrong
         self.steps += 1
         self.all_steps += 1
         self.total += done.reward
         self.told = f"{action}: {changes_in_words(self.state, done.next_state)} ({done.reward:+g})" + (
-            ", a surprise!" if wrong else ", which nobody knew." if foretold.state is None else ", as foretold."
+            ", a surprise!" if wrong else ", which nobody knew." if expected is None else ", as foretold."
         )
         self.state = done.next_state
         if done.terminated:
@@ -223,17 +223,17 @@ def _learner(settings: Settings, grid: DeterministicMdp, **given: Callable[..., 
     return load_rules(settings.rules, grid.domain, **given)  # type: ignore[arg-type]
 
 
-def _in_words(state: State, action: Action, prediction: Prediction, probable: bool) -> Expected:
-    if prediction.state is None:
-        return Expected(action, "UNKNOWN", "", None)
-    possible = prediction.probability + sum(other.probability for other in prediction.otherwise)
-    probability = prediction.probability / possible
-    worth = [] if prediction.reward is None else [f"{prediction.reward:+g}"]
-    worth += ["the end"] if prediction.terminated else []
-    return Expected(
+def _in_words(state: State, action: Action, prediction: Prediction, probable: bool) -> PredictionText:
+    likely = prediction.most_likely
+    if likely.next_state is None:
+        return PredictionText(action, "UNKNOWN", "", None)
+    probability = likely.probability / sum(outcome.probability for outcome in prediction.outcomes)
+    reward = [] if likely.reward is None else [f"{likely.reward:+g}"]
+    reward += ["the end"] if likely.terminated else []
+    return PredictionText(
         action,
-        changes_in_words(state, prediction.state),
-        ", ".join(worth),
+        changes_in_words(state, likely.next_state),
+        ", ".join(reward),
         probability if probable and probability < SURE else None,
     )
 

@@ -25,7 +25,17 @@ from wherry.ros.nodes.robot import RosRobot
 from wherry.ros.transports.transport import Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY
-from wherry.trace.records import Began, CellsLaid, Explored, Learnt, Perceived, Record, Said, Seen, Stepped
+from wherry.trace.records import (
+    CellLayout,
+    LearntModel,
+    MapUpdate,
+    Narration,
+    PerceivedState,
+    Record,
+    RobotSnapshot,
+    RunStarted,
+    StepTaken,
+)
 
 HEARTBEAT_PERIOD = 0.05  # s
 TRANSFORM_TOLERANCE = 0.1  # s that map → odom is dated ahead, as amcl does, so that newer messages can be transformed
@@ -61,11 +71,11 @@ class AgentNode:
         self._map_from_odom = IDENTITY
         self._box_markers = BoxMarkers()
         self._terms: tuple[str, ...] = ()
-        self._statement = Said(0.0, "", "")
+        self._narration: Narration | None = None
         self._condition = ""
         self._lasting_markers: tuple[ros.Marker, ...] = ()
         self._transform_time = 0.0  # s, robot's clock, of the last transform
-        self._unpublished: Seen | None = None
+        self._unpublished: RobotSnapshot | None = None
         self._published_time = math.inf  # s, robot's clock, of the last observation published, or else of the first one
         robot.idle_callback = self._publish_observation
         self._is_stopped = threading.Event()
@@ -89,23 +99,23 @@ class AgentNode:
     def __call__(self, record: Record) -> None:
         """Publish a record."""
         match record:
-            case Began():
+            case RunStarted():
                 self._box_markers.radius, self._terms = record.box_radius, record.terms
-            case Said():
-                self._statement = record
+            case Narration():
+                self._narration = record
                 self._publish_diagnostics()
-            case Explored():
+            case MapUpdate():
                 self.publish_map(record.grid)
-            case Seen():
+            case RobotSnapshot():
                 self._observe(record)
-            case CellsLaid():
+            case CellLayout():
                 self._lasting_markers = tuple(cell_markers(record, self._frames.map))
                 self._publish_markers(self._lasting_markers)
-            case Stepped():
+            case StepTaken():
                 self._transport.publish(self._topics.plan, to_path(record.plan, record.time, self._frames.map))
-            case Perceived():
+            case PerceivedState():
                 self._condition = record.condition
-            case Learnt():
+            case LearntModel():
                 pass
 
     def publish_map(self, grid: OccupancyGrid) -> None:
@@ -135,35 +145,35 @@ class AgentNode:
         self._transport.publish(self._topics.tf, ros.TFMessage((to_transform(link),)))
 
     def _publish_diagnostics(self) -> None:
-        values = {"phase": self._statement.phase, "condition": self._condition}
-        agent = status_of("wherry: agent", OK, self._statement.text, values)
+        text, phase = ("", "") if self._narration is None else (self._narration.text, self._narration.phase)
+        agent = status_of("wherry: agent", OK, text, {"phase": phase, "condition": self._condition})
         message = diagnostics_of(self._robot.time, agent, self._robot.status())
         self._transport.publish(self._topics.diagnostics, message)
 
     # ---- observations
 
-    def _observe(self, seen: Seen) -> None:
+    def _observe(self, snapshot: RobotSnapshot) -> None:
         """Update map → odom at once; publish the rest when the robot is idle."""
         odometry = self._robot.odometry
         if odometry is not None:
-            self._map_from_odom = seen.pose @ odometry.pose.inverse
-        self._unpublished = seen
-        self._published_time = min(self._published_time, seen.time)
-        if seen.time - self._published_time >= MAX_PUBLISH_DELAY:
+            self._map_from_odom = snapshot.pose @ odometry.pose.inverse
+        self._unpublished = snapshot
+        self._published_time = min(self._published_time, snapshot.time)
+        if snapshot.time - self._published_time >= MAX_PUBLISH_DELAY:
             self._publish_observation()
 
     def _publish_observation(self) -> None:
         """Publish the latest observation once; earlier ones that were not published are dropped."""
-        seen, self._unpublished = self._unpublished, None
-        if seen is None:
+        snapshot, self._unpublished = self._unpublished, None
+        if snapshot is None:
             return
-        self._published_time = seen.time
+        self._published_time = snapshot.time
         frame, topics = self._frames.map, self._topics
-        particles = to_pose_array(_subsample(seen.particles, MAX_PARTICLES), seen.time, frame)
+        particles = to_pose_array(_subsample(snapshot.particles, MAX_PARTICLES), snapshot.time, frame)
         self._transport.publish(topics.particlecloud, particles)
-        self._transport.publish(topics.predicted_path, to_path(seen.path, seen.time, frame))
-        boxes = self._box_markers.update(seen, frame)
-        self._publish_markers((*boxes, *condition_markers(self._condition, self._terms, seen, frame)))
+        self._transport.publish(topics.predicted_path, to_path(snapshot.path, snapshot.time, frame))
+        boxes = self._box_markers.update(snapshot, frame)
+        self._publish_markers((*boxes, *condition_markers(self._condition, self._terms, snapshot, frame)))
 
     def _publish_markers(self, markers: tuple[ros.Marker, ...]) -> None:
         if markers:

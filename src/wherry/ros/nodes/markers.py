@@ -10,7 +10,7 @@ from wherry.ros import messages as ros
 from wherry.ros.conversion import header_of, to_pose
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Pose
-from wherry.trace.records import CellsLaid, Seen
+from wherry.trace.records import CellLayout, RobotSnapshot
 
 BOX_HEIGHT, TILE_HEIGHT, LINE_WIDTH, TEXT_HEIGHT = 0.30, 0.01, 0.01, 0.15  # m
 BIT_SIZE = 0.8 * TEXT_HEIGHT  # m, edge of a condition bit's square
@@ -32,12 +32,12 @@ class BoxMarkers:
         self.radius = 0.0
         self._shown = 0
 
-    def update(self, seen: Seen, frame: str) -> Iterator[ros.Marker]:
+    def update(self, snapshot: RobotSnapshot, frame: str) -> Iterator[ros.Marker]:
         """Markers of the boxes on the floor, of the one that the robot carries, and deletions."""
-        poses = [Pose(float(x), float(y)) for x, y in seen.boxes]
-        if seen.loaded:
-            poses.append(seen.pose)
-        header = header_of(seen.time, frame)
+        poses = [Pose(float(x), float(y)) for x, y in snapshot.boxes]
+        if snapshot.has_load:
+            poses.append(snapshot.pose)
+        header = header_of(snapshot.time, frame)
         for number, pose in enumerate(poses):
             yield ros.Marker(
                 header,
@@ -53,20 +53,20 @@ class BoxMarkers:
         self._shown = len(poses)
 
 
-def condition_markers(condition: str, terms: Sequence[str], seen: Seen, frame: str) -> Iterator[ros.Marker]:
+def condition_markers(condition: str, terms: Sequence[str], snapshot: RobotSnapshot, frame: str) -> Iterator[ros.Marker]:
     """The terms that hold as text, and a row of squares with a colour for each term.
 
     Args:
         condition: A "1" or "0" for each term; empty before the first perception.
         terms: Their names.
-        seen: Where the robot is.
+        snapshot: Where the robot is.
         frame: The map's.
     """
     if not condition:
         return
-    header = header_of(seen.time, frame)
-    yield _condition_text(header, condition, terms, seen.pose)
-    yield _condition_bits(header, condition, seen.pose)
+    header = header_of(snapshot.time, frame)
+    yield _condition_text(header, condition, terms, snapshot.pose)
+    yield _condition_bits(header, condition, snapshot.pose)
 
 
 def _condition_text(header: ros.Header, condition: str, terms: Sequence[str], robot: Pose) -> ros.Marker:
@@ -103,7 +103,7 @@ def _condition_bits(header: ros.Header, condition: str, robot: Pose) -> ros.Mark
     )
 
 
-def cell_markers(cells: CellsLaid, frame: str) -> Iterator[ros.Marker]:
+def cell_markers(cells: CellLayout, frame: str) -> Iterator[ros.Marker]:
     """The warehouse's cells as tiles, and the walls between cells as lines.
 
     Args:
