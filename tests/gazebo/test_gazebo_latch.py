@@ -19,8 +19,8 @@ from wherry.floorplan.world_files import find_world
 from wherry.gazebo.export import SimulatorSettings as ExportSettings
 from wherry.gazebo.export import export_world
 from wherry.gazebo.latch import GazeboLatch
-from wherry.gazebo.latch_topics import close_topic, pose_topic, state_topic
 from wherry.gazebo.latch_settings import GazeboLatchSettings, format_latch_settings, load_latch_settings
+from wherry.gazebo.latch_topics import close_topic, pose_topic, state_topic
 from wherry.pipelines.delivery.simulated import order_of
 from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation
 from wherry.robot import Velocity

@@ -12,11 +12,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from wherry.ros.nodes.simulator import simulator_node
 from wherry.ros import messages as ros
 from wherry.ros.conversion import seconds_of
 from wherry.ros.description import robot_description
 from wherry.ros.names import load_names
+from wherry.ros.nodes.simulator import simulator_node
 from wherry.simulation.model import robot_urdf
 from wherry_testing.bus import Bus
 from wherry_testing.worlds import hall

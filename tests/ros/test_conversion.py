@@ -32,7 +32,6 @@ from wherry.ros.conversion import (
     to_transform,
     to_twist,
 )
-from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, from_latch_command, from_latch_state, to_latch_command, to_latch_state
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
@@ -224,36 +223,3 @@ def test_particles_become_poses() -> None:
     message = to_pose_array(np.array([[1, 2, 0.5], [3, 4, -0.5]], np.float32), 2.0, "map")
     assert [from_pose(pose).x for pose in message.poses] == [1.0, 3.0]
     assert from_pose(message.poses[1]).theta == pytest.approx(-0.5)
-
-
-@pytest.mark.parametrize("close", [True, False])
-def test_latch_commands_survive(close: bool) -> None:
-    command = LatchCommand(12.345678, close)
-    assert from_latch_command(to_latch_command(command)) == command
-
-
-def test_a_latchs_answer_belongs_to_one_command() -> None:
-    command = LatchCommand(1_700_000_000.123456, close=True)
-    there = from_latch_command(to_latch_command(command))
-    state = from_latch_state(to_latch_state(LatchState(5.0, loaded=True, answered=there.number)))
-    assert state.loaded
-    assert state.answers(command)
-    assert not state.answers(LatchCommand(command.number + 1e-3, close=True))
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        ros.JointState(),
-        ros.JointState(name=("latch",)),
-        ros.JointState(name=("latch",), position=np.array([0.5])),
-        ros.JointState(name=("latch",), position=np.array([math.nan])),
-        ros.JointState(name=("load", "answered"), position=np.array([2.0, 0.0])),
-        ros.JointState(name=("load", "answered"), position=np.array([1.0, math.nan])),
-    ],
-)
-def test_latch_messages_that_say_nothing_are_refused(message: ros.JointState) -> None:
-    with pytest.raises(MessageError):
-        from_latch_command(message)
-    with pytest.raises(MessageError):
-        from_latch_state(message)

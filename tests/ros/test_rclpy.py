@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wherry.ros.nodes.simulator import WHEEL_JOINTS, simulator_node
 from wherry.ros import messages as ros
 from wherry.ros.conversion import to_grid, to_pose_array
 from wherry.ros.names import load_names
+from wherry.ros.nodes.simulator import WHEEL_JOINTS, simulator_node
 from wherry.ros.transports.ros2 import DdsTransport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose

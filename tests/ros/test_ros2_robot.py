@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pytest
 
-from wherry.ros.nodes.simulator import simulator_node
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.bodies import load_body
 from wherry.ros.conversion import from_odometry, to_twist
 from wherry.ros.names import load_names
 from wherry.ros.nodes.robot import RosRobot
+from wherry.ros.nodes.simulator import simulator_node
 from wherry.ros.transports.ros2 import DdsTransport
 from wherry_testing.bus import free_domain
 from wherry_testing.dds import ended, simulator, wait_until

@@ -12,12 +12,11 @@ from functools import partial
 from typing import Any
 
 from wherry.gazebo.latch_topics import OPEN, close_topic, pose_topic, state_topic, take_in_topic
-from wherry.ros.nodes.simulator import simulator_node
 from wherry.robot import Odometry, Scan
 from wherry.ros import messages as ros
 from wherry.ros.conversion import header_of, to_pose
 from wherry.ros.names import load_names
-from wherry.ros.nodes.simulator import SimulatorNode
+from wherry.ros.nodes.simulator import SimulatorNode, simulator_node
 from wherry.ros.transports.transport import Transport
 from wherry.simulation import Simulation
 from wherry.simulation.physics import Physics

@@ -391,9 +391,7 @@ def parse_names(arguments: list[str] | None, node_name: str, node: NodeOptions) 
             node_name = value
         elif not key.startswith("__"):
             remappings.append(argument)
-    names = load_names(
-        node.names, namespace=node.namespace, frame_prefix=node.frame_prefix, remappings=remappings
-    )
+    names = load_names(node.names, namespace=node.namespace, frame_prefix=node.frame_prefix, remappings=remappings)
     return node_name, names
 
 

@@ -60,14 +60,14 @@ class _LatchFile(Document):
 
 def format_latch_settings(settings: GazeboLatchSettings) -> str:
     """Format settings as YAML."""
-    file = _LatchFile(
-        version=FORMAT_VERSION,
-        boxes=settings.boxes,
-        reach=settings.reach,
-        cell_size=settings.cell_size,
-        warehouse=[[cell.x, cell.y] for cell in sorted(settings.warehouse)],
-    )
-    return yaml.safe_dump(file.model_dump(by_alias=True), sort_keys=False)
+    document = {
+        "wherry-latch": FORMAT_VERSION,
+        "boxes": settings.boxes,
+        "reach": settings.reach,
+        "cell_size": settings.cell_size,
+        "warehouse": [[cell.x, cell.y] for cell in sorted(settings.warehouse)],
+    }
+    return yaml.safe_dump(document, sort_keys=False)
 
 
 def load_latch_settings(path: str | Path) -> GazeboLatchSettings:

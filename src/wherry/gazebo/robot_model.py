@@ -95,7 +95,11 @@ class RobotModel:
 def read_robot_model() -> RobotModel:
     """Read the simulator's URDF."""
     urdf = ET.fromstring(robot_urdf())  # noqa: S314 - part of this package
-    colours = {material.get("name", ""): _child(material, "color").get("rgba", "") for material in urdf.iter("material") if len(material)}
+    colours = {
+        material.get("name", ""): _child(material, "color").get("rgba", "")
+        for material in urdf.iter("material")
+        if len(material)
+    }
     positions = _positions(urdf)
     links = tuple(
         _link(element, positions, colours) for element in urdf.findall("link") if element.get("name") != ROOT_LINK
@@ -121,9 +125,7 @@ def _positions(urdf: ET.Element) -> dict[str, tuple[float, float, float]]:
     return positions
 
 
-def _link(
-    element: ET.Element, positions: Mapping[str, tuple[float, float, float]], colours: Mapping[str, str]
-) -> Link:
+def _link(element: ET.Element, positions: Mapping[str, tuple[float, float, float]], colours: Mapping[str, str]) -> Link:
     name = element.get("name", "")
     is_wheel = name.endswith("_wheel")
     inertial = _child(element, "inertial")

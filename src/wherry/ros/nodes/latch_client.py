@@ -35,9 +35,7 @@ class LatchClient:
         state: Latest state received; None before the first one.
     """
 
-    def __init__(
-        self, transport: Transport, subscriptions: Subscriptions, topics: Topics, clock: RobotClock
-    ) -> None:
+    def __init__(self, transport: Transport, subscriptions: Subscriptions, topics: Topics, clock: RobotClock) -> None:
         self._transport, self._subscriptions, self._topics, self._clock = transport, subscriptions, topics, clock
         self._last_stamp = 0.0  # s, of the last command
         self.state: LatchState | None = None

@@ -5,8 +5,8 @@ identifies the command and must be later than that of any command before. A comm
 once.
 
 ``latch/state`` (sensor_msgs/JointState), published after each command and ten times a second: "load" is 1 if the latch
-holds a box, else 0; "answered" is the stamp, s, of the last command that was carried out, 0 before the first. The client
-repeats its command until "answered" is the command's stamp.
+holds a box, else 0; "answered" is the stamp, s, of the last command that was carried out, 0 before the first. The
+client repeats its command until "answered" is the command's stamp.
 """
 
 from __future__ import annotations

@@ -53,7 +53,9 @@ class BoxMarkers:
         self._shown = len(poses)
 
 
-def condition_markers(condition: str, terms: Sequence[str], snapshot: RobotSnapshot, frame: str) -> Iterator[ros.Marker]:
+def condition_markers(
+    condition: str, terms: Sequence[str], snapshot: RobotSnapshot, frame: str
+) -> Iterator[ros.Marker]:
     """The terms that hold as text, and a row of squares with a colour for each term.
 
     Args:
