@@ -155,9 +155,7 @@ def test_initial_pose_is_repeated_until_the_localization_accepts_it(external: Ex
     check_ready(ready, external, external.map_frame)
 
 
-def test_localization_that_ignores_the_initial_pose_is_an_error(
-    external: ExternalStack, robot: RosRobot
-) -> None:
+def test_localization_that_ignores_the_initial_pose_is_an_error(external: ExternalStack, robot: RosRobot) -> None:
     external.ignored_poses, external.map_frame = 1000, Pose(1.0, 1.0, 1.0)
     with pytest.raises(InputError, match=r"/initialpose: the localization has not accepted the pose within 1 s"):
         get_ready(external, robot, Provider.OWN, Provider.EXTERNAL, timeout=1.0)
