@@ -1,4 +1,4 @@
-"""Velocities for a robot's base, shared politely with whoever else commands it."""
+"""Velocities for a robot's base, which yield to the commands of other nodes."""
 
 from __future__ import annotations
 
