@@ -20,10 +20,10 @@ from wherry.gazebo.latch_settings import GazeboLatchSettings, format_latch_setti
 from wherry.gazebo.latch_topics import close_topic, pose_topic, state_topic
 from wherry.robot import Velocity
 from wherry.ros import messages as ros
-from wherry.ros.conversion import header_of, to_pose
+from wherry.ros.encoding import encode_header, encode_pose
 from wherry.ros.names import Rates, load_names
-from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, from_latch_state, to_latch_command
-from wherry.ros.transports.ros2 import DdsTransport
+from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, decode_latch_state, encode_latch_command
+from wherry.ros.transports.ros2 import Ros2Transport
 from wherry.simulation.simulator import LATCH_REACH
 from wherry.space.pose import Pose
 from wherry_testing.bus import Bus, free_domain
@@ -61,7 +61,7 @@ class Stage:
 
     @property
     def states(self) -> list[LatchState]:
-        return [from_latch_state(message) for message in self.bus.heard[TOPICS.latch_state.name]]
+        return [decode_latch_state(message) for message in self.bus.heard[TOPICS.latch_state.name]]
 
     def advance(self, seconds: float) -> None:
         end = self.gazebo.time + seconds
@@ -76,7 +76,7 @@ class Stage:
 
     def request(self, *, close: bool) -> LatchCommand:
         command = LatchCommand(float(next(self.stamps)), close)
-        self.bus.say(TOPICS.latch_command, to_latch_command(command))
+        self.bus.say(TOPICS.latch_command, encode_latch_command(command))
         return command
 
     def request_and_wait(self, *, close: bool) -> bool:
@@ -145,7 +145,7 @@ def test_repeated_command_is_carried_out_once_and_answered_again(stage: Stage) -
     stage.place(ON_THE_BOX)
     command = stage.request(close=True)
     stage.advance(0.1)
-    stage.bus.say(TOPICS.latch_command, to_latch_command(command))
+    stage.bus.say(TOPICS.latch_command, encode_latch_command(command))
     stage.advance(0.1)
     assert stage.states[-1].answers(command)
     assert len(stage.bus.heard[close_topic(0).name]) == 1
@@ -155,7 +155,7 @@ def test_answer_follows_gazebos_report(stage: Stage) -> None:
     stage.place(ON_THE_BOX)
     command = stage.request(close=True)
     assert not stage.states[-1].answers(command)
-    stage.bus.say(TOPICS.latch_command, to_latch_command(command))  # repeated, and so is the node's request
+    stage.bus.say(TOPICS.latch_command, encode_latch_command(command))  # repeated, and so is the node's request
     assert len(stage.bus.heard[close_topic(0).name]) == 2
     stage.advance(0.1)
     assert stage.states[-1] == LatchState(pytest.approx(stage.gazebo.time), True, command.stamp)
@@ -179,12 +179,12 @@ def test_box_detached_by_another_node_is_reported_and_not_removed(stage: Stage) 
 
 
 def test_invalid_messages_are_rejected(stage: Stage) -> None:
-    broken = ros.PoseStamped(header_of(9.0, "world"), to_pose(Pose(float("nan"))))
+    broken = ros.PoseStamped(encode_header(9.0, "world"), encode_pose(Pose(float("nan"))))
     stage.bus.say(pose_topic("wherry"), broken)
     stage.bus.say(state_topic(0), ros.String("unknown"))
     stage.bus.say(TOPICS.latch_command, ros.JointState(name=("latch",), position=np.array([0.5])))
     rejected = {"/model/wherry/pose": 1, "/latch/state/box_0": 1, "/latch/command": 1}
-    assert stage.latch.refusals.counts == rejected
+    assert stage.latch.rejected.counts == rejected
     stage.place(ON_THE_BOX)
     assert stage.request_and_wait(close=True)
 
@@ -235,9 +235,9 @@ def test_invalid_settings_files_are_rejected(tmp_path: Path, old: str, new: str,
 
 
 @pytest.fixture
-def bridge(monkeypatch: pytest.MonkeyPatch) -> Iterator[DdsTransport]:
+def bridge(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros2Transport]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
-    with DdsTransport() as transport:
+    with Ros2Transport() as transport:
         yield transport
 
 
@@ -245,10 +245,10 @@ def is_before_the_box(gazebo: FakeGazebo) -> bool:
     return gazebo.physics.robot_pose.x < ON_THE_BOX.x - 0.02
 
 
-def test_command_latches_a_box_over_dds(bridge: DdsTransport, tmp_path: Path) -> None:
+def test_command_latches_a_box_over_dds(bridge: Ros2Transport, tmp_path: Path) -> None:
     """The robot drives over the box and closes the latch."""
     states: list[LatchState] = []
-    bridge.subscribe(TOPICS.latch_state, lambda message: states.append(from_latch_state(message)))
+    bridge.subscribe(TOPICS.latch_state, lambda message: states.append(decode_latch_state(message)))
     gazebo = FakeGazebo(hall(NEAR), bridge)
     gazebo.before_step = lambda: gazebo.robot.command(Velocity(0.2 * is_before_the_box(gazebo)))
     running = RunningGazebo(gazebo, rate=2.0)
@@ -260,7 +260,7 @@ def test_command_latches_a_box_over_dds(bridge: DdsTransport, tmp_path: Path) ->
         command = LatchCommand(gazebo.time, close=True)
 
         def is_answered() -> bool:
-            bridge.publish(TOPICS.latch_command, to_latch_command(command))  # the node may subscribe late
+            bridge.publish(TOPICS.latch_command, encode_latch_command(command))  # the node may subscribe late
             return states[-1].answers(command)
 
         wait_until(is_answered, 20.0)

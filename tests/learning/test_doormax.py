@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from wherry.domains.delivery import Box, Site, all_delivered, reward, transition
+from wherry.domains.delivery import BoxState, DeliverySite, all_delivered, delivery_reward, delivery_transition
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.learning.doormax import Doormax
 from wherry.learning.predictions import Subject
+from wherry.oomdp.attributes import EXISTS
 from wherry.oomdp.domain import Action
 from wherry.oomdp.effects import EFFECT_TYPES
 from wherry.oomdp.mdp import Transition
-from wherry.oomdp.objects import EXISTS
 from wherry_testing.machine import PULL, ask, counter_of, machine_domain, state_of, teach
 
 COUNTER = Subject("PRESS", "Machine", "counter")
@@ -263,19 +263,19 @@ def test_sentences() -> None:
 
 
 PLAN = FloorPlan("plan", 4, 1, warehouse=frozenset({Cell(3, 0)}), start=Cell(0, 0))
-SITE = Site.of_plan(PLAN)
+SITE = DeliverySite.of_plan(PLAN)
 PICKUP, DROPOFF = Action("PICKUP"), Action("DROPOFF")
 
 
 def deliverer() -> Doormax:
-    return Doormax(SITE.domain, reward=reward, terminated=all_delivered)
+    return Doormax(SITE.domain, reward=delivery_reward, terminated=all_delivered)
 
 
 def test_a_pickup_is_learnt_of_this_box_and_not_of_the_others() -> None:
     doormax = deliverer()
-    state = SITE.state(Cell(1, 0), [Box("a", Cell(1, 0)), Box("b", Cell(3, 0))])
-    doormax.add_experience(transition(state, PICKUP))
-    other = SITE.state(Cell(1, 0), [Box("c", Cell(3, 0)), Box("d", Cell(1, 0))])
+    state = SITE.state(Cell(1, 0), [BoxState("a", Cell(1, 0)), BoxState("b", Cell(3, 0))])
+    doormax.add_experience(delivery_transition(state, PICKUP))
+    other = SITE.state(Cell(1, 0), [BoxState("c", Cell(3, 0)), BoxState("d", Cell(1, 0))])
     predicted = doormax.predict(other, PICKUP).most_likely.next_state
     assert predicted is not None
     assert [box.in_bot for box in predicted.of_class("Box")] == [False, True]
@@ -283,9 +283,9 @@ def test_a_pickup_is_learnt_of_this_box_and_not_of_the_others() -> None:
 
 def test_a_delivered_box_leaves_the_prediction() -> None:
     doormax = deliverer()
-    held, waiting = Box("a", Cell(0, 0), in_bot=True), Box("b", Cell(0, 0))
+    held, waiting = BoxState("a", Cell(0, 0), in_bot=True), BoxState("b", Cell(0, 0))
     state = SITE.state(Cell(3, 0), [held, waiting])
-    doormax.add_experience(transition(state, DROPOFF))
+    doormax.add_experience(delivery_transition(state, DROPOFF))
     assert doormax.predict(state, DROPOFF).most_likely.next_state == state.without("a")
     exists = Subject("DROPOFF", "Box", EXISTS)
     assert models(doormax, "assignment", exists) == {False: "1110011", True: "1110010"}
@@ -294,8 +294,8 @@ def test_a_delivered_box_leaves_the_prediction() -> None:
 
 def test_a_new_view_of_the_walls_is_no_change() -> None:
     doormax = deliverer()
-    before = SITE.state(Cell(0, 0), [Box("a", Cell(2, 0))])
-    narrower = Site(SITE.walls, SITE.warehouse | {Cell(2, 0)}, SITE.x_range, SITE.y_range)
-    after = narrower.state(Cell(0, 0), [Box("a", Cell(2, 0))])
+    before = SITE.state(Cell(0, 0), [BoxState("a", Cell(2, 0))])
+    narrower = DeliverySite(SITE.walls, SITE.warehouse | {Cell(2, 0)}, SITE.x_range, SITE.y_range)
+    after = narrower.state(Cell(0, 0), [BoxState("a", Cell(2, 0))])
     doormax.add_experience(Transition(before, PICKUP, after, -10.0, False))
     assert doormax.failures["PICKUP"] == {SITE.domain.cond(before).value}

@@ -11,7 +11,7 @@ import pytest
 from wherry.gazebo.latch_settings import GazeboLatchSettings
 from wherry.pipelines.delivery.simulated import order_of
 from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation
-from wherry.ros.transports.ros2 import DdsTransport
+from wherry.ros.transports.ros2 import Ros2Transport
 from wherry.simulation.simulator import LATCH_REACH
 from wherry_testing.bus import free_domain
 from wherry_testing.dds import ended, wherry
@@ -31,14 +31,14 @@ name: near
 
 
 @pytest.fixture
-def bridge(monkeypatch: pytest.MonkeyPatch) -> Iterator[DdsTransport]:
+def bridge(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros2Transport]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
-    with DdsTransport() as transport:
+    with Ros2Transport() as transport:
         yield transport
 
 
 @pytest.mark.slow
-def test_delivery_with_the_stand_in_over_dds(bridge: DdsTransport, tmp_path: Path) -> None:
+def test_delivery_with_the_stand_in_over_dds(bridge: Ros2Transport, tmp_path: Path) -> None:
     """Agent and latch are two processes beside the stand-in."""
     world = tmp_path / "world.txt"
     world.write_text(WORLD)

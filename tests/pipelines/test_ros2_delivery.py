@@ -13,9 +13,9 @@ import pytest
 from wherry.pipelines.delivery.simulated import order_of
 from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation
 from wherry.ros import messages as ros
-from wherry.ros.conversion import from_grid, links_between
+from wherry.ros.decoding import decode_occupancy_grid, transforms_between
 from wherry.ros.names import load_names
-from wherry.ros.transports.ros2 import DdsTransport
+from wherry.ros.transports.ros2 import Ros2Transport
 from wherry.space.map_files import load_map
 from wherry_testing.bus import free_domain
 from wherry_testing.dds import ended, simulator, wherry
@@ -42,7 +42,7 @@ name: tiny
 class Subscriber:
     """A stand-in for RViz: collects what the agent publishes."""
 
-    def __init__(self, transport: DdsTransport) -> None:
+    def __init__(self, transport: Ros2Transport) -> None:
         self.messages: dict[str, list[Any]] = {}
         for topic in (
             TOPICS.map,
@@ -62,7 +62,7 @@ class Subscriber:
 @pytest.fixture
 def subscriber(monkeypatch: pytest.MonkeyPatch) -> Iterator[Subscriber]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
-    with DdsTransport() as transport:
+    with Ros2Transport() as transport:
         yield Subscriber(transport)
 
 
@@ -86,7 +86,7 @@ def test_two_boxes_are_delivered_over_dds(subscriber: Subscriber, tmp_path: Path
 
 
 def _check_publications(subscriber: Subscriber, shape: tuple[int, int]) -> None:
-    grid = from_grid(subscriber.messages["/map"][-1], "map")
+    grid = decode_occupancy_grid(subscriber.messages["/map"][-1], "map")
     assert grid.shape == shape
     assert 0.0 < grid.occupied.mean() < 0.5
     cloud = next(message for message in reversed(subscriber.messages["/particlecloud"]) if message.poses)
@@ -99,7 +99,7 @@ def _check_publications(subscriber: Subscriber, shape: tuple[int, int]) -> None:
     assert len({marker.id for marker in subscriber.markers("warehouse")}) == 1
     conditions = {marker.text.partition("\n")[0] for marker in subscriber.markers("condition")}
     assert any(condition.endswith("11") for condition in conditions)  # over the warehouse, with a box
-    links = [link for message in subscriber.messages["/tf"] for link in links_between(message, "map", "odom")]
+    links = [link for message in subscriber.messages["/tf"] for link in transforms_between(message, "map", "odom")]
     stamps = np.array([link.time for link in links])
     assert (np.diff(stamps) > 0).all()
     assert np.quantile(np.diff(stamps), 0.99) < 1.0

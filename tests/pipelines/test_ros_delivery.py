@@ -17,11 +17,13 @@ from wherry.pipelines.delivery.ros import NavigationStack, Provider, parse_order
 from wherry.pipelines.delivery.simulated import order_of
 from wherry.realization.mission import Ready
 from wherry.ros import messages as ros
-from wherry.ros.bodies import load_body
-from wherry.ros.conversion import Link, from_estimate, from_odometry, to_grid, to_transform
+from wherry.ros.body_files import load_body
+from wherry.ros.decoding import decode_odometry, decode_pose_estimate
+from wherry.ros.encoding import encode_occupancy_grid, encode_transform
 from wherry.ros.names import load_names
 from wherry.ros.nodes.robot import RosRobot
 from wherry.ros.nodes.simulator import simulator_node
+from wherry.ros.transforms import StampedTransform
 from wherry.simulation import Simulation
 from wherry.space.pose import Pose
 from wherry.trace.records import null_sink
@@ -71,22 +73,22 @@ class ExternalStack:
         node.subscribe(TOPICS.initialpose, self._on_initial_pose)
 
     def publish_map(self) -> None:
-        self.bus.say(TOPICS.map, to_grid(perfect_map(self.simulation.plan), 0.0, "map"))
+        self.bus.say(TOPICS.map, encode_occupancy_grid(perfect_map(self.simulation.plan), 0.0, "map"))
 
     def _on_initial_pose(self, message: ros.PoseWithCovarianceStamped) -> None:
         if self.ignored_poses > 0:
             self.ignored_poses -= 1
             return
-        self.initial_pose = from_estimate(message, "map")[1]
+        self.initial_pose = decode_pose_estimate(message, "map")[1]
         self.map_frame = self.simulation.referee.pose @ self.initial_pose.inverse
         self.is_localizing = True
 
     def _on_odometry(self, message: ros.Odometry) -> None:
         if self.is_localizing:
-            odometry = from_odometry(message, "odom", "base_link")
+            odometry = decode_odometry(message, "odom", "base_link")
             true = self.map_frame.inverse @ self.simulation.referee.pose
-            link = Link("map", "odom", odometry.time, true @ odometry.pose.inverse)
-            self.bus.say(TOPICS.tf, ros.TFMessage((to_transform(link),)))
+            link = StampedTransform("map", "odom", odometry.time, true @ odometry.pose.inverse)
+            self.bus.say(TOPICS.tf, ros.TFMessage((encode_transform(link),)))
 
 
 @pytest.fixture

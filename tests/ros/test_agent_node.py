@@ -10,8 +10,8 @@ import pytest
 
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.conversion import from_grid, from_pose, links_between, seconds_of
-from wherry.ros.diagnostics import OK, status_of
+from wherry.ros.decoding import decode_occupancy_grid, decode_pose, decode_stamp, transforms_between
+from wherry.ros.diagnostics import OK, diagnostic_status
 from wherry.ros.names import load_names
 from wherry.ros.nodes.agent import MAX_PARTICLES, TRANSFORM_TOLERANCE, AgentNode
 from wherry.space.frame import CellFrame
@@ -42,7 +42,7 @@ class Robot:
         self.idle_callback: Callable[[], None] = lambda: None
 
     def status(self) -> ros.DiagnosticStatus:
-        return status_of("wherry: robot", OK, "connected", {})
+        return diagnostic_status("wherry: robot", OK, "connected", {})
 
 
 class Stage:
@@ -78,7 +78,7 @@ def stage() -> Stage:
 def test_own_map_is_published_and_external_map_is_not(stage: Stage) -> None:
     grid = OccupancyGrid(np.eye(3, dtype=np.float32), 0.05)
     stage.node(MapUpdate(5.0, grid, 0.5, 1.0))
-    np.testing.assert_array_equal(from_grid(stage.published("map")[0], "map").occupied, grid.occupied)
+    np.testing.assert_array_equal(decode_occupancy_grid(stage.published("map")[0], "map").occupied, grid.occupied)
     external = Stage(publishes_map=False)
     external.node(MapUpdate(5.0, grid, 0.5, 1.0))
     assert external.published("map") == []
@@ -87,10 +87,10 @@ def test_own_map_is_published_and_external_map_is_not(stage: Stage) -> None:
 def test_paths_and_particles_are_published(stage: Stage) -> None:
     stage.observe(snapshot(particles=2000))
     assert len(stage.published("particlecloud")[0].poses) == MAX_PARTICLES
-    assert from_pose(stage.published("predicted_path")[0].poses[1].pose).x == 1.0
+    assert decode_pose(stage.published("predicted_path")[0].poses[1].pose).x == 1.0
     plan = np.array([[0.3, 0.3], [0.9, 0.3], [0.9, 0.9]], np.float32)
     stage.node(StepTaken(5.0, "101", "N", False, True, 0, 0, 1, plan))
-    assert [from_pose(pose.pose).x for pose in stage.published("plan")[0].poses] == pytest.approx([0.3, 0.9, 0.9])
+    assert [decode_pose(pose.pose).x for pose in stage.published("plan")[0].poses] == pytest.approx([0.3, 0.9, 0.9])
 
 
 def test_latest_snapshot_is_published_when_idle(stage: Stage) -> None:
@@ -106,7 +106,7 @@ def test_agent_that_is_never_idle_publishes_once_a_second_and_at_the_end(stage: 
     with stage.node:
         for tenth in range(25):
             stage.node(replace(snapshot(), time=5.0 + tenth / 10))
-    drawn = [seconds_of(path.header.stamp) for path in stage.published("predicted_path")]
+    drawn = [decode_stamp(path.header.stamp) for path in stage.published("predicted_path")]
     assert drawn == pytest.approx([6.0, 7.0, 7.4])
 
 
@@ -151,7 +151,7 @@ def test_heartbeat_publishes_the_transform_once_for_each_time(stage: Stage) -> N
         assert len(stage.published("tf")) == 1  # the robot's time stands still
         stage.robot.time = 5.1
         wait_for(lambda: len(stage.published("tf")) == 2)
-    links = [link for message in stage.published("tf") for link in links_between(message, "map", "odom")]
+    links = [link for message in stage.published("tf") for link in transforms_between(message, "map", "odom")]
     assert [link.time for link in links] == pytest.approx([5.0 + TRANSFORM_TOLERANCE, 5.1 + TRANSFORM_TOLERANCE])
     there = links[0].pose @ stage.robot.odometry.pose
     assert (there.x, there.y, there.theta) == pytest.approx((3.0, 4.0, 1.0))

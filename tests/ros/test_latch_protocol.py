@@ -6,27 +6,27 @@ import numpy as np
 import pytest
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import MessageError
+from wherry.ros.decoding import MessageError
 from wherry.ros.nodes.latch_protocol import (
     LatchCommand,
     LatchState,
-    from_latch_command,
-    from_latch_state,
-    to_latch_command,
-    to_latch_state,
+    decode_latch_command,
+    decode_latch_state,
+    encode_latch_command,
+    encode_latch_state,
 )
 
 
 @pytest.mark.parametrize("close", [True, False])
 def test_commands_are_converted_without_loss(close: bool) -> None:
     command = LatchCommand(12.345678, close)
-    assert from_latch_command(to_latch_command(command)) == command
+    assert decode_latch_command(encode_latch_command(command)) == command
 
 
 def test_answer_belongs_to_one_command() -> None:
     command = LatchCommand(1_700_000_000.123456, close=True)
-    received = from_latch_command(to_latch_command(command))
-    state = from_latch_state(to_latch_state(LatchState(5.0, has_load=True, answered=received.stamp)))
+    received = decode_latch_command(encode_latch_command(command))
+    state = decode_latch_state(encode_latch_state(LatchState(5.0, has_load=True, answered=received.stamp)))
     assert state.has_load
     assert state.answers(command)
     assert not state.answers(LatchCommand(command.stamp + 1e-3, close=True))
@@ -45,6 +45,6 @@ def test_answer_belongs_to_one_command() -> None:
 )
 def test_invalid_messages_are_rejected(message: ros.JointState) -> None:
     with pytest.raises(MessageError):
-        from_latch_command(message)
+        decode_latch_command(message)
     with pytest.raises(MessageError):
-        from_latch_state(message)
+        decode_latch_state(message)

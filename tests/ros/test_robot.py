@@ -13,14 +13,15 @@ import pytest
 from wherry.errors import InputError
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import load_body
-from wherry.ros.conversion import Link, to_laser_scan, to_odometry, to_transform
+from wherry.ros.body_files import load_body
+from wherry.ros.encoding import encode_laser_scan, encode_odometry, encode_transform
 from wherry.ros.names import load_names
 from wherry.ros.nodes import latch_client, velocity_commands
 from wherry.ros.nodes import robot as ros_robot
 from wherry.ros.nodes.errors import RobotLostError
-from wherry.ros.nodes.latch_protocol import LatchState, from_latch_command, to_latch_state
+from wherry.ros.nodes.latch_protocol import LatchState, decode_latch_command, encode_latch_state
 from wherry.ros.nodes.robot import RosRobot
+from wherry.ros.transforms import StampedTransform
 from wherry.space.pose import Pose
 from wherry_testing.bus import Bus, BusTransport, DdsBus, free_domain, wait_for
 
@@ -39,19 +40,19 @@ class Driver:
         self.time = 10.0
 
     def mount(self) -> None:
-        link = to_transform(Link("base_link", "laser", self.time, Pose(-0.17)), 0.15)
+        link = encode_transform(StampedTransform("base_link", "laser", self.time, Pose(-0.17)), 0.15)
         self.bus.say(TOPICS.tf_static, ros.TFMessage((link,)))
 
     def odometry(self, **changes: object) -> None:
-        message = to_odometry(Odometry(self.time, Pose(self.time), Velocity()), "odom", "base_link", COVARIANCE)
+        message = encode_odometry(Odometry(self.time, Pose(self.time), Velocity()), "odom", "base_link", COVARIANCE)
         self.bus.say(TOPICS.odom, replace(message, **changes))
 
     def scan(self, **changes: object) -> None:
-        message = to_laser_scan(Scan(self.time, np.ones(8), -3.0, 0.7, 0.02, 12.0), "laser")
+        message = encode_laser_scan(Scan(self.time, np.ones(8), -3.0, 0.7, 0.02, 12.0), "laser")
         self.bus.say(TOPICS.scan, replace(message, **changes))
 
     def latch(self, has_load: bool = False, answered: float = 0.0) -> None:
-        self.bus.say(TOPICS.latch_state, to_latch_state(LatchState(self.time, has_load, answered)))
+        self.bus.say(TOPICS.latch_state, encode_latch_state(LatchState(self.time, has_load, answered)))
 
     def tick(self, seconds: float = 0.1) -> None:
         self.time += seconds
@@ -106,10 +107,12 @@ def test_lidar_pose_is_taken_from_static_transforms(robot: RosRobot) -> None:
 
 def test_chain_of_static_transforms_is_composed(bus: Bus, node: BusTransport, driver: Driver) -> None:
     robot = RosRobot(node, NAMES, load_body())
-    mast = to_transform(Link("base_link", "mast", 0.0, Pose(1.0, 0.0, math.pi / 2)))
+    mast = encode_transform(StampedTransform("base_link", "mast", 0.0, Pose(1.0, 0.0, math.pi / 2)))
     bus.say(TOPICS.tf_static, ros.TFMessage((mast,)))
     camera = replace(mast, child_frame_id="camera", transform=ros.Transform(rotation=ros.Quaternion(1.0, w=0.0)))
-    bus.say(TOPICS.tf_static, ros.TFMessage((camera, to_transform(Link("mast", "laser", 0.0, Pose(0.5))))))
+    bus.say(
+        TOPICS.tf_static, ros.TFMessage((camera, encode_transform(StampedTransform("mast", "laser", 0.0, Pose(0.5)))))
+    )
     driver.odometry()
     driver.scan()
     driver.latch()
@@ -120,7 +123,7 @@ def test_chain_of_static_transforms_is_composed(bus: Bus, node: BusTransport, dr
 
 def test_tilted_lidar_is_rejected(bus: Bus, node: BusTransport, driver: Driver) -> None:
     robot = RosRobot(node, NAMES, load_body())
-    link = to_transform(Link("base_link", "laser", 0.0, Pose()))
+    link = encode_transform(StampedTransform("base_link", "laser", 0.0, Pose()))
     tilted = replace(link, transform=ros.Transform(rotation=ros.Quaternion(1.0, 0.0, 0.0, 0.0)))
     bus.say(TOPICS.tf_static, ros.TFMessage((tilted,)))
     with pytest.raises(InputError, match="upright"):
@@ -348,7 +351,7 @@ def test_second_publisher_is_reported_before_it_drives(robot: RosRobot, bus: Bus
 
 
 def test_unreachable_master_is_reported(robot: RosRobot, node: BusTransport, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(node, "connected", lambda: False)
+    monkeypatch.setattr(node, "is_connected", lambda: False)
     assert "master" in robot.status().message
 
 
@@ -359,7 +362,7 @@ def test_latch_command_is_repeated_until_it_is_answered(robot: RosRobot, driver:
     stamps: list[float] = []
 
     def answer(message: ros.JointState) -> None:
-        command = from_latch_command(message)
+        command = decode_latch_command(message)
         stamps.append(command.stamp)
         driver.latch(has_load=False, answered=command.stamp - 1.0)  # the answer to an earlier command
         if len(stamps) % 2 == 0:  # the first transmission is lost

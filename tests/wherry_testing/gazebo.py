@@ -17,10 +17,10 @@ from wherry.gazebo.latch_settings import GazeboLatchSettings, format_latch_setti
 from wherry.gazebo.latch_topics import ATTACHED, DETACHED, OPEN, close_topic, pose_topic, state_topic, take_in_topic
 from wherry.robot import Odometry, Scan
 from wherry.ros import messages as ros
-from wherry.ros.conversion import header_of, to_pose
+from wherry.ros.encoding import encode_header, encode_pose
 from wherry.ros.names import load_names
 from wherry.ros.nodes.simulator import SimulatorNode, simulator_node
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transports.protocol import Transport
 from wherry.simulation import Simulation
 from wherry.simulation.physics import Physics
 from wherry.space.pose import Pose
@@ -89,11 +89,11 @@ class FakeGazebo:
 
     def publish_poses(self) -> None:
         """Publish the models' poses."""
-        header = header_of(self.time, "world")
+        header = encode_header(self.time, "world")
         poses = {"wherry": self.physics.robot_pose}
         poses |= {f"box_{box}": Pose(*self.physics.box_positions[box, :2].tolist()) for box in self.boxes}
         for model, pose in poses.items():
-            self.transport.publish(pose_topic(model), ros.PoseStamped(header, to_pose(pose)))
+            self.transport.publish(pose_topic(model), ros.PoseStamped(header, encode_pose(pose)))
 
     def _on_request(self, request: str, box: int, message: ros.Empty) -> None:
         del message

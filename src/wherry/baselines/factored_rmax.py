@@ -10,10 +10,11 @@ from collections.abc import Callable, Hashable, Iterator
 from typing import Any, cast
 
 from wherry.baselines.rmax import NOT_KNOWN
+from wherry.oomdp.attributes import Value
 from wherry.oomdp.conditional_models import ConditionalPrediction, ModelOutcome
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, Outcome, Prediction, Transition
-from wherry.oomdp.objects import Object, State, Value
+from wherry.oomdp.objects import Object, State
 
 Variable = tuple[str, str]
 """An attribute of an object, by the object's name and the attribute's."""

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from wherry.pipelines.delivery.ros import RosDeliverySettings, RosDeliverySummary
-    from wherry.ros.names import Names
+    from wherry.ros.names import RosNames
     from wherry.ros.nodes.robot import RosRobot
-    from wherry.ros.transports.transport import Transport
+    from wherry.ros.transports.protocol import Transport
     from wherry.space.occupancy import OccupancyGrid
 
 NamesOption = Annotated[
@@ -55,7 +55,7 @@ InterfaceOption = Annotated[
 
 @dataclass(frozen=True)
 class NodeOptions:
-    """Names and network of a node."""
+    """RosNames and network of a node."""
 
     names: NamesOption = None
     namespace: NamespaceOption = ""
@@ -169,19 +169,13 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
             print_json(summary)
 
 
-def _publish_description(transport: Transport, names: Names) -> None:
-    """Publish the robot's URDF: in ROS 1 as a parameter, beside ``/use_sim_time``."""
+def _publish_description(transport: Transport, names: RosNames) -> None:
+    """Publish the robot's URDF, and that time is simulated."""
     from wherry.ros.description import robot_description
-    from wherry.ros.messages import String
-    from wherry.ros.transports.ros1 import Ros1
     from wherry.simulation.model import robot_urdf
 
-    description = robot_description(robot_urdf())
-    if isinstance(transport, Ros1):
-        transport.set_parameter("/use_sim_time", True)
-        transport.set_parameter(names.topics.robot_description.name, description)
-    else:
-        transport.publish(names.topics.robot_description, String(description))
+    transport.announce_sim_time()
+    transport.publish_robot_description(names.topics.robot_description, robot_description(robot_urdf()))
 
 
 # ---- deliver
@@ -204,7 +198,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         """The agent on a robot of ROS: it explores, maps, learns what its actions do, and delivers every box."""
         from wherry.files import make_folder
         from wherry.pipelines.delivery.ros import save
-        from wherry.ros.bodies import load_body
+        from wherry.ros.body_files import load_body
         from wherry.ros.nodes.robot import RosRobot
         from wherry.views.terminal import print_rules
 
@@ -264,7 +258,7 @@ def _compile_kernels(console: Console) -> None:
 def _deliver(
     robot: RosRobot,
     transport: Transport,
-    names: Names,
+    names: RosNames,
     settings: RosDeliverySettings,
     out: Path | None,
     page: PageOptions,
@@ -371,7 +365,7 @@ def _add_gazebo_latch(app: typer.Typer) -> None:
 # ---- nodes
 
 
-def parse_names(arguments: list[str] | None, node_name: str, node: NodeOptions) -> tuple[str, Names]:
+def parse_names(arguments: list[str] | None, node_name: str, node: NodeOptions) -> tuple[str, RosNames]:
     """Return a node's name and the names of its topics and frames.
 
     Args:
@@ -414,9 +408,9 @@ def _termination_event() -> Iterator[threading.Event]:
 def open_transport(generation: int, name: str, namespace: str, interface: str) -> Transport:
     """Connect a node to ROS 1 or ROS 2."""
     if generation == 1:
-        from wherry.ros.transports.ros1 import Ros1
+        from wherry.ros.transports.ros1 import Ros1Transport
 
-        return Ros1(name, namespace, interface)
-    from wherry.ros.transports.ros2 import LOOPBACK, DdsTransport
+        return Ros1Transport(name, namespace, interface)
+    from wherry.ros.transports.ros2 import LOOPBACK, Ros2Transport
 
-    return DdsTransport(interface or LOOPBACK)
+    return Ros2Transport(interface or LOOPBACK)

@@ -34,12 +34,12 @@ from wherry.gazebo.latch_topics import (
     take_in_topic,
 )
 from wherry.ros import messages as ros
-from wherry.ros.conversion import MessageError, from_pose, seconds_of
-from wherry.ros.diagnostics import Refusals
-from wherry.ros.names import Names
-from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, from_latch_command, to_latch_state
+from wherry.ros.decoding import MessageError, decode_pose, decode_stamp
+from wherry.ros.diagnostics import RejectedMessages
+from wherry.ros.names import RosNames
+from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, decode_latch_command, encode_latch_state
 from wherry.ros.nodes.subscriptions import Subscriptions
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transports.protocol import Transport
 from wherry.space.pose import Pose
 
 
@@ -49,10 +49,10 @@ class GazeboLatch:
     Args:
         settings: Of the exported world.
         transport: ROS.
-        names: Names of the agent's topics, and the rate of the latch's state.
+        names: RosNames of the agent's topics, and the rate of the latch's state.
     """
 
-    def __init__(self, settings: GazeboLatchSettings, transport: Transport, names: Names) -> None:
+    def __init__(self, settings: GazeboLatchSettings, transport: Transport, names: RosNames) -> None:
         self._settings = settings
         self._transport = transport
         self._command, self._state = names.topics.latch_command, names.topics.latch_state
@@ -76,9 +76,9 @@ class GazeboLatch:
             time.sleep(self._period)
 
     @property
-    def refusals(self) -> Refusals:
+    def rejected(self) -> RejectedMessages:
         """Counts of rejected messages by topic."""
-        return self._subscriptions.refusals
+        return self._subscriptions.rejected
 
     @property
     def is_ready(self) -> bool:
@@ -100,7 +100,7 @@ class GazeboLatch:
     # ---- callbacks, with the lock held
 
     def _on_pose(self, model: str, message: ros.PoseStamped) -> None:
-        seconds, pose = seconds_of(message.header.stamp), from_pose(message.pose)
+        seconds, pose = decode_stamp(message.header.stamp), decode_pose(message.pose)
         self._poses[model] = pose
         if model == ROBOT:
             self._time = seconds
@@ -118,7 +118,7 @@ class GazeboLatch:
         self._publish_state()
 
     def _on_command(self, message: ros.JointState) -> None:
-        command = from_latch_command(message)
+        command = decode_latch_command(message)
         if self.is_ready and command.stamp > self._answered:
             self._execute(command)
         self._publish_state()
@@ -158,11 +158,11 @@ class GazeboLatch:
 
     def _reset(self) -> None:
         """Open every joint as soon as Gazebo is running."""
-        if not self._is_reset and ROBOT in self._poses and self._transport.subscribers_of(OPEN):
+        if not self._is_reset and ROBOT in self._poses and self._transport.count_subscribers(OPEN):
             self._is_reset = True
             self._transport.publish(OPEN, ros.Empty())
 
     def _publish_state(self) -> None:
         if self.is_ready:
             state = LatchState(self._time, bool(self._attached), self._answered)
-            self._transport.publish(self._state, to_latch_state(state))
+            self._transport.publish(self._state, encode_latch_state(state))

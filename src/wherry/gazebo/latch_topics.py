@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from wherry.ros import messages as ros
-from wherry.ros.transports.transport import Topic
+from wherry.ros.topics import Topic
 
 ROBOT = "wherry"  # name of the robot's model
 OPENING_SECONDS = (0, 1)  # s of the world's clock in which the world itself opens the joints, which begin attached

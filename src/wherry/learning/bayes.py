@@ -20,13 +20,14 @@ from wherry.learning.concepts import Concept, condition_of
 from wherry.learning.predictions import Subject
 from wherry.learning.rewards import Rewards
 from wherry.learning.sentences import Rule
+from wherry.oomdp.attributes import Attribute, Value
 from wherry.oomdp.conditional_models import ConditionalPrediction, conditions_key
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
+from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, effects_between, observed_values
 from wherry.oomdp.effects_outcome import EffectsOutcome, ObjectEffects, StepReward, Task, changed_attributes
 from wherry.oomdp.mdp import Prediction, RewardFunction, TerminationFunction, Transition
-from wherry.oomdp.objects import Attribute, ObjectClass, State, Value
+from wherry.oomdp.objects import ObjectClass, State
 
 EXPECTED_TERMS = 0.5
 """How many terms a hypothesis is expected to fix: q = EXPECTED_TERMS / n, for n terms."""
@@ -293,7 +294,7 @@ class BayesianLearner:
         for subject, laws in self.laws.items():
             name = f"{subject.class_name.lower()}.{subject.attribute}"
             for law in laws:
-                effect = self.effect_types[law.effect.type].words(name, law.effect.argument)
+                effect = self.effect_types[law.effect.type].describe(name, law.effect.argument)
                 for concept in law.concepts:
                     literals = concept.simplest[0] if concept.refuted else 0
                     rules.append(Rule(subject.action, condition_of(literals, concept.size), effect))
@@ -320,7 +321,7 @@ class BayesianLearner:
             self._think_again()
         changed |= self._learn_to_expect(action, whole, succeeded=not transition.failed)
         for item, terms in zip(state.objects, own, strict=True):
-            for attribute, before, after in observed(item, transition.next_state.get(item.name)):
+            for attribute, before, after in observed_values(item, transition.next_state.get(item.name)):
                 subject = Subject(action, item.object_class.name, attribute.name)
                 changed |= self._learn(subject, attribute, terms, before, after)
         if changed:
@@ -338,7 +339,7 @@ class BayesianLearner:
     def _learn(self, subject: Subject, attribute: Attribute, terms: int, before: Value, after: Value) -> bool:
         """Learn from what happened to one attribute of one object; return whether beliefs have changed."""
         evidence = self.evidence.setdefault(subject, Evidence())
-        evidence.add(terms, before, after, eff_att(attribute, before, after, self.effect_types))
+        evidence.add(terms, before, after, effects_between(attribute, before, after, self.effect_types))
         self._expectations.get(subject, {}).pop(terms, None)
         return self._find_laws(subject)
 
@@ -393,7 +394,7 @@ class BayesianLearner:
 
     def _report(self, what: str, terms: int) -> None:
         """Put a contradiction into words."""
-        condition = Condition.of(self.domain.size, terms).words(self.domain.term_names)
+        condition = Condition.of(self.domain.size, terms).describe(self.domain.term_names)
         self._violations[f"{what} (where {condition})"] = None
 
     def _learn_worth(self, transition: Transition, whole: int) -> bool:

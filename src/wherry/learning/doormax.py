@@ -15,13 +15,14 @@ from wherry.learning.near_miss import NearMisses
 from wherry.learning.predictions import Predictions, Subject
 from wherry.learning.rewards import Rewards
 from wherry.learning.sentences import Rule
+from wherry.oomdp.attributes import EXISTS, Attribute, Value
 from wherry.oomdp.conditional_models import ConditionalPrediction, conditions_key
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
+from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, effects_between, observed_values
 from wherry.oomdp.effects_outcome import EffectsOutcome, ObjectEffects, StepReward, Task, changed_attributes
 from wherry.oomdp.mdp import Prediction, RewardFunction, TerminationFunction, Transition
-from wherry.oomdp.objects import EXISTS, Attribute, ObjectClass, State, Value
+from wherry.oomdp.objects import ObjectClass, State
 
 FailureScope = Literal["action", "attribute"]
 Inference = Literal["memorise", "near-miss"]
@@ -205,7 +206,7 @@ class Doormax:
                 changed |= self._retract_failure(action, whole)
             for item, terms in zip(state.objects, own, strict=True):
                 condition = Condition.of(self.domain.size, terms)
-                for attribute, before, after in observed(item, transition.next_state.get(item.name)):  # line 6
+                for attribute, before, after in observed_values(item, transition.next_state.get(item.name)):  # line 6
                     subject = Subject(action, item.object_class.name, attribute.name)
                     changed |= self._learn(subject, attribute, condition, before, after)
         if changed:
@@ -221,7 +222,7 @@ class Doormax:
             if before == after:
                 return self._add_failure(subject, condition.value)
             self._retract_failure(subject, condition.value)
-        effects = eff_att(attribute, before, after, self.effect_types)
+        effects = effects_between(attribute, before, after, self.effect_types)
         changed = self.refutation and self._refute(subject, condition.value, before != after, effects)
         for effect in effects:  # line 7
             if effect.type in self.predictions.models[subject]:
@@ -285,7 +286,7 @@ class Doormax:
         expected = self.predict(transition.state, action).most_likely.next_state
         if not self.refutation or expected is None or expected is transition.state:
             return False
-        words = Condition.of(self.domain.size, whole).words(self.domain.term_names)
+        words = Condition.of(self.domain.size, whole).describe(self.domain.term_names)
         slip = f"{action.name}: did nothing where it should; this is believed if it happens again (where {words})"
         if slip in self._violations:
             return False
@@ -305,7 +306,7 @@ class Doormax:
         if terms not in self.failures.get(scope, ()):
             return False
         self.failures[scope].remove(terms)
-        words = Condition.of(self.domain.size, terms).words(self.domain.term_names)
+        words = Condition.of(self.domain.size, terms).describe(self.domain.term_names)
         self._violations[f"{scope}: changed something where it had changed nothing before ({words})"] = None
         return True
 

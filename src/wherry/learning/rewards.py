@@ -93,7 +93,7 @@ class Rewards:
         """Where the same step under the same condition was worth different things, in words: terms are missing."""
         return tuple(
             f"{action}: the reward, or whether the episode ended, was not the same each time "
-            f"(where {Condition.of(self.size, terms).words(term_names)})"
+            f"(where {Condition.of(self.size, terms).describe(term_names)})"
             for action, terms in self._contradictions
         )
 

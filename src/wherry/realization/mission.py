@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from wherry.domains.delivery import Site
+from wherry.domains.delivery import DeliverySite
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.localization.localizer import Localizer
@@ -221,11 +221,11 @@ class Mission:
         environment.learn_of(chart.frame, self._site(chart, map_from_start), boxes)
         return self._stand_ready(survey, chart, map_from_start, environment)
 
-    def _site(self, chart: Chart, map_from_start: Pose) -> Site:
+    def _site(self, chart: Chart, map_from_start: Pose) -> DeliverySite:
         """The site on a map, with as much of the warehouse as the map shows."""
         tiles = chart.frame.cells_at(map_from_start.transform(self._order.warehouse))
         warehouse = {Cell(int(x), int(y)) for x, y in tiles}
-        return Site.of_plan(replace(chart.plan, warehouse=frozenset(warehouse & set(chart.plan.cells()))))
+        return DeliverySite.of_plan(replace(chart.plan, warehouse=frozenset(warehouse & set(chart.plan.cells()))))
 
     def _centre(self, pilot: Pilot, chart: Chart, environment: RobotEnvironment) -> None:
         """Drive to the middle of the nearest cell without a box."""

@@ -12,8 +12,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.domains.delivery import DROPOFF, PICKUP, DeliverySteps, all_delivered, boxes_left, delivery_domain, reward
-from wherry.episodes import GoalAgent, Step, run
+from wherry.domains.delivery import (
+    DROPOFF,
+    PICKUP,
+    DeliveryHeuristic,
+    all_delivered,
+    boxes_left,
+    delivery_domain,
+    delivery_reward,
+)
+from wherry.episodes import GoalAgent, Step, run_episode
 from wherry.errors import InputError
 from wherry.learning.learners import LEARNERS, RuleLearner
 from wherry.learning.rule_files.files import load_rules
@@ -53,8 +61,8 @@ def delivery_learner(name: str, rules_file: Path | None = None) -> RuleLearner:
         raise InputError("--learner", name, f"is none of {', '.join(LEARNERS)}")
     domain = delivery_domain(ANYWHERE, ANYWHERE)
     if rules_file is not None:
-        return load_rules(rules_file, domain, reward=reward, terminated=all_delivered)
-    return LEARNERS[name](domain, reward=reward, terminated=all_delivered)
+        return load_rules(rules_file, domain, reward=delivery_reward, terminated=all_delivered)
+    return LEARNERS[name](domain, reward=delivery_reward, terminated=all_delivered)
 
 
 def beginning(world: str, learner: RuleLearner, body: Body) -> RunStarted:
@@ -104,9 +112,9 @@ class Delivery:
         self._tell_rules()
         goes_on = True
         while goes_on:
-            agent = GoalAgent(self._learner, boxes_left, DeliverySteps())
+            agent = GoalAgent(self._learner, boxes_left, DeliveryHeuristic())
             goes_on = bool(environment.remaining) and (yield from self._pursue(agent))
-            self._gave_up = agent.gave_up
+            self._gave_up = agent.failure_reason
             goes_on = goes_on or self._looks_further() or (yield from self._clears_the_way())
         self._say(Phase.DONE, _last_words(environment.delivered, environment.remaining, self._gave_up))
 
@@ -141,7 +149,7 @@ class Delivery:
             Whether it has seen more.
         """
         environment = self.ready.environment
-        for step in run(environment, agent, self._rng, max_steps=MOST_STEPS - self._steps):
+        for step in run_episode(environment, agent, self._rng, max_steps=MOST_STEPS - self._steps):
             self._steps += 1
             now = environment.pilot.time
             self._sink(
@@ -149,9 +157,9 @@ class Delivery:
                     time=now,
                     condition=str(step.condition),
                     action=str(step.action),
-                    is_learning=step.learning,
+                    is_learning=step.is_learning,
                     has_effect=not step.transition.failed,
-                    unknown_pairs=step.unknown,
+                    unknown_pairs=step.unknown_pairs,
                     delivered=environment.delivered,
                     remaining=environment.remaining,
                     plan=_centres(agent.plan, self.ready.frame),
@@ -228,8 +236,8 @@ def _centres(states: Sequence[State], frame: CellFrame) -> NDArray[np.float32]:
 
 def _comment(step: Step, now: float, sink: Sink) -> None:
     """Say what is worth saying of a step."""
-    phase = Phase.LEARN if step.learning else Phase.DELIVER
-    if step.surprise:
+    phase = Phase.LEARN if step.is_learning else Phase.DELIVER
+    if step.is_surprise:
         sink(Narration(now, phase, f"{step.action} did not do what I expected in {step.condition}: I learn from it."))
     if step.transition.failed or step.action not in (PICKUP, DROPOFF):
         return

@@ -15,12 +15,12 @@ from wherry.learning.learners import RuleLearner
 from wherry.learning.rule_files.files import save_rules
 from wherry.pipelines.delivery.agent import Delivery, beginning
 from wherry.realization.mission import Mission, Order, Ready
-from wherry.ros.conversion import header_of, to_pose
+from wherry.ros.encoding import encode_header, encode_pose
 from wherry.ros.messages import PoseWithCovariance, PoseWithCovarianceStamped
-from wherry.ros.names import Names
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.external import ExternalMap, ExternalMapper, ExternalPose
 from wherry.ros.nodes.robot import RosRobot
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transports.protocol import Transport
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -136,7 +136,7 @@ class NavigationStack:
         self,
         robot: RosRobot,
         transport: Transport,
-        names: Names,
+        names: RosNames,
         *,
         mapping: Provider,
         localization: Provider,
@@ -206,10 +206,10 @@ class NavigationStack:
         odometry, topic = self._robot.odometry, self._names.topics.initialpose
         if self._pose is None or odometry is None:
             raise RuntimeError("there is no external localization, or the robot is not ready")
-        estimate = PoseWithCovariance(to_pose(pose), INITIAL_COVARIANCE)
+        estimate = PoseWithCovariance(encode_pose(pose), INITIAL_COVARIANCE)
         deadline = time.monotonic() + self._timeout
         while time.monotonic() < deadline:
-            header = header_of(self._robot.time, self._names.frames.map)
+            header = encode_header(self._robot.time, self._names.frames.map)
             self._transport.publish(topic, PoseWithCovarianceStamped(header, estimate))
             if self._pose.wait_until_near(pose, odometry, INITIAL_POSE_PERIOD):
                 return self._pose
@@ -238,7 +238,7 @@ def run(
     actions = learning_steps = 0
     for step in delivery:
         actions += 1
-        learning_steps += step.learning
+        learning_steps += step.is_learning
     environment = delivery.ready.environment
     duration = robot.time - started_at
     summary = RosDeliverySummary(environment.delivered, environment.remaining, actions, learning_steps, duration)

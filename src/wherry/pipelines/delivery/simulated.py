@@ -225,7 +225,7 @@ class DeliveryRun:
             boxes=boxes,
             unreachable=unreachable,
             collisions=len(referee.collisions),
-            learning_steps=sum(step.learning for round_ in self._rounds for step in round_.steps),
+            learning_steps=sum(step.is_learning for round_ in self._rounds for step in round_.steps),
             actions=sum(len(round_.steps) for round_ in self._rounds),
             path_ratio=self._path_ratio(),
             localization_rmse_m=rmse,
@@ -251,7 +251,7 @@ class DeliveryRun:
     def _straight_on(self) -> Iterator[tuple[Mark, Mark]]:
         """The ends of all stretches in which a complete plan was followed."""
         for round_ in self._rounds:
-            for begin, end in _stretches([not step.exploring for step in round_.steps]):
+            for begin, end in _stretches([not step.is_exploring for step in round_.steps]):
                 yield round_.marks[begin], round_.marks[end]
 
     def _localization(self) -> tuple[Pose | None, float | None]:

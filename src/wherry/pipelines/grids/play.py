@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from wherry.domains.delivery import DeliverySteps, all_delivered, boxes_left, delivery_grid, reward
+from wherry.domains.delivery import DeliveryHeuristic, all_delivered, boxes_left, delivery_grid, delivery_reward
 from wherry.domains.taxi import SIZES, taxi_grid
-from wherry.environments.grids import Figures, delivery_figures, taxi_figures
-from wherry.environments.pictures import in_text
+from wherry.environments.grids import SpritesOf, delivery_sprites, taxi_sprites
+from wherry.environments.pictures import render_text
 from wherry.episodes import Agent, GoalAgent, PolicyAgent
 from wherry.errors import InputError
 from wherry.floorplan.plan import FloorPlan
@@ -24,9 +24,10 @@ from wherry.learning.doormax import Doormax
 from wherry.learning.learners import LEARNERS as RULE_LEARNERS
 from wherry.learning.learners import RuleLearner
 from wherry.learning.rule_files.files import load_rules
+from wherry.oomdp.attributes import Value
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Prediction, Transition
-from wherry.oomdp.objects import State, Value
+from wherry.oomdp.objects import State
 from wherry.pipelines.grids.learning import CURIOSITY
 from wherry.planning.value_iteration import ValueIteration
 
@@ -86,14 +87,14 @@ class Table:
     Attributes:
         mdp: What is true.
         plan: The floor that is drawn.
-        figures: What stands on it.
+        sprites: What stands on it.
         learner: Who watches.
         agent: Acts in the learner's place when it is let.
     """
 
     mdp: DeterministicMdp
     plan: FloorPlan
-    figures: Figures
+    sprites: SpritesOf
     learner: RuleLearner
     agent: Agent
 
@@ -137,7 +138,7 @@ class Game:
     @property
     def drawing(self) -> str:
         """The world as text."""
-        return in_text(self.table.plan, self.table.figures(self.state))
+        return render_text(self.table.plan, self.table.sprites(self.state))
 
     @property
     def condition(self) -> tuple[tuple[str, bool], ...]:
@@ -203,14 +204,14 @@ def _taxi(settings: Settings) -> Table:
     learner = _learner(settings, grid)
     curiosity = CURIOSITY if settings.learner == "bayes" else 0.0
     agent = PolicyAgent(learner, ValueIteration(learner, curiosity=curiosity))
-    return Table(grid, grid.plan, taxi_figures, learner, agent)
+    return Table(grid, grid.plan, taxi_sprites, learner, agent)
 
 
 def _delivery(settings: Settings) -> Table:
     plan = find_world(settings.world)
     grid = delivery_grid(plan, settings.boxes)
-    learner = _learner(settings, grid, reward=reward, terminated=all_delivered)
-    return Table(grid, plan, delivery_figures, learner, GoalAgent(learner, boxes_left, DeliverySteps()))
+    learner = _learner(settings, grid, reward=delivery_reward, terminated=all_delivered)
+    return Table(grid, plan, delivery_sprites, learner, GoalAgent(learner, boxes_left, DeliveryHeuristic()))
 
 
 TABLES: Mapping[str, Callable[[Settings], Table]] = {"taxi": _taxi, "delivery": _delivery}

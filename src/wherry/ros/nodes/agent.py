@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import Link, to_grid, to_path, to_pose_array, to_transform
-from wherry.ros.diagnostics import OK, diagnostics_of, status_of
-from wherry.ros.names import Names
+from wherry.ros.diagnostics import OK, diagnostic_array, diagnostic_status
+from wherry.ros.encoding import encode_occupancy_grid, encode_path, encode_pose_array, encode_transform
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.markers import BoxMarkers, cell_markers, condition_markers
 from wherry.ros.nodes.robot import RosRobot
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transforms import StampedTransform
+from wherry.ros.transports.protocol import Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY
 from wherry.trace.records import (
@@ -58,7 +59,7 @@ class AgentNode:
         self,
         robot: RosRobot,
         transport: Transport,
-        names: Names,
+        names: RosNames,
         *,
         publishes_map: bool = True,
         publishes_pose: bool = True,
@@ -112,7 +113,7 @@ class AgentNode:
                 self._lasting_markers = tuple(cell_markers(record, self._frames.map))
                 self._publish_markers(self._lasting_markers)
             case StepTaken():
-                self._transport.publish(self._topics.plan, to_path(record.plan, record.time, self._frames.map))
+                self._transport.publish(self._topics.plan, encode_path(record.plan, record.time, self._frames.map))
             case PerceivedState():
                 self._condition = record.condition
             case LearntModel():
@@ -121,7 +122,7 @@ class AgentNode:
     def publish_map(self, grid: OccupancyGrid) -> None:
         """Publish a map, unless an external stack publishes maps."""
         if self._publishes_map:
-            self._transport.publish(self._topics.map, to_grid(grid, self._robot.time, self._frames.map))
+            self._transport.publish(self._topics.map, encode_occupancy_grid(grid, self._robot.time, self._frames.map))
 
     # ---- heartbeat
 
@@ -141,13 +142,13 @@ class AgentNode:
         if now <= self._transform_time:
             return  # tf2 warns about repeated stamps
         self._transform_time = now
-        link = Link(self._frames.map, self._frames.odom, now + TRANSFORM_TOLERANCE, self._map_from_odom)
-        self._transport.publish(self._topics.tf, ros.TFMessage((to_transform(link),)))
+        link = StampedTransform(self._frames.map, self._frames.odom, now + TRANSFORM_TOLERANCE, self._map_from_odom)
+        self._transport.publish(self._topics.tf, ros.TFMessage((encode_transform(link),)))
 
     def _publish_diagnostics(self) -> None:
         text, phase = ("", "") if self._narration is None else (self._narration.text, self._narration.phase)
-        agent = status_of("wherry: agent", OK, text, {"phase": phase, "condition": self._condition})
-        message = diagnostics_of(self._robot.time, agent, self._robot.status())
+        agent = diagnostic_status("wherry: agent", OK, text, {"phase": phase, "condition": self._condition})
+        message = diagnostic_array(self._robot.time, agent, self._robot.status())
         self._transport.publish(self._topics.diagnostics, message)
 
     # ---- observations
@@ -169,9 +170,9 @@ class AgentNode:
             return
         self._published_time = snapshot.time
         frame, topics = self._frames.map, self._topics
-        particles = to_pose_array(_subsample(snapshot.particles, MAX_PARTICLES), snapshot.time, frame)
+        particles = encode_pose_array(_subsample(snapshot.particles, MAX_PARTICLES), snapshot.time, frame)
         self._transport.publish(topics.particlecloud, particles)
-        self._transport.publish(topics.predicted_path, to_path(snapshot.path, snapshot.time, frame))
+        self._transport.publish(topics.predicted_path, encode_path(snapshot.path, snapshot.time, frame))
         boxes = self._box_markers.update(snapshot, frame)
         self._publish_markers((*boxes, *condition_markers(self._condition, self._terms, snapshot, frame)))
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from wherry.robot import Odometry, Scan
 from wherry.ros import messages as ros
-from wherry.ros.conversion import from_estimate, from_grid, links_between
-from wherry.ros.diagnostics import Refusals
-from wherry.ros.names import Names
+from wherry.ros.decoding import decode_occupancy_grid, decode_pose_estimate, transforms_between
+from wherry.ros.diagnostics import RejectedMessages
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.subscriptions import POLL_PERIOD, Subscriptions
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transports.protocol import Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
@@ -32,7 +32,7 @@ class ExternalMap:
         names: Topics and frames.
     """
 
-    def __init__(self, transport: Transport, names: Names) -> None:
+    def __init__(self, transport: Transport, names: RosNames) -> None:
         self._topic, self._frame = names.topics.map, names.frames.map
         self._subscriptions = Subscriptions(transport)
         self._grid: OccupancyGrid | None = None
@@ -57,7 +57,7 @@ class ExternalMap:
             return self._grid
 
     def _on_map(self, message: ros.OccupancyGrid) -> None:
-        self._grid = from_grid(message, self._frame, margin=UNKNOWN_MARGIN)
+        self._grid = decode_occupancy_grid(message, self._frame, margin=UNKNOWN_MARGIN)
 
 
 class ExternalPose:
@@ -69,7 +69,7 @@ class ExternalPose:
         odometry: Returns the robot's latest odometry, which turns a pose into map → odom.
     """
 
-    def __init__(self, transport: Transport, names: Names, odometry: Callable[[], Odometry | None]) -> None:
+    def __init__(self, transport: Transport, names: RosNames, odometry: Callable[[], Odometry | None]) -> None:
         self._topics, self._frames = names.topics, names.frames
         self._odometry = odometry
         self._subscriptions = Subscriptions(transport)
@@ -81,9 +81,9 @@ class ExternalPose:
         self._subscriptions.add(self._topics.amcl_pose, self._on_estimate)
 
     @property
-    def refusals(self) -> Refusals:
+    def rejected(self) -> RejectedMessages:
         """Counts of rejected messages by topic."""
-        return self._subscriptions.refusals
+        return self._subscriptions.rejected
 
     def wait(self, timeout: float) -> None:
         """Wait for a pose.
@@ -134,14 +134,14 @@ class ExternalPose:
         return self._now - self._confirmed_at > POSE_MAX_AGE
 
     def _on_transforms(self, message: ros.TFMessage) -> None:
-        for link in links_between(message, self._frames.map, self._frames.odom):
+        for link in transforms_between(message, self._frames.map, self._frames.odom):
             self._map_from_odom, self._confirmed_at, self._has_transforms = link.pose, link.time, True
 
     def _on_estimate(self, message: ros.PoseWithCovarianceStamped) -> None:
         odometry = self._odometry()
         if self._has_transforms or odometry is None:
             return  # transforms are more accurate, since they come with every scan
-        _, pose = from_estimate(message, self._frames.map)
+        _, pose = decode_pose_estimate(message, self._frames.map)
         # amcl publishes its pose only after motion, so an old estimate stays valid.
         self._map_from_odom, self._confirmed_at = pose @ odometry.pose.inverse, math.inf
 

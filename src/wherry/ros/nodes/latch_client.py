@@ -11,12 +11,12 @@ from wherry.ros.nodes.latch_protocol import (
     MIN_STAMP_SPACING,
     LatchCommand,
     LatchState,
-    from_latch_state,
-    to_latch_command,
+    decode_latch_state,
+    encode_latch_command,
 )
 from wherry.ros.nodes.robot_clock import RobotClock
 from wherry.ros.nodes.subscriptions import Subscriptions
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transports.protocol import Transport
 
 ANSWER_TIMEOUT = 0.5  # s from a command to its repetition
 MAX_ATTEMPTS = 10  # transmissions of one command
@@ -51,7 +51,7 @@ class LatchClient:
         self._last_stamp = max(self._clock.time, self._last_stamp + MIN_STAMP_SPACING)
         command = LatchCommand(self._last_stamp, close)
         for _ in range(MAX_ATTEMPTS):
-            self._transport.publish(self._topics.latch_command, to_latch_command(command))
+            self._transport.publish(self._topics.latch_command, encode_latch_command(command))
             if (state := self._wait_for_answer(command)) is not None:
                 return state
         raise RobotLostError(f"{self._topics.latch_state.name}: the latch does not answer")
@@ -66,4 +66,4 @@ class LatchClient:
         return None
 
     def _on_state(self, message: ros.JointState) -> None:
-        self.state = from_latch_state(message)
+        self.state = decode_latch_state(message)

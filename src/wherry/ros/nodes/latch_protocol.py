@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import MessageError, header_of, seconds_of
+from wherry.ros.decoding import MessageError, decode_stamp
+from wherry.ros.encoding import encode_header
 
 LATCH, LOAD, ANSWERED = "latch", "load", "answered"  # joint names
 STAMP_TOLERANCE = 1e-5  # s; float64 resolves 2e-7 s at today's dates
@@ -56,12 +57,12 @@ class LatchState:
         return abs(self.answered - command.stamp) < STAMP_TOLERANCE
 
 
-def to_latch_command(command: LatchCommand) -> ros.JointState:
+def encode_latch_command(command: LatchCommand) -> ros.JointState:
     """Convert a command to a message."""
-    return ros.JointState(header_of(command.stamp, ""), (LATCH,), np.array([float(command.close)]))
+    return ros.JointState(encode_header(command.stamp, ""), (LATCH,), np.array([float(command.close)]))
 
 
-def from_latch_command(message: ros.JointState) -> LatchCommand:
+def decode_latch_command(message: ros.JointState) -> LatchCommand:
     """Convert a message to a command.
 
     Raises:
@@ -70,16 +71,16 @@ def from_latch_command(message: ros.JointState) -> LatchCommand:
     position = _positions(message).get(LATCH, math.nan)
     if position not in (0.0, 1.0):
         raise MessageError(f"asks for the latch position {position}; 1 closes it, 0 opens it")
-    return LatchCommand(seconds_of(message.header.stamp), position == 1.0)
+    return LatchCommand(decode_stamp(message.header.stamp), position == 1.0)
 
 
-def to_latch_state(state: LatchState) -> ros.JointState:
+def encode_latch_state(state: LatchState) -> ros.JointState:
     """Convert a state to a message."""
     positions = np.array([float(state.has_load), state.answered])
-    return ros.JointState(header_of(state.time, ""), (LOAD, ANSWERED), positions)
+    return ros.JointState(encode_header(state.time, ""), (LOAD, ANSWERED), positions)
 
 
-def from_latch_state(message: ros.JointState) -> LatchState:
+def decode_latch_state(message: ros.JointState) -> LatchState:
     """Convert a message to a state.
 
     Raises:
@@ -89,7 +90,7 @@ def from_latch_state(message: ros.JointState) -> LatchState:
     load, answered = positions.get(LOAD, math.nan), positions.get(ANSWERED, math.nan)
     if load not in (0.0, 1.0) or not math.isfinite(answered):
         raise MessageError(f"says {positions} instead of {LOAD} (0 or 1) and {ANSWERED}")
-    return LatchState(seconds_of(message.header.stamp), load == 1.0, answered)
+    return LatchState(decode_stamp(message.header.stamp), load == 1.0, answered)
 
 
 def _positions(message: ros.JointState) -> dict[str, float]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import header_of, to_pose
+from wherry.ros.encoding import encode_header, encode_pose
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Pose
 from wherry.trace.records import CellLayout, RobotSnapshot
@@ -37,14 +37,14 @@ class BoxMarkers:
         poses = [Pose(float(x), float(y)) for x, y in snapshot.boxes]
         if snapshot.has_load:
             poses.append(snapshot.pose)
-        header = header_of(snapshot.time, frame)
+        header = encode_header(snapshot.time, frame)
         for number, pose in enumerate(poses):
             yield ros.Marker(
                 header,
                 "boxes",
                 number,
                 ros.Marker.CYLINDER,
-                pose=to_pose(pose, BOX_HEIGHT / 2),
+                pose=encode_pose(pose, BOX_HEIGHT / 2),
                 scale=ros.Vector3(2 * self.radius, 2 * self.radius, BOX_HEIGHT),
                 color=RED,
             )
@@ -66,7 +66,7 @@ def condition_markers(
     """
     if not condition:
         return
-    header = header_of(snapshot.time, frame)
+    header = encode_header(snapshot.time, frame)
     yield _condition_text(header, condition, terms, snapshot.pose)
     yield _condition_bits(header, condition, snapshot.pose)
 
@@ -80,7 +80,7 @@ def _condition_text(header: ros.Header, condition: str, terms: Sequence[str], ro
         "condition",
         0,
         ros.Marker.TEXT_VIEW_FACING,
-        pose=to_pose(Pose(robot.x, robot.y + offset), TEXT_ELEVATION),
+        pose=encode_pose(Pose(robot.x, robot.y + offset), TEXT_ELEVATION),
         scale=ros.Vector3(z=TEXT_HEIGHT),
         color=BLACK,
         text="\n".join([condition, *true_terms]),
@@ -112,7 +112,7 @@ def cell_markers(cells: CellLayout, frame: str) -> Iterator[ros.Marker]:
         cells: The cells on the map.
         frame: The map's.
     """
-    header = header_of(cells.time, frame)
+    header = encode_header(cells.time, frame)
     size, origin = cells.frame.cell_size, cells.frame.origin
     for number, (x, y) in enumerate(cells.warehouse.tolist()):
         centre = cells.frame.centre(x, y)
@@ -121,7 +121,7 @@ def cell_markers(cells: CellLayout, frame: str) -> Iterator[ros.Marker]:
             "warehouse",
             number,
             ros.Marker.CUBE,
-            pose=to_pose(Pose(float(centre[0]), float(centre[1]), origin.theta), TILE_HEIGHT / 2),
+            pose=encode_pose(Pose(float(centre[0]), float(centre[1]), origin.theta), TILE_HEIGHT / 2),
             scale=ros.Vector3(size, size, TILE_HEIGHT),
             color=GREEN,
         )

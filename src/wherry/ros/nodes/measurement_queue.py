@@ -8,8 +8,8 @@ from collections import deque
 
 from wherry.robot import Odometry, Scan
 from wherry.ros import messages as ros
-from wherry.ros.conversion import from_laser_scan, from_odometry
-from wherry.ros.names import Names
+from wherry.ros.decoding import decode_laser_scan, decode_odometry
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.errors import TimeMovedBackwardsError
 from wherry.ros.nodes.measurements import MeasurementSequencer, StampValidator
 from wherry.ros.nodes.robot_clock import RobotClock
@@ -35,7 +35,7 @@ class MeasurementQueue:
         clock_reset: Set once the robot's clock was set back.
     """
 
-    def __init__(self, subscriptions: Subscriptions, names: Names, clock: RobotClock) -> None:
+    def __init__(self, subscriptions: Subscriptions, names: RosNames, clock: RobotClock) -> None:
         topics, self._frames = names.topics, names.frames
         self._clock = clock
         self._sequencer = MeasurementSequencer()
@@ -88,7 +88,7 @@ class MeasurementQueue:
             self._queue = deque(item for item in self._queue if isinstance(item, Odometry) or item is scans[-1])
 
     def _on_odometry(self, message: ros.Odometry) -> None:
-        odometry = from_odometry(message, self._frames.odom, self._frames.base_link)
+        odometry = decode_odometry(message, self._frames.odom, self._frames.base_link)
         if not self._accept(odometry.time, self._odometry_stamps):
             return
         if self.odometry is None:
@@ -97,7 +97,7 @@ class MeasurementQueue:
         self._queue.extend(self._sequencer.add_odometry(odometry))
 
     def _on_scan(self, message: ros.LaserScan) -> None:
-        scan = from_laser_scan(message, self._frames.laser)
+        scan = decode_laser_scan(message, self._frames.laser)
         if not self._accept(scan.time, self._scan_stamps):
             return
         self._scan_received_at = time.monotonic()

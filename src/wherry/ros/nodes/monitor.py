@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import MessageError, seconds_of
-from wherry.ros.names import Names
-from wherry.ros.transports.transport import Transport
+from wherry.ros.decoding import MessageError, decode_stamp
+from wherry.ros.names import RosNames
+from wherry.ros.transports.protocol import Transport
 from wherry.space.pose import Floats
 
 MILLISECONDS = 1e3  # per second
@@ -51,7 +51,7 @@ class Monitor:
         names: Topics.
     """
 
-    def __init__(self, transport: Transport, names: Names) -> None:
+    def __init__(self, transport: Transport, names: RosNames) -> None:
         self.scans, self.odometry = TopicLog(), TopicLog()
         self.commands: list[float] = []  # s, monotonic clock
         self._lock = threading.Lock()
@@ -59,13 +59,13 @@ class Monitor:
         transport.subscribe(topics.scan, lambda message: self._on_measurement(self.scans, message.header))
         transport.subscribe(topics.odom, lambda message: self._on_measurement(self.odometry, message.header))
         transport.subscribe(topics.cmd_vel, self._on_velocity)
-        if transport.generation == 2:
+        if transport.ros_version == 2:
             transport.subscribe(topics.cmd_vel_stamped, self._on_velocity)
 
     def _on_measurement(self, log: TopicLog, header: ros.Header) -> None:
         now = time.monotonic()
         try:
-            stamp = seconds_of(header.stamp)
+            stamp = decode_stamp(header.stamp)
         except MessageError:
             return  # it counts as missing
         with self._lock:

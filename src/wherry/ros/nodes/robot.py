@@ -15,9 +15,9 @@ from typing import Self
 
 from wherry.robot import Body, Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import BodyParameters
-from wherry.ros.diagnostics import ERROR, OK, WARN, status_of
-from wherry.ros.names import Names
+from wherry.ros.body_files import BodyParameters
+from wherry.ros.diagnostics import ERROR, OK, WARN, diagnostic_status
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.errors import RobotLostError
 from wherry.ros.nodes.latch_client import LatchClient
 from wherry.ros.nodes.measurement_queue import SCAN_MAX_AGE, MeasurementQueue
@@ -25,7 +25,7 @@ from wherry.ros.nodes.robot_clock import RobotClock
 from wherry.ros.nodes.static_transforms import StaticTransforms
 from wherry.ros.nodes.subscriptions import POLL_PERIOD, Subscriptions
 from wherry.ros.nodes.velocity_commands import VelocityCommands
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transports.protocol import Transport
 from wherry.space.pose import Pose
 
 ROBOT_LOST_TIMEOUT = 10.0  # s without a scan after which the robot counts as gone
@@ -47,7 +47,7 @@ class RosRobot:
     """
 
     def __init__(
-        self, transport: Transport, names: Names, parameters: BodyParameters, *, stamped: bool = False
+        self, transport: Transport, names: RosNames, parameters: BodyParameters, *, stamped: bool = False
     ) -> None:
         topics = names.topics
         self._transport, self._topics, self._frames = transport, topics, names.frames
@@ -91,11 +91,11 @@ class RosRobot:
         self._subscriptions.wait_for(self._missing, timeout)
         with self._subscriptions.changed:
             self._body = self._parameters.body(self._lidar() or Pose())
-        clocks = self._transport.publishers_of(self._topics.clock)
+        clocks = self._transport.count_publishers(self._topics.clock)
         self._clock.is_simulated = clocks > 0 if use_sim_time is None else use_sim_time
 
     def _missing(self) -> list[str]:
-        """Names of what has not been received yet."""
+        """RosNames of what has not been received yet."""
         topics, frames = self._topics, self._frames
         received = {
             topics.scan.name: self._measurements.has_received_scan,
@@ -193,23 +193,23 @@ class RosRobot:
     def status(self) -> ros.DiagnosticStatus:
         """The state of the connection, for ``/diagnostics``."""
         other_publishers = self._velocities.other_publishers
-        refusals = self._subscriptions.refusals
+        rejected = self._subscriptions.rejected
         with self._subscriptions.changed:
             is_stale, is_yielding = self._measurements.is_scan_stale, self._velocities.is_yielding
             values = {
                 "scans left out": self._measurements.dropped_scans,
                 "other publishers of velocities": other_publishers,
                 "clock": "simulated" if self._clock.is_simulated else "real",
-                **{f"refused on {topic}": count for topic, count in refusals.counts.items()},
-                "last refused": refusals.last,
+                **{f"refused on {topic}": count for topic, count in rejected.counts.items()},
+                "last refused": rejected.last,
             }
         level, text = OK, "connected"
         if is_yielding:
             level, text = ERROR, "another node drives the robot: waiting"
         elif is_stale:
             level, text = ERROR, "the last scan is too old: stopped"
-        elif not self._transport.connected():
+        elif not self._transport.is_connected():
             level, text = WARN, "the ROS master cannot be reached"
         elif other_publishers:
             level, text = WARN, "another node also publishes velocities"
-        return status_of("wherry: robot", level, text, values)
+        return diagnostic_status("wherry: robot", level, text, values)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import seconds_of
+from wherry.ros.decoding import decode_stamp
 from wherry.ros.nodes.subscriptions import Subscriptions
-from wherry.ros.transports.transport import Topic
+from wherry.ros.topics import Topic
 
 
 class RobotClock:
@@ -32,6 +32,6 @@ class RobotClock:
         self.time = max(self.time, stamp)
 
     def _on_clock(self, message: ros.Clock) -> None:
-        now = seconds_of(message.clock)
+        now = decode_stamp(message.clock)
         if self.is_simulated:
             self.advance_to(now)

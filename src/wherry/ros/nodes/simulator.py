@@ -16,22 +16,15 @@ import numpy as np
 
 from wherry.robot import Odometry, Robot, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.conversion import (
-    Link,
-    MessageError,
-    from_twist,
-    header_of,
-    seconds_of,
-    stamp_of,
-    to_laser_scan,
-    to_odometry,
-    to_transform,
-)
-from wherry.ros.diagnostics import OK, WARN, Refusals, diagnostics_of, status_of
-from wherry.ros.names import Names, Topics
-from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, from_latch_command, to_latch_state
+from wherry.ros.decoding import MessageError, decode_stamp, decode_twist
+from wherry.ros.diagnostics import OK, WARN, RejectedMessages, diagnostic_array, diagnostic_status
+from wherry.ros.encoding import encode_header, encode_laser_scan, encode_odometry, encode_stamp, encode_transform
+from wherry.ros.names import RosNames, Topics
+from wherry.ros.nodes.latch_protocol import LatchCommand, LatchState, decode_latch_command, encode_latch_state
 from wherry.ros.nodes.pacer import RealTimePacer
-from wherry.ros.transports.transport import Topic, Transport
+from wherry.ros.topics import Topic
+from wherry.ros.transforms import StampedTransform
+from wherry.ros.transports.protocol import Transport
 from wherry.simulation import Simulation
 from wherry.simulation.drive import WHEEL_RADIUS
 from wherry.simulation.model import LASER_HEIGHT
@@ -76,7 +69,7 @@ class RobotHardware:
         scan_period: Time between two scans, s.
         base_height: Height of base_link above the floor, m.
         laser_height: Height of the lidar above base_link, m.
-        wheel_joints: Names of the wheels' joints.
+        wheel_joints: RosNames of the wheels' joints.
         wheel_angles: Returns the joints' angles [W], rad.
     """
 
@@ -109,15 +102,15 @@ class CommandQueue:
         now: Returns the simulated time, s.
 
     Attributes:
-        refusals: Counts of rejected messages by topic.
+        rejected: Counts of rejected messages by topic.
     """
 
     def __init__(self, transport: Transport, topics: Topics, now: Callable[[], float]) -> None:
-        self.refusals = Refusals()
+        self.rejected = RejectedMessages()
         self._topics, self._now = topics, now
         self._queue: SimpleQueue[Velocity | LatchCommand] = SimpleQueue()
         transport.subscribe(topics.cmd_vel, self._on_twist)
-        if transport.generation == 2:
+        if transport.ros_version == 2:
             transport.subscribe(topics.cmd_vel_stamped, self._on_stamped_twist)
         transport.subscribe(topics.latch_command, self._on_latch_command)
 
@@ -129,28 +122,28 @@ class CommandQueue:
 
     def _on_twist(self, message: ros.Twist) -> None:
         try:
-            self._queue.put(from_twist(message))
+            self._queue.put(decode_twist(message))
         except MessageError as error:
-            self.refusals.add(self._topics.cmd_vel.name, error)
+            self.rejected.add(self._topics.cmd_vel.name, error)
             self._queue.put(STANDSTILL)  # a node that sends invalid velocities must not drive the robot
 
     def _on_stamped_twist(self, message: ros.TwistStamped) -> None:
         try:
-            stamp = seconds_of(message.header.stamp)
+            stamp = decode_stamp(message.header.stamp)
         except MessageError as error:
-            self.refusals.add(self._topics.cmd_vel.name, error)
+            self.rejected.add(self._topics.cmd_vel.name, error)
             return
         age = self._now() - stamp
         if stamp and age > COMMAND_MAX_AGE:
-            self.refusals.add(self._topics.cmd_vel.name, f"was commanded {age:.1f} s ago")
+            self.rejected.add(self._topics.cmd_vel.name, f"was commanded {age:.1f} s ago")
             return
         self._on_twist(message.twist)
 
     def _on_latch_command(self, message: ros.JointState) -> None:
         try:
-            self._queue.put(from_latch_command(message))
+            self._queue.put(decode_latch_command(message))
         except MessageError as error:
-            self.refusals.add(self._topics.latch_command.name, error)
+            self.rejected.add(self._topics.latch_command.name, error)
 
 
 class SimulatorNode:
@@ -169,7 +162,7 @@ class SimulatorNode:
         world: SimulatedWorld,
         hardware: RobotHardware,
         transport: Transport,
-        names: Names,
+        names: RosNames,
         *,
         rate: float = 1.0,
     ) -> None:
@@ -209,10 +202,10 @@ class SimulatorNode:
     def _static_transforms(self) -> ros.TFMessage:
         """The lidar's and the footprint's poses in base_link."""
         frames, now, hardware = self._frames, self._world.time, self._hardware
-        lidar = Link(frames.base_link, frames.laser, now, self._world.robot.body.lidar)
-        footprint = Link(frames.base_link, frames.base_footprint, now, IDENTITY)
+        lidar = StampedTransform(frames.base_link, frames.laser, now, self._world.robot.body.lidar)
+        footprint = StampedTransform(frames.base_link, frames.base_footprint, now, IDENTITY)
         return ros.TFMessage(
-            (to_transform(lidar, hardware.laser_height), to_transform(footprint, -hardware.base_height))
+            (encode_transform(lidar, hardware.laser_height), encode_transform(footprint, -hardware.base_height))
         )
 
     # ---- commands
@@ -241,7 +234,7 @@ class SimulatorNode:
             if isinstance(measurement, Odometry):
                 self._publish_odometry(measurement)
             else:
-                scan = to_laser_scan(measurement, self._frames.laser, self._hardware.scan_period)
+                scan = encode_laser_scan(measurement, self._frames.laser, self._hardware.scan_period)
                 self._transport.publish(self._topics.scan, scan)
         self._publish_joint_states()
         if now >= self._next_latch_state:
@@ -252,44 +245,44 @@ class SimulatorNode:
             self._publish_diagnostics()
 
     def _publish_clock(self, now: float) -> None:
-        self._transport.publish(self._topics.clock, ros.Clock(stamp_of(now)))
+        self._transport.publish(self._topics.clock, ros.Clock(encode_stamp(now)))
 
     def _publish_odometry(self, odometry: Odometry) -> None:
         odom, base = self._frames.odom, self._frames.base_link
-        link = Link(odom, base, odometry.time, odometry.pose)
-        self._transport.publish(self._topics.tf, ros.TFMessage((to_transform(link),)))
-        self._transport.publish(self._topics.odom, to_odometry(odometry, odom, base, COVARIANCE))
+        link = StampedTransform(odom, base, odometry.time, odometry.pose)
+        self._transport.publish(self._topics.tf, ros.TFMessage((encode_transform(link),)))
+        self._transport.publish(self._topics.odom, encode_odometry(odometry, odom, base, COVARIANCE))
 
     def _publish_joint_states(self) -> None:
         before, self._wheel_angles = self._wheel_angles, self._hardware.wheel_angles()
         speeds = (self._wheel_angles - before) / self._hardware.odometry_period
-        header = header_of(self._world.time, "")
+        header = encode_header(self._world.time, "")
         state = ros.JointState(header, self._hardware.wheel_joints, self._wheel_angles, speeds)
         self._transport.publish(self._topics.joint_states, state)
 
     def _publish_latch_state(self) -> None:
         state = LatchState(self._world.time, self._has_load, self._answered)
-        self._transport.publish(self._topics.latch_state, to_latch_state(state))
+        self._transport.publish(self._topics.latch_state, encode_latch_state(state))
 
     def _publish_diagnostics(self) -> None:
-        publishers = self._transport.publishers_of(self._topics.cmd_vel)
+        publishers = self._transport.count_publishers(self._topics.cmd_vel)
         level, text = OK, "running"
         if publishers > 1:
             level, text = WARN, f"{publishers} publishers command the robot; it obeys the last message"
         elif self._pacer.is_late:
             level, text = WARN, "this machine is too slow for the rate"
-        refusals = self._commands.refusals
+        rejected = self._commands.rejected
         values = {
             "rate": self._pacer.rate,
             "lag, s": f"{max(self._pacer.lag, 0.0):.3f}",
             "publishers of velocities": publishers,
-            **{f"refused on {topic}": count for topic, count in refusals.counts.items()},
-            "last refused": refusals.last,
+            **{f"refused on {topic}": count for topic, count in rejected.counts.items()},
+            "last refused": rejected.last,
         }
-        status = status_of("wherry: simulator", level, text, values)
-        self._transport.publish(self._topics.diagnostics, diagnostics_of(self._world.time, status))
+        status = diagnostic_status("wherry: simulator", level, text, values)
+        self._transport.publish(self._topics.diagnostics, diagnostic_array(self._world.time, status))
 
 
-def simulator_node(simulation: Simulation, transport: Transport, names: Names, rate: float = 1.0) -> SimulatorNode:
+def simulator_node(simulation: Simulation, transport: Transport, names: RosNames, rate: float = 1.0) -> SimulatorNode:
     """The node of a simulation's robot, at ``rate`` simulated seconds per second."""
     return SimulatorNode(simulation, RobotHardware.of(simulation), transport, names, rate=rate)

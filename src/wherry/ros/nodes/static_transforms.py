@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from wherry.errors import InputError
 from wherry.ros import messages as ros
-from wherry.ros.conversion import MessageError, from_transform
+from wherry.ros.decoding import MessageError, decode_transform
 from wherry.ros.nodes.subscriptions import Subscriptions
-from wherry.ros.transports.transport import Topic
+from wherry.ros.topics import Topic
 from wherry.space.pose import Pose
 
 MAX_CHAIN_LENGTH = 20  # transforms from a frame to one of its ancestors
@@ -38,7 +38,7 @@ class StaticTransforms:
             if frame not in self._by_child:
                 return None
             try:
-                link = from_transform(self._by_child[frame])
+                link = decode_transform(self._by_child[frame])
             except MessageError as error:
                 raise InputError(self._topic, frame, str(error)) from error
             frame, pose = link.parent, link.pose @ pose

@@ -8,10 +8,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from wherry.errors import InputError
-from wherry.ros.conversion import MessageError
-from wherry.ros.diagnostics import Refusals
-from wherry.ros.messages import M
-from wherry.ros.transports.transport import Topic, Transport
+from wherry.ros.decoding import MessageError
+from wherry.ros.diagnostics import RejectedMessages
+from wherry.ros.message_fields import M
+from wherry.ros.topics import Topic
+from wherry.ros.transports.protocol import Transport
 
 POLL_PERIOD = 0.05  # s between checks of conditions that change without a message, such as deadlines
 
@@ -26,12 +27,12 @@ class Subscriptions:
 
     Attributes:
         changed: Re-entrant lock of all state that callbacks write; it is notified after each message.
-        refusals: Counts of rejected messages by topic.
+        rejected: Counts of rejected messages by topic.
     """
 
     def __init__(self, transport: Transport) -> None:
         self.changed = threading.Condition()
-        self.refusals = Refusals()
+        self.rejected = RejectedMessages()
         self._transport = transport
 
     def add(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
@@ -52,7 +53,7 @@ class Subscriptions:
         with self.changed:
             while names := missing():
                 if time.monotonic() >= deadline:
-                    reason = f"; refused {self.refusals.last}" if self.refusals.last else ""
+                    reason = f"; refused {self.rejected.last}" if self.rejected.last else ""
                     raise InputError("ROS", ", ".join(names), f"not received within {timeout:g} s{reason}")
                 self.changed.wait(POLL_PERIOD)
 
@@ -61,5 +62,5 @@ class Subscriptions:
             try:
                 callback(message)
             except MessageError as error:
-                self.refusals.add(topic, error)
+                self.rejected.add(topic, error)
             self.changed.notify_all()

@@ -9,12 +9,14 @@ from typing import Any
 
 from wherry.robot import Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import BodyParameters
-from wherry.ros.conversion import from_twist, header_of, to_twist
-from wherry.ros.names import Names
+from wherry.ros.body_files import BodyParameters
+from wherry.ros.decoding import decode_twist
+from wherry.ros.encoding import encode_header, encode_twist
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.robot_clock import RobotClock
 from wherry.ros.nodes.subscriptions import Subscriptions
-from wherry.ros.transports.transport import Topic, Transport
+from wherry.ros.topics import Topic
+from wherry.ros.transports.protocol import Transport
 
 YIELD_SECONDS = 1.0  # s after the last command of another node during which nothing is sent
 ECHO_BUFFER_SIZE = 200  # own commands that may still be received back
@@ -36,7 +38,7 @@ class VelocityCommands:
         self,
         transport: Transport,
         subscriptions: Subscriptions,
-        names: Names,
+        names: RosNames,
         limits: BodyParameters,
         clock: RobotClock,
         *,
@@ -52,7 +54,7 @@ class VelocityCommands:
         self._topic: Topic[Any] = self._topics.cmd_vel_stamped if stamped else self._topics.cmd_vel
         transport.advertise(self._topic)
         subscriptions.add(self._topics.cmd_vel, self._on_twist)
-        if transport.generation == 2:
+        if transport.ros_version == 2:
             subscriptions.add(self._topics.cmd_vel_stamped, lambda message: self._on_twist(message.twist))
 
     @property
@@ -63,7 +65,7 @@ class VelocityCommands:
     @property
     def other_publishers(self) -> int:
         """Number of other nodes that publish velocities of the same type."""
-        return self._transport.publishers_of(self._topic)
+        return self._transport.count_publishers(self._topic)
 
     def publish(self, velocity: Velocity) -> None:
         """Send a velocity, clipped to the robot's limits."""
@@ -72,16 +74,16 @@ class VelocityCommands:
         )
         with self._subscriptions.changed:
             self._sent.append(velocity)
-        twist = to_twist(velocity)
+        twist = encode_twist(velocity)
         if self._stamped:
-            header = header_of(max(self._clock.time, 0.0), self._frame)
+            header = encode_header(max(self._clock.time, 0.0), self._frame)
             self._transport.publish(self._topics.cmd_vel_stamped, ros.TwistStamped(header, twist))
         else:
             self._transport.publish(self._topics.cmd_vel, twist)
 
     def _on_twist(self, message: ros.Twist) -> None:
         """Yield to a command that is not an echo of an own one."""
-        if from_twist(message) not in self._sent:
+        if decode_twist(message) not in self._sent:
             self._yield_until = time.monotonic() + YIELD_SECONDS
 
 
