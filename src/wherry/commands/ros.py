@@ -105,18 +105,18 @@ class PageOptions:
     port: PortOption = PORT
 
 
-def ros_app(generation: int) -> typer.Typer:
-    """The commands of one generation of ROS."""
+def ros_app(ros_version: int) -> typer.Typer:
+    """The commands of ROS 1 or ROS 2."""
     app = typer.Typer(
         invoke_without_command=True,
         callback=help_without_command,
         rich_markup_mode=None,
-        help=f"Speak ROS {generation}.",
+        help=f"Speak ROS {ros_version}.",
     )
-    _add_simulate(app, generation)
-    _add_deliver(app, generation)
-    _add_monitor(app, generation)
-    if generation == 2:
+    _add_simulate(app, ros_version)
+    _add_deliver(app, ros_version)
+    _add_monitor(app, ros_version)
+    if ros_version == 2:
         _add_gazebo_latch(app)
     return app
 
@@ -124,7 +124,7 @@ def ros_app(generation: int) -> typer.Typer:
 # ---- simulate
 
 
-def _add_simulate(app: typer.Typer, generation: int) -> None:
+def _add_simulate(app: typer.Typer, ros_version: int) -> None:
     @app.command()
     @option_groups
     def simulate(
@@ -148,7 +148,7 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
         simulation = build_simulation(SimulatorSettings(world=world, boxes=boxes, seed=seed, rate=rate))
         console = console_for(as_json=as_json, quiet=quiet)
         with (
-            open_transport(generation, node_name, node.namespace, node.interface) as transport,
+            open_transport(ros_version, node_name, node.namespace, node.interface) as transport,
             recorded_transport(record, transport, names) as recorded,
             _termination_event() as terminated,  # innermost, so that a recording does not end with the signal
         ):
@@ -181,7 +181,7 @@ def _publish_description(transport: Transport, names: RosNames) -> None:
 # ---- deliver
 
 
-def _add_deliver(app: typer.Typer, generation: int) -> None:
+def _add_deliver(app: typer.Typer, ros_version: int) -> None:
     @app.command()
     @option_groups
     def deliver(
@@ -210,7 +210,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         console = console_for(as_json=as_json, quiet=quiet)
         _compile_kernels(console)
         with (
-            open_transport(generation, node_name, node.namespace, node.interface) as connection,
+            open_transport(ros_version, node_name, node.namespace, node.interface) as connection,
             recorded_transport(record, connection, names) as transport,
             RosRobot(transport, names, body, stamped=task.stamped) as robot,
         ):
@@ -298,7 +298,7 @@ def _deliver(
 # ---- monitor
 
 
-def _add_monitor(app: typer.Typer, generation: int) -> None:
+def _add_monitor(app: typer.Typer, ros_version: int) -> None:
     @app.command()
     def monitor(
         duration: Annotated[float, typer.Option(min=0, help="Seconds to listen.")] = 60.0,
@@ -319,13 +319,13 @@ def _add_monitor(app: typer.Typer, generation: int) -> None:
 
         resolved = load_names(names, namespace=namespace, remappings=remap or ())
         console = console_for(as_json=as_json, quiet=quiet)
-        with open_transport(generation, "wherry_monitor", namespace, interface) as transport:
+        with open_transport(ros_version, "wherry_monitor", namespace, interface) as transport:
             listener = Monitor(transport, resolved)
             console.print(f"Listening for {duration:g} s; Ctrl-C ends it.", highlight=False)
             with contextlib.suppress(KeyboardInterrupt):
                 time.sleep(duration)
             statistics = listener.statistics()
-        print_figures(console, f"ROS {generation}, received", statistics, HEARD)
+        print_figures(console, f"ROS {ros_version}, received", statistics, HEARD)
         if as_json:
             print_json(statistics)
         raise typer.Exit(0 if statistics["scans"] else 1)
@@ -405,9 +405,9 @@ def _termination_event() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def open_transport(generation: int, name: str, namespace: str, interface: str) -> Transport:
+def open_transport(ros_version: int, name: str, namespace: str, interface: str) -> Transport:
     """Connect a node to ROS 1 or ROS 2."""
-    if generation == 1:
+    if ros_version == 1:
         from wherry.ros.transports.ros1 import Ros1Transport
 
         return Ros1Transport(name, namespace, interface)

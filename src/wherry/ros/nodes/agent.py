@@ -142,8 +142,10 @@ class AgentNode:
         if now <= self._transform_time:
             return  # tf2 warns about repeated stamps
         self._transform_time = now
-        link = StampedTransform(self._frames.map, self._frames.odom, now + TRANSFORM_TOLERANCE, self._map_from_odom)
-        self._transport.publish(self._topics.tf, ros.TFMessage((encode_transform(link),)))
+        transform = StampedTransform(
+            self._frames.map, self._frames.odom, now + TRANSFORM_TOLERANCE, self._map_from_odom
+        )
+        self._transport.publish(self._topics.tf, ros.TFMessage((encode_transform(transform),)))
 
     def _publish_diagnostics(self) -> None:
         text, phase = ("", "") if self._narration is None else (self._narration.text, self._narration.phase)

@@ -134,8 +134,9 @@ class ExternalPose:
         return self._now - self._confirmed_at > POSE_MAX_AGE
 
     def _on_transforms(self, message: ros.TFMessage) -> None:
-        for link in transforms_between(message, self._frames.map, self._frames.odom):
-            self._map_from_odom, self._confirmed_at, self._has_transforms = link.pose, link.time, True
+        for transform in transforms_between(message, self._frames.map, self._frames.odom):
+            self._map_from_odom, self._confirmed_at = transform.pose, transform.time
+            self._has_transforms = True
 
     def _on_estimate(self, message: ros.PoseWithCovarianceStamped) -> None:
         odometry = self._odometry()

@@ -89,7 +89,7 @@ def decode_latch_state(message: ros.JointState) -> LatchState:
     positions = _positions(message)
     load, answered = positions.get(LOAD, math.nan), positions.get(ANSWERED, math.nan)
     if load not in (0.0, 1.0) or not math.isfinite(answered):
-        raise MessageError(f"says {positions} instead of {LOAD} (0 or 1) and {ANSWERED}")
+        raise MessageError(f"has the joints {positions} instead of {LOAD} (0 or 1) and {ANSWERED}")
     return LatchState(decode_stamp(message.header.stamp), load == 1.0, answered)
 
 

@@ -249,8 +249,8 @@ class SimulatorNode:
 
     def _publish_odometry(self, odometry: Odometry) -> None:
         odom, base = self._frames.odom, self._frames.base_link
-        link = StampedTransform(odom, base, odometry.time, odometry.pose)
-        self._transport.publish(self._topics.tf, ros.TFMessage((encode_transform(link),)))
+        transform = StampedTransform(odom, base, odometry.time, odometry.pose)
+        self._transport.publish(self._topics.tf, ros.TFMessage((encode_transform(transform),)))
         self._transport.publish(self._topics.odom, encode_odometry(odometry, odom, base, COVARIANCE))
 
     def _publish_joint_states(self) -> None:

@@ -38,11 +38,12 @@ class StaticTransforms:
             if frame not in self._by_child:
                 return None
             try:
-                link = decode_transform(self._by_child[frame])
+                transform = decode_transform(self._by_child[frame])
             except MessageError as error:
                 raise InputError(self._topic, frame, str(error)) from error
-            frame, pose = link.parent, link.pose @ pose
+            frame, pose = transform.parent, transform.pose @ pose
         raise InputError(self._topic, child, "the transforms form a circle")
 
     def _on_transforms(self, message: ros.TFMessage) -> None:
-        self._by_child.update({link.child_frame_id.lstrip("/"): link for link in message.transforms})
+        for transform in message.transforms:
+            self._by_child[transform.child_frame_id.lstrip("/")] = transform
