@@ -151,7 +151,7 @@ def check_standstill(ride: Ride, mode: str, begin: float) -> None:
     first_zero = min((at for at, *_ in commands if at > last_motion), default=math.inf)
     assert first_zero - begin <= STOP_TIMEOUT, "commanded, not only stopped by the watchdog"
     if mode != "silent":
-        words = {"nan": "no number", "frame": "'camera' instead of 'laser'"}[mode]
+        words = {"nan": "not finite", "frame": "'camera' instead of 'laser'"}[mode]
         wait_until(lambda: words in ride.status("wherry: robot").get("last refused", ""), 5.0, "diagnostics say why")
 
 
