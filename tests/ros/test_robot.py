@@ -231,7 +231,7 @@ def test_robot_is_stopped_within_half_a_second(bus: Bus, driver: Driver) -> None
     robot.receive()
     robot.command(DRIVE)
     stopped: list[float] = []
-    bus.listeners[TOPICS.cmd_vel.name, ros.Twist].append(lambda _: stopped.append(time.monotonic()))
+    bus.callbacks[TOPICS.cmd_vel.name, ros.Twist].append(lambda _: stopped.append(time.monotonic()))
     threading.Timer(0.9, driver.tick).start()
     robot.receive()
     assert stopped[0] - scanned < 0.5
@@ -368,7 +368,7 @@ def test_latch_command_is_repeated_until_it_is_answered(robot: RosRobot, driver:
         if len(stamps) % 2 == 0:  # the first transmission is lost
             driver.latch(has_load=command.close, answered=command.stamp)
 
-    bus.listeners[TOPICS.latch_command.name, ros.JointState].append(answer)
+    bus.callbacks[TOPICS.latch_command.name, ros.JointState].append(answer)
     assert robot.close_latch() is True
     assert robot.open_latch() is True
     first, again, second, _ = stamps
