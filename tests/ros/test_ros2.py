@@ -37,13 +37,13 @@ def filled(message_type: type[Message]) -> Any:
 
 def _filled_value(entry: Field) -> Any:
     count = 3 if entry.length == 0 else entry.length
-    if not isinstance(entry.kind, str):
-        return filled(entry.kind) if count is None else tuple(filled(entry.kind) for _ in range(count))
-    if entry.kind == "string":
+    if not isinstance(entry.type, str):
+        return filled(entry.type) if count is None else tuple(filled(entry.type) for _ in range(count))
+    if entry.type == "string":
         return "wörd" if count is None else ("one", "", "three")
-    if entry.kind == "bool":
+    if entry.type == "bool":
         return True
-    dtype = np.dtype("uint8" if entry.kind == "byte" else entry.kind)
+    dtype = np.dtype("uint8" if entry.type == "byte" else entry.type)
     values = NUMBERS.integers(1, 100, count or 1).astype(dtype)
     return values if count is not None else values[0].item()
 

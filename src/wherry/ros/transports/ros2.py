@@ -20,7 +20,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.ros.message_fields import ARRAY_TYPES, Field, M, Message, cached, fields_of
+from wherry.ros.message_fields import ARRAY_TYPES, Field, Message, MessageT, cached, fields_of
 from wherry.ros.messages import String
 from wherry.ros.topics import QosProfile, Topic
 
@@ -83,7 +83,7 @@ def idl_class(message_type: type[Message]) -> Any:
 
 
 def _idl_type(entry: Field) -> Any:
-    inner = IDL_TYPES[entry.kind] if isinstance(entry.kind, str) else idl_class(entry.kind)
+    inner = IDL_TYPES[entry.type] if isinstance(entry.type, str) else idl_class(entry.type)
     if entry.length is None:
         return inner
     sequence: Any = types.sequence
@@ -99,18 +99,18 @@ def to_idl(message: Message) -> Any:
 
 
 def _value_to_idl(entry: Field, value: Any) -> Any:
-    if isinstance(entry.kind, str):
+    if isinstance(entry.type, str):
         return value.tolist() if isinstance(value, np.ndarray) else value
     return to_idl(value) if entry.length is None else [to_idl(item) for item in value]
 
 
-def from_idl(message_type: type[M], sample: Any) -> M:
+def from_idl(message_type: type[MessageT], sample: Any) -> MessageT:
     """Convert a sample of the `idl_class` of a message class."""
     return message_type(*(_value_from_idl(entry, getattr(sample, entry.name)) for entry in fields_of(message_type)))
 
 
 def _value_from_idl(entry: Field, value: Any) -> Any:
-    kind = entry.kind
+    kind = entry.type
     if isinstance(kind, str):
         if entry.length is None:
             return value
@@ -275,16 +275,16 @@ class Ros2Transport:
         """As `Transport.advertise`."""
         self._writer(topic)
 
-    def publish(self, topic: Topic[M], message: M) -> None:
+    def publish(self, topic: Topic[MessageT], message: MessageT) -> None:
         """As `Transport.publish`."""
         self._writer(topic).write(to_idl(message))
 
-    def subscribe(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
+    def subscribe(self, topic: Topic[MessageT], callback: Callable[[MessageT], None]) -> None:
         """As `Transport.subscribe`."""
         reader = DataReader(self._participant, self._topic(topic), qos=_reader_qos(topic.qos))
         unread = ReadCondition(reader, SampleState.NotRead | ViewState.Any | InstanceState.Any)
 
-        def take() -> list[M]:
+        def take() -> list[MessageT]:
             try:
                 samples = reader.take(MAX_SAMPLES)
             except UnicodeDecodeError:
@@ -327,12 +327,12 @@ class Ros2Transport:
         del self._waitset, self._closing, self._publications, self._subscriptions, self._participant
         _DOMAINS.release(*self._domain)
 
-    def _topic(self, topic: Topic[M]) -> DdsTopic[Any]:
+    def _topic(self, topic: Topic[MessageT]) -> DdsTopic[Any]:
         if topic not in self._topics:
             self._topics[topic] = DdsTopic(self._participant, f"rt{topic.name}", idl_class(topic.message_type))
         return self._topics[topic]
 
-    def _writer(self, topic: Topic[M]) -> DataWriter[Any]:
+    def _writer(self, topic: Topic[MessageT]) -> DataWriter[Any]:
         with self._lock:
             if topic not in self._writers:
                 qos = _writer_qos(topic.qos)
@@ -349,7 +349,7 @@ class Ros2Transport:
                 for message in take():
                     callback(message)
 
-    def _count(self, endpoints: BuiltinDataReader, topic: Topic[M]) -> int:
+    def _count(self, endpoints: BuiltinDataReader, topic: Topic[MessageT]) -> int:
         """Number of endpoints of a topic that belong to other participants."""
         found = endpoints.read(MAX_ENDPOINTS)
         others = {
