@@ -1,4 +1,4 @@
-"""What a message class says about its fields: their names, types and order on the wire.
+"""The fields of message classes: names, types and order of serialization.
 
 A message class is a frozen dataclass whose annotations carry the ROS type (`Float32`, `UInt32`, …). `fields_of` reads
 them once per class; transports and bags convert any message field by field with the result.
