@@ -401,6 +401,6 @@ def open_transport(ros_version: int, name: str, namespace: str, interface: str) 
         from wherry.ros.transports.ros1 import Ros1Transport
 
         return Ros1Transport(name, namespace, interface)
-    from wherry.ros.transports.ros2 import LOOPBACK, Ros2Transport
+    from wherry.ros.transports.ros2 import Ros2Transport
 
-    return Ros2Transport(interface or LOOPBACK)
+    return Ros2Transport(interface) if interface else Ros2Transport()
