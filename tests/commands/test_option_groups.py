@@ -1,4 +1,4 @@
-"""Commands that take groups of options."""
+"""Groups of options: a command with dataclasses as parameters has their fields as options."""
 
 from __future__ import annotations
 
@@ -8,44 +8,41 @@ from typing import Annotated
 import typer
 from typer.testing import CliRunner
 
-from wherry.commands.option_groups import OutputOptions, with_option_groups
+from wherry.commands.option_groups import with_option_groups
 
 
 @dataclass(frozen=True)
-class SpeedOptions:
-    """Options of a drive."""
+class Size:
+    """A group with a required option and one with a default."""
 
-    speed: Annotated[float, typer.Option(help="m/s.")] = 1.5
-    is_reverse: Annotated[bool, typer.Option("--reverse")] = False
-
-
-def invoke(*arguments: str) -> str:
-    app = typer.Typer()
-
-    @app.command()
-    @with_option_groups
-    def drive(place: Annotated[str, typer.Argument()], speed: SpeedOptions, *, output: OutputOptions) -> None:
-        """Drive somewhere."""
-        typer.echo(f"{place} {speed} {output}")
-
-    return CliRunner().invoke(app, arguments).output
+    width: Annotated[int, typer.Option(help="Columns.")]
+    height: Annotated[int, typer.Option("--rows", help="Rows.")] = 2
 
 
-def test_options_are_passed_in_their_groups() -> None:
-    printed = invoke("dock", "--speed", "0.5", "--reverse", "--json")
-    assert "dock SpeedOptions(speed=0.5, is_reverse=True) OutputOptions(as_json=True, quiet=False)" in printed
+app = typer.Typer()
 
 
-def test_options_have_the_defaults_of_their_groups() -> None:
-    printed = invoke("dock")
-    assert "dock SpeedOptions(speed=1.5, is_reverse=False) OutputOptions(as_json=False, quiet=False)" in printed
+@app.command()
+@with_option_groups
+def draw(name: str, scale: int = 1, *, size: Size, quiet: bool = False) -> None:
+    """Draw."""
+    typer.echo(f"{name} {scale} {size} {quiet}")
 
 
-def test_help_lists_the_options_of_all_groups() -> None:
-    printed = invoke("--help")
-    assert "Drive somewhere." in printed
-    assert all(option in printed for option in ("--speed", "--reverse", "--json", "--quiet"))
+def test_fields_of_a_group_become_options() -> None:
+    done = CliRunner().invoke(app, ["hall", "--width", "3", "--quiet"])
+    assert done.output == "hall 1 Size(width=3, height=2) True\n"
+    done = CliRunner().invoke(app, ["hall", "--scale", "4", "--rows", "5", "--width", "3"])
+    assert done.output == "hall 4 Size(width=3, height=5) False\n"
 
 
-def test_unknown_options_are_rejected() -> None:
-    assert "No such option" in invoke("dock", "--height", "2")
+def test_a_required_field_is_a_required_option() -> None:
+    done = CliRunner().invoke(app, ["hall"])
+    assert done.exit_code == 2
+    assert "--width" in done.output
+
+
+def test_help_lists_options_in_the_order_of_parameters_and_fields() -> None:
+    text = CliRunner().invoke(app, ["--help"]).output
+    positions = [text.index(option) for option in ("--scale", "--width", "--rows", "--quiet")]
+    assert positions == sorted(positions)

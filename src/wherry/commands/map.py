@@ -13,15 +13,15 @@ import typer
 from wherry.commands.common import (
     LenientOption,
     LogArgument,
+    OutputOptions,
     SeedOption,
-    console_for,
     print_json,
     progress_bar,
     say,
 )
-from wherry.commands.option_groups import OutputOptions, PageOptions, with_option_groups
+from wherry.commands.option_groups import with_option_groups
 from wherry.commands.recording import RecordOption, recorded_log
-from wherry.commands.watching import watched
+from wherry.commands.watching import PageOptions, trace_sink
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
@@ -68,9 +68,8 @@ def map_log(
     from wherry.pipelines.logs.trace import LogTrace
 
     run = prepare(_settings(log, options))
-    console = console_for(as_json=output.as_json, quiet=output.quiet)
-    title = f"wherry: {log.name}"
-    with watched(title, options.out, console, view=page.view, host=page.host, port=page.port) as sink:
+    console = output.console()
+    with trace_sink(f"wherry: {log.name}", options.out, console, page) as sink:
         maps = MAPS_SHOWN if page.view else MAPS_RECORDED if options.out is not None else 0
         _map(run, LogTrace("map", log.name, run.log, sink), console, record, maps)
         metrics = asdict(run.result)
@@ -109,10 +108,10 @@ def _map(run: MappingRun, trace: LogTrace, console: Console, record: Path | None
 def _print_result(console: Console, log: Path, run: MappingRun, metrics: Mapping[str, object]) -> None:
     """Print metrics, reasons for rejected loop closures, and where the results are."""
     from wherry.mapping.loop_closure import count_rejections
-    from wherry.views.figures import MAPPING
-    from wherry.views.terminal import print_figures, print_table
+    from wherry.views.metrics_tables import MAPPING_METRICS
+    from wherry.views.terminal import print_metrics, print_table
 
-    print_figures(console, f"Map of {log.name}", metrics, MAPPING)
+    print_metrics(console, f"Map of {log.name}", metrics, MAPPING_METRICS)
     rejections = count_rejections(run.slam.loop_closures)
     if rejections:
         rows = {reason.description: str(count) for reason, count in rejections.items()}

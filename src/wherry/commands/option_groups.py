@@ -1,6 +1,6 @@
-"""Groups of command-line options, as dataclasses whose fields become options.
+"""Groups of command-line options: dataclasses whose fields become options.
 
-Typer takes every option as a parameter of its own; `with_option_groups` lets a command take a few groups instead.
+Typer takes each option as a parameter; with `with_option_groups` a command takes a few groups instead.
 """
 
 from __future__ import annotations
@@ -8,43 +8,16 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Iterator
-from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, get_type_hints
-
-from wherry.commands.common import JsonOption, QuietOption
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption
-
-
-@dataclass(frozen=True, slots=True)
-class PageOptions:
-    """Options of the page that shows a run.
-
-    Attributes:
-        view: Whether to show the run.
-        host: Address to serve the page on.
-        port: Port to serve the page on.
-    """
-
-    view: ViewOption = False
-    host: HostOption = LOOPBACK
-    port: PortOption = PORT
-
-
-@dataclass(frozen=True, slots=True)
-class OutputOptions:
-    """Options of what a command prints.
-
-    Attributes:
-        as_json: Whether to print the result as JSON.
-        quiet: Whether to print nothing else.
-    """
-
-    as_json: JsonOption = False
-    quiet: QuietOption = False
 
 
 def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """A command in whose signature each dataclass is replaced by its fields, in their order."""
+    """Replace each dataclass in the signature of a command by its fields.
+
+    Fields are annotated as typer's parameters are. Options keep the order of parameters and fields, and a parameter may
+    lack a default although one before it has one.
+    """
     hints = get_type_hints(command, include_extras=True)
     parameters = inspect.signature(command).parameters
     groups = {name: hints[name] for name in parameters if is_dataclass(hints[name])}
@@ -61,13 +34,13 @@ def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
             flat.extend(_field_parameters(groups[name]))
         else:
             flat.append(parameter.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY))
-    grouped.__signature__ = inspect.Signature(flat)  # type: ignore[attr-defined]
+    grouped.__signature__ = inspect.Signature(flat)  # type: ignore[attr-defined]  # read by typer
     grouped.__annotations__ = {parameter.name: parameter.annotation for parameter in flat}
     return grouped
 
 
 def _field_parameters(group: type) -> Iterator[inspect.Parameter]:
-    """The fields of a dataclass as parameters."""
+    """The fields of a dataclass as keyword-only parameters."""
     hints = get_type_hints(group, include_extras=True)
     for field in fields(group):
         yield inspect.Parameter(
@@ -76,5 +49,5 @@ def _field_parameters(group: type) -> Iterator[inspect.Parameter]:
 
 
 def _default(field: Field[Any]) -> Any:
-    """The default of a field as that of a parameter."""
+    """The default value of a field; Parameter.empty if it has none."""
     return inspect.Parameter.empty if field.default is MISSING else field.default

@@ -60,9 +60,9 @@ class Rejection(Enum):
 
 
 DESCRIPTIONS: Mapping[Rejection, str] = {
-    Rejection.LOW_SCORE: "the points fit too badly",
-    Rejection.AMBIGUOUS: "another place fits nearly as well",
-    Rejection.LOW_OVERLAP: "too few points lie on surfaces that were there",
+    Rejection.LOW_SCORE: "the match score is too low",
+    Rejection.AMBIGUOUS: "the second-best score is too close to the best",
+    Rejection.LOW_OVERLAP: "too few points are inliers",
 }
 
 

@@ -60,7 +60,7 @@ def reachable_cells(plan: FloorPlan) -> list[Cell]:
 
 def cell_pose(plan: FloorPlan, cell: Cell, heading: float) -> Pose:
     """The pose of base_link at the centre of a cell with a heading in rad, world frame."""
-    return Pose((cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size, heading)
+    return Pose(*plan.centre(cell), heading)
 
 
 @contextmanager
