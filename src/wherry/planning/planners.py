@@ -1,6 +1,6 @@
 """The registry of planners that compute policies.
 
-A new planner needs its own file, an entry here, and a row in ``docs/learners.md``. To find a plan to a goal on a
+A new planner needs its own file, an entry here, and a row in ``docs/planners.md``. To find a plan to a goal on a
 deterministic model instead, see `wherry.planning.search`.
 """
 

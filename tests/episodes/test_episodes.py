@@ -256,7 +256,7 @@ def test_a_policy_agent_learns_taxi() -> None:
 
 def lights() -> Any:
     """The example domain: an action with a parameter, and three lamps of which it changes one."""
-    return runpy.run_path(str(Path(__file__).parents[1] / "docs" / "examples" / "lights.py"))
+    return runpy.run_path(str(Path(__file__).parents[2] / "docs" / "examples" / "lights.py"))
 
 
 @pytest.mark.parametrize("scope", ["action", "attribute"])
@@ -265,10 +265,10 @@ def test_doormax_says_which_assumption_several_objects_violate_and_goes_on(seed:
     """A lamp stays as it is for two reasons: another one was meant, or it was off. No one condition explains both."""
     example = lights()
     learner = Doormax(example["DOMAIN"], failure_scope=scope)
-    agent = GoalAgent(learner, example["lit"])
-    environment = DeterministicMdp(example["DOMAIN"], example["what_happens"], example["begin"])
+    agent = GoalAgent(learner, example["lit_lamps"])
+    environment = DeterministicMdp(example["DOMAIN"], example["transition"], example["start"])
     steps = list(run_episode(environment, agent, np.random.default_rng(seed), max_steps=100))
-    assert example["lit"](steps[-1].transition.next_state) == 0
+    assert example["lit_lamps"](steps[-1].transition.next_state) == 0
     assert agent.failure_reason is None
     said = [violation for violation in learner.violations if violation.startswith("SWITCH_OFF, lamp.lit")]
     assert len(said) == (scope == "action")
@@ -291,11 +291,11 @@ def test_an_agent_that_gives_up_says_why() -> None:
     example = lights()
 
     def broken(state: State, action: Action) -> Transition:
-        done = example["what_happens"](state, action)
+        done = example["transition"](state, action)
         return done if action.name != "SWITCH_OFF" else Transition(state, action, state, -1.0, terminated=False)
 
-    agent = GoalAgent(Doormax(example["DOMAIN"]), example["lit"])
-    environment = DeterministicMdp(example["DOMAIN"], broken, example["begin"])
+    agent = GoalAgent(Doormax(example["DOMAIN"]), example["lit_lamps"])
+    environment = DeterministicMdp(example["DOMAIN"], broken, example["start"])
     steps = list(run_episode(environment, agent, np.random.default_rng(0), max_steps=500))
     assert len(steps) < 500
     assert agent.failure_reason == "3 left to do, and no way to do it is known or can be found out"
