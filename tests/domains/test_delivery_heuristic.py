@@ -2,28 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 import pytest
 
 from wherry.domains.delivery import DeliveryHeuristic, boxes_left, delivery_grid
 from wherry.floorplan.generation import generate_world
-from wherry.oomdp.mdp import DeterministicMdp
-from wherry.oomdp.objects import State
-
-
-def steps_to_every_state(environment: DeterministicMdp, start: State) -> dict[State, int]:
-    """Breadth-first search."""
-    steps, queue = {start: 0}, deque([start])
-    while queue:
-        state = queue.popleft()
-        for action in environment.domain.ground_actions(state):
-            after = environment.transition(state, action).next_state
-            if after not in steps:
-                steps[after] = steps[state] + 1
-                queue.append(after)
-    return steps
+from wherry_testing.brute_force import steps_to_every_state
 
 
 @pytest.mark.parametrize("seed", range(3))

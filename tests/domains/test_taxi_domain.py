@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 import pytest
 
@@ -11,25 +9,12 @@ from wherry.domains.taxi import PROBES, TaxiGrid, taxi_grid
 from wherry.floorplan.plan import Cell, Wall
 from wherry.oomdp.domain import Action
 from wherry.oomdp.objects import State
-
-
-def reachable(environment: TaxiGrid, start: State) -> dict[State, int]:
-    """Steps to every state that can be reached; an episode's last states are not left again."""
-    steps, queue = {start: 0}, deque([start])
-    while queue:
-        state = queue.popleft()
-        for action in environment.domain.ground_actions(state):
-            done = environment.transition(state, action)
-            if done.next_state not in steps:
-                steps[done.next_state] = steps[state] + 1
-                if not done.terminated:
-                    queue.append(done.next_state)
-    return steps
+from wherry_testing.brute_force import steps_to_every_state
 
 
 def optimal_length(environment: TaxiGrid, start: State) -> int:
     """Steps until the passenger stands at the destination."""
-    for state, steps in reachable(environment, start).items():
+    for state, steps in steps_to_every_state(environment, start).items():
         here = [environment.transition(state, action) for action in environment.domain.ground_actions(state)]
         if any(done.terminated for done in here):
             return steps + 1
@@ -60,7 +45,7 @@ def test_small_grid_has_800_states() -> None:
         state
         for passenger in marks
         for destination in marks
-        for state in reachable(environment, environment.state_of((0, 0), passenger, destination))
+        for state in steps_to_every_state(environment, environment.state_of((0, 0), passenger, destination))
     }
     assert len(states) == 800
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 import pytest
 
@@ -14,36 +12,21 @@ from wherry.floorplan.world_files import find_world
 from wherry.learning.bayes import BayesianLearner
 from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action
-from wherry.oomdp.mdp import DeterministicMdp
-from wherry.oomdp.objects import State
 from wherry.planning.prediction_cache import PredictionCache
 from wherry.planning.search import a_star
-
-
-def fewest_steps(environment: DeterministicMdp, start: State) -> int:
-    """Steps until no box is left, by breadth-first search."""
-    steps, queue = {start: 0}, deque([start])
-    while queue:
-        state = queue.popleft()
-        if not boxes_left(state):
-            return steps[state]
-        for action in environment.domain.ground_actions(state):
-            after = environment.transition(state, action).next_state
-            if after not in steps:
-                steps[after] = steps[state] + 1
-                queue.append(after)
-    raise AssertionError
+from wherry_testing.brute_force import steps_to_every_state
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_plans_are_the_shortest_with_and_without_heuristic(seed: int) -> None:
     environment = delivery_grid(generate_world(6, 5, np.random.default_rng(seed), min_room_size=2), 2)
     start = environment.reset(np.random.default_rng(seed))
+    fewest = min(steps for state, steps in steps_to_every_state(environment, start).items() if not boxes_left(state))
     cache = PredictionCache(PerStateModel(environment.domain, environment))
     for heuristic in (lambda state: 0.0, DeliveryHeuristic()):
         plan, unmet = a_star(cache, start, boxes_left, heuristic)
         assert unmet == 0
-        assert len(plan.actions) == plan.cost == fewest_steps(environment, start)
+        assert len(plan.actions) == plan.cost == fewest
         for before, action, after in zip(plan.states, plan.actions, plan.states[1:], strict=False):
             assert environment.transition(before, action).next_state == after
 

@@ -131,7 +131,7 @@ class MiniGrid(GymnasiumAdapter):
             elif item.type in CHANGING_CLASSES:
                 self._names[item] = f"{item.color}_{item.type}{len(self._names)}"
             elif item.type != "floor":
-                raise InputError(str(self.environment), item.type, "has no class in this view")
+                raise InputError(str(self.environment), item.type, "has no class in this domain")
         self._scene = Scene(tuple(static))
 
     def _reward(self, reward: float, *, terminated: bool) -> float:

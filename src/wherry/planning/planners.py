@@ -36,7 +36,7 @@ class PlannerEntry:
 
     Attributes:
         make: Makes the planner.
-        summary: What the planner does, in one line.
+        summary: One line on the algorithm.
         suited_for: The models that it is a good choice for.
     """
 
