@@ -44,7 +44,7 @@ def test_plan_can_be_pickled() -> None:
 
 
 def test_boxes_that_can_be_delivered_in_some_order_are_reachable() -> None:
-    # The box at 2 can be delivered only after the one at 4, which the robot reaches by passing over 2 with an empty fork.
+    # The box at 2 can be delivered only after the one at 4; the robot gets there over 2 with an empty fork.
     plan = CORRIDOR.with_boxes([Cell(2, 0), Cell(4, 0)])
     assert plan.reachable_boxes() == plan.boxes
     assert plan.unreachable_boxes() == ()
