@@ -40,7 +40,7 @@ def names_of(result: type) -> set[str]:
         (names_of(slam.Result) - {"log"}, MAPPING),
         (names_of(localization.LocalizationResult), LOCALIZATION),
         (names_of(taxi.Result) - {"settings", "runs"} | {"learner", "seed"}, LEARNING),
-        (set(Monitor(cast(Transport, Deaf()), load_names()).figures()), HEARD),
+        (set(Monitor(cast(Transport, Deaf()), load_names()).statistics()), HEARD),
     ],
 )
 def test_every_figure_has_words(names: set[str], words: Words) -> None:
