@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 
-from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi, delivered, reward
+from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi, gymnasium_taxi_reward, is_delivered
 from wherry.episodes import PolicyAgent, run_episode
 from wherry.errors import InputError
 from wherry.learning.learners import LEARNERS
@@ -15,7 +15,7 @@ from wherry.oomdp.domain import Action
 from wherry.planning.value_iteration import ValueIteration
 from wherry_testing.environment_contract import EnvironmentContract
 
-TASK = {"reward": reward, "terminated": delivered}
+TASK = {"reward": gymnasium_taxi_reward, "terminated": is_delivered}
 
 
 def optimal_steps(taxi: TaxiEnv) -> np.ndarray:
@@ -89,11 +89,14 @@ def test_given_task_is_gymnasiums() -> None:
     taxi = view.environment.unwrapped
     for number in range(500):
         state = view.state(number)
-        if delivered(state):
+        if is_delivered(state):
             continue  # a terminal state
         for at, name in enumerate(ACTIONS):
             _, after, paid, end = taxi.P[number][at][0]
-            assert (reward(state, Action(name), view.state(after)), delivered(view.state(after))) == (paid, end)
+            assert (gymnasium_taxi_reward(state, Action(name), view.state(after)), is_delivered(view.state(after))) == (
+                paid,
+                end,
+            )
 
 
 def test_same_seed_gives_the_same_episode() -> None:

@@ -11,7 +11,7 @@ import pytest
 from minigrid.core.world_object import Door
 from minigrid.minigrid_env import MiniGridEnv
 
-from wherry.adapters.minigrid import ACTIONS, EFFECT_TYPES, MiniGrid, at_goal
+from wherry.adapters.minigrid import ACTIONS, MINIGRID_EFFECT_TYPES, MiniGrid, is_at_goal
 from wherry.episodes import PolicyAgent, run_episode
 from wherry.errors import InputError
 from wherry.learning.bayes import BayesianLearner
@@ -31,7 +31,7 @@ def view_of(name: str) -> MiniGrid:
 
 
 def learner_for(view: MiniGrid, name: str) -> RuleLearner:
-    return LEARNERS[name](view.domain, effect_types=EFFECT_TYPES, **SETTINGS[name])
+    return LEARNERS[name](view.domain, effect_types=MINIGRID_EFFECT_TYPES, **SETTINGS[name])
 
 
 def train(view: MiniGrid, learner: RuleLearner, episodes: int) -> None:
@@ -120,9 +120,9 @@ def test_states_determine_transitions(name: str) -> None:
         for item in state.objects:
             after = done.next_state[item.name]
             for attribute, old, new in zip(item.object_class.attributes, item.values, after.values, strict=True):
-                effects = effects_between(attribute, old, new, EFFECT_TYPES)
+                effects = effects_between(attribute, old, new, MINIGRID_EFFECT_TYPES)
                 assert effects
-                assert all(EFFECT_TYPES[effect.type].apply(old, effect.argument) == new for effect in effects)
+                assert all(MINIGRID_EFFECT_TYPES[effect.type].apply(old, effect.argument) == new for effect in effects)
         state = view.reset(rng) if done.terminated else done.next_state
 
 
@@ -137,11 +137,11 @@ def test_carried_key_moves_with_the_agent() -> None:
 
 def test_turn_is_an_effect_type() -> None:
     facing = enumeration("facing", "east", "north", "west", "south")
-    assert Effect("turn", 1) in effects_between(facing, "south", "east", EFFECT_TYPES)
-    assert EFFECT_TYPES["turn"].apply("south", 1) == "east"
-    assert EFFECT_TYPES["turn"].describe("agent.facing", 3) == "agent.facing turns right"
+    assert Effect("turn", 1) in effects_between(facing, "south", "east", MINIGRID_EFFECT_TYPES)
+    assert MINIGRID_EFFECT_TYPES["turn"].apply("south", 1) == "east"
+    assert MINIGRID_EFFECT_TYPES["turn"].describe("agent.facing", 3) == "agent.facing turns right"
     colour = enumeration("colour", "red", "green")
-    assert effects_between(colour, "red", "green", EFFECT_TYPES) == (Effect("assignment", "green"),)
+    assert effects_between(colour, "red", "green", MINIGRID_EFFECT_TYPES) == (Effect("assignment", "green"),)
 
 
 @pytest.mark.parametrize("learner_name", ["doormax", "bayes"])
@@ -167,9 +167,9 @@ def test_rules_of_an_empty_room_solve_four_rooms() -> None:
     small, large = view_of("Empty-Random-5x5"), view_of("FourRooms")
     learner = BayesianLearner(
         small.domain,
-        effect_types=EFFECT_TYPES,
-        reward=lambda state, action, next_state: float(at_goal(next_state)),
-        terminated=at_goal,
+        effect_types=MINIGRID_EFFECT_TYPES,
+        reward=lambda state, action, next_state: float(is_at_goal(next_state)),
+        terminated=is_at_goal,
     )
     rng = np.random.default_rng(0)
     small.reset(rng)
