@@ -25,8 +25,9 @@ from wherry.episodes import GoalAgent, PolicyAgent, Step, run
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import built_in_worlds, find_world
 from wherry.learning.doormax import Doormax, FailureScope
-from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.learning.registry import RULE_LEARNERS, Job, learners_for
 from wherry.learning.rule_files.files import load_rules, save_rules
+from wherry.learning.rules import RuleLearner
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Environment, Transition
 from wherry.oomdp.objects import State
@@ -36,7 +37,7 @@ BOXES = {"small": 2, "taxi": 2}
 
 
 def new_learner(name: str, domain: Domain) -> RuleLearner:
-    return LEARNERS[name](domain, reward=reward, terminated=all_delivered)
+    return RULE_LEARNERS[name].factory(domain, reward=reward, terminated=all_delivered)
 
 
 def deliver(environment: Environment, learner: RuleLearner, seed: int, max_steps: int = 1000) -> list[Step]:
@@ -126,7 +127,7 @@ def test_slips_do_not_stop_it(seed: int) -> None:
     assert any(step.surprise for step in steps)
 
 
-@pytest.mark.parametrize("name", LEARNERS)
+@pytest.mark.parametrize("name", learners_for(Job.DELIVERY, RULE_LEARNERS))
 def test_a_box_that_cannot_be_delivered_is_left_and_the_others_are_not(name: str) -> None:
     plan = FloorPlan(
         "plan", 7, 3,
@@ -155,7 +156,7 @@ class Jammed(DeterministicMdp):
         return done
 
 
-@pytest.mark.parametrize("name", LEARNERS)
+@pytest.mark.parametrize("name", learners_for(Job.DELIVERY, RULE_LEARNERS))
 def test_what_fails_again_and_again_is_left_alone(name: str) -> None:
     plan = FloorPlan("plan", 6, 2, warehouse=frozenset({Cell(5, 0)}), start=Cell(5, 1)).with_boxes([Cell(0, 0)])
     environment = delivery_grid(plan)

@@ -42,7 +42,7 @@ def q_learning(rng: np.random.Generator) -> PolicyAgent:
 
 
 def optimistic(rng: np.random.Generator) -> PolicyAgent:
-    learner = QLearning(DOMAIN, rng, exploration=0.0, first_value=10.0)
+    learner = QLearning(DOMAIN, rng, exploration=0.0, initial_value=10.0)
     return PolicyAgent(learner, learner)
 
 

@@ -11,7 +11,7 @@ from PIL import Image
 
 from wherry.commands import learn as command
 from wherry.pipelines.grids.arenas import ARENAS
-from wherry.pipelines.grids.learning import LEARNERS
+from wherry.pipelines.grids.learners import LEARNERS
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -70,4 +70,4 @@ def test_what_there_is_not_is_refused(call: Call, arguments: list[str], line: st
 
 def test_the_command_offers_what_the_experiment_has() -> None:
     assert tuple(ARENAS) == command.DOMAINS
-    assert {*command.LEARNERS, "doormax-near-miss"} == set(LEARNERS)
+    assert {*command.OFFERED, *command.INFERENCES.values()} == set(LEARNERS)

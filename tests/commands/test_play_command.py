@@ -15,7 +15,7 @@ from collections.abc import Callable
 import pytest
 
 from wherry.commands import play as command
-from wherry.pipelines.grids.play import LEARNERS, TABLES
+from wherry.pipelines.grids.game_setups import GAME_SETUPS, PLAY_LEARNERS
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -50,7 +50,7 @@ def test_the_learner_finishes_what_it_is_let(play: Call) -> None:
     assert result["episodes"] == 1
     assert result["rules"] >= 6
     assert "robot.x += 1" in err
-    assert "This one is over" in err
+    assert "This episode is over" in err
 
 
 def test_words_that_mean_nothing_are_said_so_and_do_nothing(play: Call) -> None:
@@ -104,4 +104,4 @@ def test_what_there_is_not_is_refused(call: Call, arguments: list[str]) -> None:
 
 
 def test_the_command_offers_what_there_is() -> None:
-    assert (set(command.DOMAINS), set(command.LEARNERS)) == (set(TABLES), set(LEARNERS))
+    assert (set(command.DOMAINS), set(command.LEARNERS)) == (set(GAME_SETUPS), set(PLAY_LEARNERS))

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from wherry.experiments.learning.taxi_table import PUBLISHED, Extent, markdown, reproduce
+from wherry.experiments.learning.taxi_table import PUBLISHED, TaxiRepetitions, markdown, reproduce
 from wherry.experiments.results import write_picture, write_section
-from wherry.pipelines.grids.learning import LEARNERS, Settings, TaxiExperiment
+from wherry.pipelines.grids.learners import LEARNERS
+from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 
 QUICK = {(learner, size): 0 for learner in LEARNERS for size in (5, 10)} | {
     ("bayes", 5): 2, ("bayes", 10): 1, ("q-learning", 5): 1, ("doormax", 5): 1, ("doormax", 10): 1,
@@ -19,7 +20,7 @@ def test_published_learners_are_ours_or_people() -> None:
 
 
 def test_a_row_has_what_was_published_and_what_was_measured() -> None:
-    experiment = TaxiExperiment(Settings(learner="bayes", repetitions=2))
+    experiment = LearningExperiment(LearningSettings(learner="bayes", repetitions=2))
     steps = [repetition.steps for repetition in experiment.repetitions()]
     lines = markdown({5: {"bayes": experiment.result()}}, ["bayes in 2 of 2"], "![a](b)").splitlines()
     (bayes,) = (line for line in lines if line.startswith("| **bayes**"))
@@ -31,7 +32,7 @@ def test_a_row_has_what_was_published_and_what_was_measured() -> None:
 
 def test_everything_is_run_written_and_shown(tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
-    extent = Extent(repetitions=2, fewer=QUICK)
+    extent = TaxiRepetitions(default=2, fewer=QUICK)
     text = reproduce(tmp_path / "images", lambda done, total: told.append((done, total)), extent)
     assert told[-1] == (6, 6)
     for name in ("taxi-steps.svg", "taxi-curves-5.svg", "taxi-curves-10.svg"):
@@ -52,4 +53,4 @@ def test_a_picture_lands_beside_the_results(tmp_path: Path) -> None:
 
 
 def test_every_learner_is_repeated_a_hundred_times_on_both_grids() -> None:
-    assert {Extent().of(learner, size) for learner in LEARNERS for size in (5, 10)} == {100}
+    assert {TaxiRepetitions().of(learner, size) for learner in LEARNERS for size in (5, 10)} == {100}

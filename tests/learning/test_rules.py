@@ -21,10 +21,12 @@ from wherry.domains.delivery import Site, all_delivered, delivery_grid, reward
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
+from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
-from wherry.learning.learners import LEARNERS, RuleLearner
 from wherry.learning.predictions import Subject
+from wherry.learning.registry import RULE_LEARNERS
 from wherry.learning.rule_files.files import load_rules, save_rules
+from wherry.learning.rules import RuleLearner
 from wherry.oomdp.effects import EFFECT_TYPES
 from wherry.oomdp.mdp import DeterministicMdp, Prediction
 from wherry.oomdp.objects import State
@@ -48,8 +50,7 @@ def answers(learner: RuleLearner, states: list[State]) -> list[Prediction]:
 
 
 MAKERS: dict[str, Callable[..., RuleLearner]] = {
-    **LEARNERS,
-    "near-miss": partial(Doormax, inference="near-miss"),
+    **{name: entry.factory for name, entry in RULE_LEARNERS.items()},
     "by attribute": partial(Doormax, failure_scope="attribute"),
 }
 
@@ -115,12 +116,12 @@ def test_near_misses_of_single_attributes_are_refused(tmp_path: Path) -> None:
 
 
 def test_rules_of_one_world_hold_in_another(tmp_path: Path) -> None:
-    learner = LEARNERS["bayes"](taxi_grid(5).domain)
+    learner = BayesianLearner(taxi_grid(5).domain)
     wander(taxi_grid(5), learner, 1500)
     save_rules(learner, tmp_path / "rules.json")
     large = taxi_grid(10)
     loaded = load_rules(tmp_path / "rules.json", large.domain)
-    for state in wander(large, LEARNERS["bayes"](large.domain), 100):
+    for state in wander(large, BayesianLearner(large.domain), 100):
         for action in large.domain.ground_actions(state):
             assert loaded.predict(state, action).state == large.predict(state, action).state
 
@@ -140,7 +141,7 @@ def test_fractions_and_removed_types_survive(tmp_path: Path) -> None:
 
 
 def test_a_file_begins_with_sentences(tmp_path: Path) -> None:
-    learner = LEARNERS["bayes"](taxi_grid(5).domain)
+    learner = BayesianLearner(taxi_grid(5).domain)
     wander(taxi_grid(5), learner, 300)
     save_rules(learner, tmp_path / "rules.json")
     document = json.loads((tmp_path / "rules.json").read_text("utf-8"))
@@ -153,10 +154,10 @@ def test_a_learner_without_rules_is_refused(tmp_path: Path) -> None:
         save_rules(QLearning(taxi_grid(5).domain, np.random.default_rng(0)), tmp_path / "q.json")  # type: ignore[arg-type]
 
 
-@pytest.fixture(scope="module", params=list(LEARNERS))
+@pytest.fixture(scope="module", params=list(RULE_LEARNERS))
 def document(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     path = tmp_path_factory.mktemp("rules") / "rules.json"
-    learner = LEARNERS[request.param](taxi_grid(5).domain)
+    learner = RULE_LEARNERS[request.param].factory(taxi_grid(5).domain)
     wander(taxi_grid(5), learner, 300)
     save_rules(learner, path)
     content: dict[str, Any] = json.loads(path.read_text("utf-8"))
@@ -238,16 +239,16 @@ while True:
 
 def test_a_killed_save_leaves_a_whole_file(tmp_path: Path) -> None:
     path = tmp_path / "rules.json"
-    save_rules(LEARNERS["bayes"](taxi_grid(5).domain), path)
+    save_rules(BayesianLearner(taxi_grid(5).domain), path)
     for delay in (0.0, 0.013, 0.029):
         with subprocess.Popen([sys.executable, "-c", SAVING, str(path)], stdout=subprocess.PIPE) as process:
             assert process.stdout is not None
             process.stdout.readline()
             time.sleep(delay)
             os.kill(process.pid, signal.SIGKILL)
-        assert isinstance(load_rules(path, taxi_grid(5).domain), LEARNERS["bayes"])  # type: ignore[arg-type]
+        assert isinstance(load_rules(path, taxi_grid(5).domain), BayesianLearner)
 
 
 def test_the_folder_has_to_exist(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"):
-        save_rules(LEARNERS["bayes"](Site.of_plan(find_world("small")).domain), tmp_path / "none" / "rules.json")
+        save_rules(BayesianLearner(Site.of_plan(find_world("small")).domain), tmp_path / "none" / "rules.json")

@@ -7,7 +7,7 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.pipelines.grids.arenas import ARENAS
-from wherry.pipelines.grids.learning import Settings, TaxiExperiment
+from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 
 
 @pytest.mark.parametrize("name", ARENAS)
@@ -27,7 +27,7 @@ def test_an_arena_acts_and_tests_in_the_same_world(name: str) -> None:
 
 @pytest.mark.parametrize("domain", ["delivery", "gymnasium-taxi"])
 def test_near_misses_learn_other_domains_too(domain: str) -> None:
-    experiment = TaxiExperiment(Settings(learner="doormax-near-miss", repetitions=2, domain=domain))
+    experiment = LearningExperiment(LearningSettings(learner="doormax-near-miss", repetitions=2, domain=domain))
     list(experiment.repetitions())
     result = experiment.result()
     assert result.converged == 2
@@ -37,19 +37,19 @@ def test_near_misses_learn_other_domains_too(domain: str) -> None:
 
 def test_gymnasium_taxi_has_all_of_its_states() -> None:
     arena = ARENAS["gymnasium-taxi"](5, "small")
-    assert len(arena.tables.numbers) == 500
-    assert arena.tables.starts == 300
+    assert len(arena.tables.state_numbers) == 500
+    assert arena.tables.start_count == 300
 
 
 def test_what_cannot_be_is_refused() -> None:
     for settings, source in (
-        (Settings(domain="chess"), "DOMAIN"),
-        (Settings(domain="delivery", world="nowhere"), "nowhere"),
-        (Settings(domain="taxi", size=6), "--size"),
+        (LearningSettings(domain="chess"), "DOMAIN"),
+        (LearningSettings(domain="delivery", world="nowhere"), "nowhere"),
+        (LearningSettings(domain="taxi", size=6), "--size"),
     ):
         with pytest.raises(InputError) as caught:
-            TaxiExperiment(settings)
+            LearningExperiment(settings)
         assert caught.value.source == source
-    experiment = TaxiExperiment(Settings(domain="delivery", learner="factored-rmax", repetitions=1))
+    experiment = LearningExperiment(LearningSettings(domain="delivery", learner="factored-rmax", repetitions=1))
     with pytest.raises(InputError, match="needs to be told"):
         list(experiment.repetitions())

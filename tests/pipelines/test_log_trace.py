@@ -7,7 +7,7 @@ import pytest
 
 from wherry.logs.carmen import LidarLog
 from wherry.mapping.closures import Closure
-from wherry.pipelines.grids.learning import Settings, TaxiExperiment
+from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 from wherry.pipelines.logs.trace import LogTrace
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
@@ -72,7 +72,7 @@ def closure(refused: str) -> Closure:
 @pytest.fixture(scope="module")
 def learning() -> list[Record]:
     told: list[Record] = []
-    experiment = TaxiExperiment(Settings(learner="doormax", repetitions=2, seed=0))
+    experiment = LearningExperiment(LearningSettings(learner="doormax", repetitions=2, seed=0))
     experiment.watch = told.append
     steps = [repetition.steps for repetition in experiment.repetitions()]
     assert sum(isinstance(record, Stepped) for record in told) == steps[0]  # the first one alone

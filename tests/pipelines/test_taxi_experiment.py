@@ -11,11 +11,13 @@ import pytest
 from wherry.errors import InputError
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
-from wherry.pipelines.grids.learning import LEARNERS, Arena, Result, Settings, TaxiExperiment, solved_at_once
+from wherry.pipelines.grids.arenas import Arena
+from wherry.pipelines.grids.learners import LEARNERS
+from wherry.pipelines.grids.learning import LearningExperiment, LearningResult, LearningSettings, solved_at_once
 
 
-def run(learner: str, size: int, repetitions: int, seed: int = 0) -> Result:
-    experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=repetitions, seed=seed))
+def run(learner: str, size: int, repetitions: int, seed: int = 0) -> LearningResult:
+    experiment = LearningExperiment(LearningSettings(size=size, learner=learner, repetitions=repetitions, seed=seed))
     for _ in experiment.repetitions():
         pass
     return experiment.result()
@@ -76,7 +78,7 @@ def test_the_baselines_converge_later(learner: str) -> None:
 @pytest.mark.parametrize("learner", ["bayes", "doormax"])
 def test_what_was_learnt_on_the_small_grid_solves_the_large_one(learner: str) -> None:
     large = Arena.of_size(10)
-    experiment = TaxiExperiment(Settings(size=5, learner=learner, repetitions=5))
+    experiment = LearningExperiment(LearningSettings(size=5, learner=learner, repetitions=5))
     for _ in experiment.repetitions():
         assert isinstance(experiment.learner, Doormax | BayesianLearner)
         assert solved_at_once(experiment.learner, large) == 6
@@ -107,7 +109,7 @@ def test_the_result_is_plain_data() -> None:
 
 
 def test_the_last_learner_is_kept_with_its_rules() -> None:
-    experiment = TaxiExperiment(Settings(learner="bayes", repetitions=1))
+    experiment = LearningExperiment(LearningSettings(learner="bayes", repetitions=1))
     list(experiment.repetitions())
     assert experiment.learner is not None
     assert "N: if not touch_N(taxi, wall): taxi.y += 1" in experiment.learner.sentences()
@@ -116,14 +118,14 @@ def test_the_last_learner_is_kept_with_its_rules() -> None:
 @pytest.mark.parametrize(
     ("settings", "source"),
     [
-        (Settings(size=7), "--size"),
-        (Settings(learner="oracle"), "--learner"),
-        (Settings(repetitions=0), "--repetitions"),
+        (LearningSettings(size=7), "--size"),
+        (LearningSettings(learner="oracle"), "--learner"),
+        (LearningSettings(repetitions=0), "--repetitions"),
     ],
 )
-def test_what_there_is_not_is_refused(settings: Settings, source: str) -> None:
+def test_what_there_is_not_is_refused(settings: LearningSettings, source: str) -> None:
     with pytest.raises(InputError) as caught:
-        TaxiExperiment(settings)
+        LearningExperiment(settings)
     assert caught.value.source == source
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from wherry.episodes import GoalAgent, run
 from wherry.learning.doormax import Doormax
-from wherry.learning.learners import LEARNERS
+from wherry.learning.registry import RULE_LEARNERS
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp
 from wherry.oomdp.objects import State
@@ -63,7 +63,7 @@ def test_every_lamp_is_an_action_of_its_own() -> None:
 @pytest.mark.parametrize(("name", "episodes"), [("bayes", 3), ("doormax", 20)])
 def test_learners_switch_all_lamps_off_and_then_know_how(name: str, episodes: int) -> None:
     """What a few corridors taught is enough for the shortest way in the next ones."""
-    learner, rng = LEARNERS[name](DOMAIN, **SETTINGS.get(name, {})), np.random.default_rng(1)
+    learner, rng = RULE_LEARNERS[name].factory(DOMAIN, **SETTINGS.get(name, {})), np.random.default_rng(1)
     for _ in range(episodes):
         steps = list(run(world(), GoalAgent(learner, lit), rng, max_steps=500))
         assert lit(steps[-1].transition.next_state) == 0

@@ -16,7 +16,8 @@ from wherry.floorplan.plan import Cell
 from wherry.floorplan.world_files import find_world
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
-from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.learning.registry import RULE_LEARNERS
+from wherry.learning.rules import RuleLearner
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, DeterministicMdp, Prediction, Transition
 from wherry.oomdp.objects import ObjectClass, State, integer
@@ -41,7 +42,7 @@ def plan(task: Pddl) -> list[Action] | None:
 
 
 def taught(name: str, environment: TaxiGrid) -> RuleLearner:
-    learner, rng = LEARNERS[name](environment.domain), np.random.default_rng(0)
+    learner, rng = RULE_LEARNERS[name].factory(environment.domain), np.random.default_rng(0)
     agent = PolicyAgent(learner, ValueIteration(learner))
     for _ in range(40):
         list(run(environment, agent, rng, max_steps=1000))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from wherry.pipelines.grids.learning import LEARNERS
-from wherry.views.learning_curve import Needed, as_bytes, learning_curves, solved_by, steps_needed
+from wherry.pipelines.grids.learners import LEARNERS
+from wherry.views.learning_curve import StepsNeeded, as_bytes, learning_curves, solved_by, steps_needed
 
 RUNS = {"quick": [[(10, 0), (20, 6)], [(12, 3), (30, 6)]], "slow": [[(100, 1), (5000, 6)]]}
 
@@ -40,7 +40,11 @@ def test_curves_of_like_length_share_a_linear_axis() -> None:
 
 
 def test_a_row_shows_the_median_and_what_was_published() -> None:
-    rows = [Needed("ours", [10, 20, 30]), Needed("ours", [50], published=True), Needed("people", [7], published=True)]
+    rows = [
+        StepsNeeded("ours", [10, 20, 30]),
+        StepsNeeded("ours", [50], published=True),
+        StepsNeeded("people", [7], published=True),
+    ]
     (axes,) = steps_needed({"5×5": rows}, "Taxi").axes
     points = [tuple(map(float, line.get_xydata()[0])) for line in axes.get_lines() if line.get_marker() == "o"]  # type: ignore[index, union-attr]
     assert sorted(points) == [(7, 1), (20, 0), (50, 0)]

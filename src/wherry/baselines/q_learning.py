@@ -1,7 +1,9 @@
-"""Q-learning (Watkins 1989): no model at all, one value for every state and action.
+"""Q-learning (Watkins 1989): no model, one value for every state and action.
 
-The baseline that most people know. It learns with one-step backups and explores ε-greedily, or by optimistic first
-values.
+It learns with one-step backups and explores ε-greedily, or by optimistic initial values.
+
+This is the plain implementation on objects. `wherry.baselines.compiled.q_learning` is tested against it step by step,
+and is what experiments run.
 """
 
 from __future__ import annotations
@@ -17,12 +19,12 @@ class QLearning:
     """A table of action values; learner and planner in one.
 
     Args:
-        domain: What states are described with.
-        rng: Where the randomness of exploring comes from.
+        domain: Domain whose states and actions are learnt about.
+        rng: Source of randomness for exploration.
         discount: γ.
-        learning_rate: α, how far a value moves to what was seen; 1 suits a world where nothing is random.
-        exploration: ε, how often a random action is taken.
-        first_value: Q of what was never tried; optimistic where it is more than anything can be worth.
+        learning_rate: α, how far a value moves towards its target; 1 suits a deterministic world.
+        exploration: ε, probability of a random action.
+        initial_value: Q of pairs never tried; optimistic where no return can be larger.
     """
 
     violations: tuple[str, ...] = ()
@@ -35,22 +37,22 @@ class QLearning:
         discount: float = 0.95,
         learning_rate: float = 1.0,
         exploration: float = 0.1,
-        first_value: float = 0.0,
+        initial_value: float = 0.0,
     ) -> None:
         self.domain = domain
         self.rng = rng
         self.discount = discount
         self.learning_rate = learning_rate
         self.exploration = exploration
-        self.first_value = first_value
+        self.initial_value = initial_value
         self._values: dict[State, dict[Action, float]] = {}
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """Nothing: it has no model."""
+        """Return unknown: Q-learning has no model."""
         return UNKNOWN
 
     def policy(self, state: State) -> Action:
-        """The action to learn with: the best, or now and then any."""
+        """Return the ε-greedy action."""
         if self.rng.random() < self.exploration:
             actions = self.domain.ground_actions(state)
             return actions[self.rng.integers(len(actions))]
@@ -61,7 +63,7 @@ class QLearning:
         return max(self._values_of(state).values())
 
     def best(self, state: State) -> Action:
-        """The action of the highest value; of equals the first."""
+        """Return the greedy action; of equally good ones the first."""
         values = self._values_of(state)
         return max(values, key=values.__getitem__)
 
@@ -76,5 +78,5 @@ class QLearning:
     def _values_of(self, state: State) -> dict[Action, float]:
         values = self._values.get(state)
         if values is None:
-            values = self._values[state] = dict.fromkeys(self.domain.ground_actions(state), self.first_value)
+            values = self._values[state] = dict.fromkeys(self.domain.ground_actions(state), self.initial_value)
         return values

@@ -5,13 +5,23 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from wherry.learning.registry import RULE_LEARNERS, Job, LearnerEntry, learners_for
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress, Task
+
+
+def described(learners: Mapping[str, LearnerEntry[Any]]) -> Callable[[str], list[tuple[str, str]]]:
+    """Return a completion that offers learners to the shell, each with its summary."""
+    return lambda incomplete: [(name, entry.summary) for name, entry in learners.items() if name.startswith(incomplete)]
+
+
+DELIVERY_LEARNERS = learners_for(Job.DELIVERY, RULE_LEARNERS)
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, as the last line.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors, and what --json prints.")]
@@ -21,7 +31,12 @@ WorldArgument = Annotated[str, typer.Argument(help="A built-in world's name, or 
 BoxesOption = Annotated[int | None, typer.Option(help="How many boxes; without it, what the world says.")]
 MapOption = Annotated[Path | None, typer.Option("--map", help="A map.yaml to use instead of exploring.")]
 RulesOption = Annotated[Path | None, typer.Option(help="Learnt rules to start with.")]
-LearnerOption = Annotated[str, typer.Option(help="How the robot learns: bayes or doormax.")]
+LearnerOption = Annotated[
+    str,
+    typer.Option(
+        help=f"How the robot learns: {' or '.join(DELIVERY_LEARNERS)}.", autocompletion=described(DELIVERY_LEARNERS)
+    ),
+]
 LogArgument = Annotated[
     Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped, or a ROS bag.")
 ]

@@ -12,6 +12,7 @@ from wherry.commands.common import (
     QuietOption,
     SeedOption,
     console_for,
+    described,
     one_of,
     print_json,
     progress_bar,
@@ -19,26 +20,18 @@ from wherry.commands.common import (
 )
 from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
 from wherry.errors import InputError
+from wherry.pipelines.grids.learners import LEARNERS
 
 DOMAINS = ("taxi", "delivery", "gymnasium-taxi")
-LEARNERS = (
-    "bayes",
-    "doormax",
-    "doormax-letter",
-    "factored-rmax",
-    "factored-rmax-minimal",
-    "rmax",
-    "q-learning",
-    "q-learning-optimistic",
-)
-INFERENCES = ("memorise", "near-miss")
+INFERENCES = {"memorise": "doormax", "near-miss": "doormax-near-miss"}  # by --inference: the registered learner
+OFFERED = {name: entry for name, entry in LEARNERS.items() if name == "doormax" or name not in INFERENCES.values()}
 
 
 def learn(
     domain: Annotated[str, typer.Argument(help=f"{', '.join(DOMAINS)}.", autocompletion=one_of(DOMAINS))],
     size: Annotated[int, typer.Option(help="The Taxi grid's side: 5 or 10.")] = 5,
     world: Annotated[str, typer.Option(help="Where to deliver: a built-in world's name, or a world file.")] = "small",
-    learner: Annotated[str, typer.Option(help=f"{', '.join(LEARNERS)}.", autocompletion=one_of(LEARNERS))] = "doormax",
+    learner: Annotated[str, typer.Option(help=f"{', '.join(OFFERED)}.", autocompletion=described(OFFERED))] = "doormax",
     inference: Annotated[
         str | None,
         typer.Option(
@@ -61,14 +54,16 @@ def learn(
     if out is not None and out.suffix not in (".png", ".svg"):
         raise InputError("--out", str(out), "must end in .png or .svg")
     chosen = _learner(learner, inference)
+    if rules_out is not None and chosen in LEARNERS and not LEARNERS[chosen].has_rules:
+        raise InputError("--rules-out", str(rules_out), f"{chosen} learns no rules that could be saved")
     from wherry.files import write_atomically
     from wherry.learning.rule_files.files import save_rules
-    from wherry.pipelines.grids.learning import Settings, TaxiExperiment
+    from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
     from wherry.views.figures import LEARNING
     from wherry.views.terminal import print_figures, print_rules
 
-    experiment = TaxiExperiment(
-        Settings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
+    experiment = LearningExperiment(
+        LearningSettings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
     )
     console = console_for(as_json=as_json, quiet=quiet)
     with watched("wherry: learning", None, console, view=view, host=host, port=port) as sink:
@@ -98,11 +93,11 @@ def learn(
 
 
 def _learner(learner: str, inference: str | None) -> str:
-    """The experiment's name for a learner with a way to infer."""
+    """Return the registered name of a learner with a way to infer failures."""
     if inference is None:
         return learner
     if inference not in INFERENCES:
         raise InputError("--inference", inference, f"is none of {', '.join(INFERENCES)}")
     if learner != "doormax":
         raise InputError("--inference", inference, f"is DOORMAX's, not of {learner}")
-    return "doormax-near-miss" if inference == "near-miss" else learner
+    return INFERENCES[inference]

@@ -28,7 +28,7 @@ from wherry.floorplan.world_files import find_world
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
 from wherry.oomdp.outcomes import Grounded
-from wherry.pipelines.grids.learning import Settings, TaxiExperiment
+from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 from wherry.planning.search import a_star
 from wherry.planning.state_space import StateSpace
 from wherry.planning.successors import Successors
@@ -41,7 +41,7 @@ PARTICLES, BEAMS = 2_000, 60
 UPDATES = 60
 STEP = 0.05  # m, from one update to the next
 INTEL = Path("intel/intel_910_rawodom.clf.gz")
-EFFICIENT_RL = Path(__file__).with_name("efficient_rl_taxi.py")  # run by another interpreter
+EFFICIENT_RL = Path(__file__).with_name("learning") / "efficient_rl.py"  # run by another interpreter
 RIVAL, DIUK = "DOORMAX, efficient_rl", "DOORMAX, Diuk et al. 2008"
 MEASURED, ELSEWHERE = "here", "published, on another machine"
 
@@ -111,7 +111,7 @@ def learning(outside: Outside, progress: Progress) -> list[Time]:
         task = f"a step of Taxi {size}×{size}"
         for learner in ("doormax", "doormax-near-miss", "bayes"):
             progress(f"{learner}, {task}")
-            experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=5))
+            experiment = LearningExperiment(LearningSettings(size=size, learner=learner, repetitions=5))
             list(experiment.repetitions())
             times.append(Time(task, f"wherry, {learner}", experiment.result().ms_per_step))
         others = {who: Time(task, who, milliseconds, ELSEWHERE) for who, milliseconds in published.items()}
@@ -143,7 +143,7 @@ def _efficient_rl(interpreter: Path) -> float:
 def planning(_outside: Outside, progress: Progress) -> list[Time]:
     """Optimal policies for all states of the large Taxi grid, and the plan of a whole delivery."""
     progress("value iteration")
-    experiment = TaxiExperiment(Settings(learner="bayes", repetitions=1))
+    experiment = LearningExperiment(LearningSettings(learner="bayes", repetitions=1))
     list(experiment.repetitions())
     learner = experiment.learner
     assert learner is not None  # noqa: S101 - bayes learns rules

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from wherry.learning.concepts import Concept, condition_of
 from wherry.learning.predictions import Subject
 from wherry.learning.rewards import Rewards
-from wherry.learning.sentences import Rule
+from wherry.learning.rules import Rule
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
@@ -283,6 +283,9 @@ class BayesianLearner:
                 self.domain.size, self.factor, (), [*self.tried[action]][-REMEMBERED_TRIES:]
             )
         return self._never_seen[action].probability(whole)
+
+    def settle(self) -> None:
+        """Do nothing: the laws of every attribute are of the simplest type already."""
 
     def rules(self) -> tuple[Rule, ...]:
         """What is believed: for every effect the simplest conjunctions that agree with the examples."""

@@ -14,7 +14,7 @@ from typing import Literal
 from wherry.learning.near_miss import NearMisses
 from wherry.learning.predictions import Predictions, Subject
 from wherry.learning.rewards import Rewards
-from wherry.learning.sentences import Rule
+from wherry.learning.rules import Rule
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed

@@ -33,7 +33,7 @@ Run = Sequence[tuple[int, int]]
 
 
 @dataclass(frozen=True, slots=True)
-class Needed:
+class StepsNeeded:
     """How many steps a learner needed, over some repetitions.
 
     Attributes:
@@ -102,7 +102,7 @@ def solved_by(run: Run, steps: Floats) -> Floats:
     return counts
 
 
-def steps_needed(panels: Mapping[str, Sequence[Needed]], title: str) -> Figure:
+def steps_needed(panels: Mapping[str, Sequence[StepsNeeded]], title: str) -> Figure:
     """Steps to the optimum, a row for each learner: a dot for the median, a bar from 10 to 90 %, a ring if published.
 
     Args:
@@ -128,7 +128,7 @@ def steps_needed(panels: Mapping[str, Sequence[Needed]], title: str) -> Figure:
     return figure
 
 
-def _needed(axes: Axes, at: int, row: Needed) -> None:
+def _needed(axes: Axes, at: int, row: StepsNeeded) -> None:
     """One row: others' mean as a ring, our repetitions as a bar with a dot; the figure beside it."""
     if row.published:
         axes.plot(row.steps, [at] * len(row.steps), **RING, zorder=5)
