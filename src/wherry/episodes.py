@@ -14,14 +14,14 @@ from typing import Protocol
 import numpy as np
 
 from wherry.learning.unknowns import UnknownPairs
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Environment, Learner, Prediction, Transition
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import ConditionalModel
 from wherry.planning.policy import Planner
-from wherry.planning.search import Heuristic, Plan, Remaining, a_star, cheapest_experiment, no_heuristic
-from wherry.planning.successors import Successors
+from wherry.planning.prediction_cache import PredictionCache
+from wherry.planning.search import Heuristic, Plan, UnmetGoals, a_star, cheapest_experiment, zero_heuristic
 
 PATIENCE = 3  # how often an action that fails is tried in one and the same state
 
@@ -98,7 +98,7 @@ class Step:
     @property
     def surprise(self) -> bool:
         """Whether something else happened than was expected."""
-        expected = self.prediction.state
+        expected = self.prediction.most_likely.next_state
         return expected is not None and expected.objects != self.transition.next_state.objects
 
     @property
@@ -148,7 +148,7 @@ class GoalAgent:
 
     Args:
         learner: What it learns with.
-        remaining: How much of the job is left in a state; 0 when it is done.
+        unmet_goals: How many goals a state leaves unmet; 0 when the task is done.
         heuristic: Never more than the number of steps from a state to the end of the job; makes planning fast.
         detour: How much it gives for settling a doubt when it already knows enough to do the job, in steps.
     """
@@ -156,16 +156,16 @@ class GoalAgent:
     def __init__(
         self,
         learner: ConditionalLearner,
-        remaining: Remaining,
-        heuristic: Heuristic = no_heuristic,
+        unmet_goals: UnmetGoals,
+        heuristic: Heuristic = zero_heuristic,
         *,
         detour: float = 30.0,
     ) -> None:
         self.learner = learner
         self.detour = detour
-        self.remaining = remaining
+        self.unmet_goals = unmet_goals
         self.heuristic = heuristic
-        self._successors = Successors(learner)
+        self._cache = PredictionCache(learner)
         self._unknown = UnknownPairs(learner)
         self._plan = Plan((), (), 0.0)
         self._exploring = False
@@ -202,8 +202,8 @@ class GoalAgent:
         self._unknown.meet(state)
         if self._plan.states[:1] != (state,) or self._planned_with != self.learner.revisions:
             self._make_plan(state)
-        if not self._exploring and self.learner.doubtful:
-            self._settle_doubt(state)
+        if not self._exploring and self.learner.has_disagreement:
+            self._settle_disagreement(state)
         if not self._plan.actions:
             self._gave_up = self._why_nothing_is_left(state)
             return None
@@ -221,29 +221,29 @@ class GoalAgent:
         tried = transition.state, transition.action
         self._failed[tried] += transition.failed
         if self._failed[tried] == PATIENCE:
-            self._successors.bar(*tried)
+            self._cache.exclude(*tried)
             self._planned_with = {}
 
     def _make_plan(self, state: State) -> None:
         """Plan the whole job, or else the cheapest experiment, or else as much of the job as can be done."""
         self._planned_with = dict(self.learner.revisions)
-        self._plan, left = a_star(self._successors, state, self.remaining, self.heuristic)
+        self._plan, left = a_star(self._cache, state, self.unmet_goals, self.heuristic)
         self._exploring = False
-        experiment = cheapest_experiment(self._successors, state) if left > 0 else None
+        experiment = cheapest_experiment(self._cache, state) if left > 0 else None
         if experiment is not None:
             self._plan, self._exploring = experiment, True
 
     def _why_nothing_is_left(self, state: State) -> str | None:
         """What is left of the job, and which of the learner's assumptions were violated; None when the job is done."""
-        left = self.remaining(state)
+        left = self.unmet_goals(state)
         if left <= 0:
             return None
         reasons = (f"{left:g} left to do, and no way to do it is known or can be found out", *self.learner.violations)
         return "; ".join(reasons)
 
-    def _settle_doubt(self, state: State) -> None:
+    def _settle_disagreement(self, state: State) -> None:
         """Leave the plan for an experiment nearby, so that what is learnt here holds elsewhere, too."""
-        experiment = cheapest_experiment(self._successors, state, doubts_only=True, limit=self.detour)
+        experiment = cheapest_experiment(self._cache, state, disagreements_only=True, max_cost=self.detour)
         if experiment is not None:
             self._plan, self._exploring = experiment, True
 
@@ -278,7 +278,7 @@ class PolicyAgent:
         """The policy's action."""
         action = self.planner.policy(state)
         prediction = self.learner.predict(state, action)
-        return Decision(action, prediction, exploring=not prediction.known)
+        return Decision(action, prediction, exploring=not prediction.most_likely.is_known)
 
     def learn(self, transition: Transition) -> None:
         """Learn from one experience."""

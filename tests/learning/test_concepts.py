@@ -78,15 +78,15 @@ def test_literals() -> None:
 def test_doubt_is_greatest_where_explanations_are_split() -> None:
     concept = Concept.of(3, 0.1, [0b011], [0b000])  # terms 0 and 1 held once, and did not when it failed
     assert {str(condition_of(literals, 3)) for literals in concept.simplest} == {"1**", "*1*"}
-    assert concept.doubt(0b001) == concept.doubt(0b010) == 1.0
-    assert concept.doubt(0b111) == concept.doubt(0b000) == 0.0
+    assert concept.disagreement(0b001) == concept.disagreement(0b010) == 1.0
+    assert concept.disagreement(0b111) == concept.disagreement(0b000) == 0.0
 
 
 def test_what_never_failed_is_in_doubt_where_anything_differs() -> None:
     concept = Concept.of(3, 0.1, [0b011], [])
     assert len(concept.simplest) == 3
-    assert concept.doubt(0b011) == 0.0
-    assert concept.doubt(0b010) > 0.0
+    assert concept.disagreement(0b011) == 0.0
+    assert concept.disagreement(0b010) > 0.0
     assert Concept.of(2, 0.1, [0b00, 0b11], []).simplest == (0,)
 
 

@@ -64,7 +64,7 @@ def test_the_same_predictions_after_loading(name: str, tmp_path: Path) -> None:
     loaded = load_rules(tmp_path / "rules.json", environment.domain)
     assert answers(loaded, states) == answers(learner, states)
     assert sorted(loaded.sentences()) == sorted(learner.sentences())
-    assert any(prediction.known for prediction in answers(loaded, states))
+    assert any(prediction.most_likely.is_known for prediction in answers(loaded, states))
 
 
 @pytest.mark.parametrize("name", MAKERS)
@@ -123,7 +123,10 @@ def test_rules_of_one_world_hold_in_another(tmp_path: Path) -> None:
     loaded = load_rules(tmp_path / "rules.json", large.domain)
     for state in wander(large, BayesianLearner(large.domain), 100):
         for action in large.domain.ground_actions(state):
-            assert loaded.predict(state, action).state == large.predict(state, action).state
+            assert (
+                loaded.predict(state, action).most_likely.next_state
+                == large.predict(state, action).most_likely.next_state
+            )
 
 
 def test_fractions_and_removed_types_survive(tmp_path: Path) -> None:
@@ -136,8 +139,8 @@ def test_fractions_and_removed_types_survive(tmp_path: Path) -> None:
     assert loaded.predictions.models == doormax.predictions.models
     assert loaded.predictions.removed == doormax.predictions.removed
     prediction = ask(loaded, "10", counter=6)
-    assert prediction.state is not None
-    assert prediction.state["machine"].counter == 2
+    assert prediction.most_likely.next_state is not None
+    assert prediction.most_likely.next_state["machine"].counter == 2
 
 
 def test_a_file_begins_with_sentences(tmp_path: Path) -> None:

@@ -18,15 +18,15 @@ from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
 from wherry.learning.registry import RULE_LEARNERS
 from wherry.learning.rules import RuleLearner
+from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.mdp import UNKNOWN, DeterministicMdp, Prediction, Transition
+from wherry.oomdp.mdp import UNKNOWN, DeterministicMdp, Outcome, Prediction, Transition
 from wherry.oomdp.objects import ObjectClass, State, integer
-from wherry.oomdp.outcomes import Grounded
 from wherry.oomdp.relations import Relation
 from wherry.oomdp.terms import related
 from wherry.planning.pddl import Pddl, export_pddl
+from wherry.planning.prediction_cache import PredictionCache
 from wherry.planning.search import a_star
-from wherry.planning.successors import Successors
 from wherry.planning.value_iteration import ValueIteration
 from wherry_testing.small_worlds import DOMAIN, Tabular, at
 
@@ -96,7 +96,7 @@ def test_deliveries_of_two_boxes() -> None:
     agent = GoalAgent(learner, boxes_left, DeliverySteps())
     steps = list(run(world, agent, np.random.default_rng(0), max_steps=3000))
     assert steps[-1].transition.terminated
-    best, left = a_star(Successors(Grounded(site.domain, world)), start, boxes_left, DeliverySteps())
+    best, left = a_star(PredictionCache(PerStateModel(site.domain, world)), start, boxes_left, DeliverySteps())
     assert left == 0
     actions = plan(export_pddl(learner, site.domain, start))
     assert len(actions) == len(best.actions)
@@ -142,11 +142,11 @@ def test_a_goal_that_no_term_tells_is_told_by_values() -> None:
     start = State((PUSHER("agent", x=0), CRATE("crate", x=2)))
     world = DeterministicMdp(PUSHING, push, lambda rng: start)
 
-    def there(prediction: Prediction) -> bool:
-        crate = None if prediction.state is None else prediction.state.get("crate")
+    def there(outcome: Outcome) -> bool:
+        crate = None if outcome.next_state is None else outcome.next_state.get("crate")
         return crate is not None and crate.x == 4
 
-    class Within(Grounded):
+    class Within(PerStateModel):
         """The truth, as long as the crate is not at the end: there the same terms would do something else."""
 
         def predict(self, state: State, action: Action) -> Prediction:
@@ -157,6 +157,9 @@ def test_a_goal_that_no_term_tells_is_told_by_values() -> None:
     assert "(goal_values ?crate_after)" in task.domain
     assert task.problem.count("(goal_values ") == 1
     gone = export_pddl(
-        Within(PUSHING, world), PUSHING, start, lambda done: done.state is not None and done.state.get("crate") is None
+        Within(PUSHING, world),
+        PUSHING,
+        start,
+        lambda outcome: outcome.next_state is not None and outcome.next_state.get("crate") is None,
     )
     assert [str(action) for action in plan(gone)] == ["E", "EAT(crate)"]

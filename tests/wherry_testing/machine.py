@@ -50,5 +50,5 @@ def ask(learner: Learner, switches: str, counter: int = 0, lamp: bool = False, a
 
 def counter_of(prediction: Prediction) -> int:
     """The counter that is predicted."""
-    assert prediction.state is not None
-    return int(prediction.state["machine"].counter)
+    assert prediction.most_likely.next_state is not None
+    return int(prediction.most_likely.next_state["machine"].counter)

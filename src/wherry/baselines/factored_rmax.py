@@ -15,10 +15,10 @@ from typing import Any
 
 from wherry.baselines.network import GONE, REWARD_AND_END, Parents, Variable, attributes_of, name_of, parent_value
 from wherry.baselines.rmax import NOT_KNOWN
+from wherry.oomdp.conditional_models import ConditionalPrediction, ModelOutcome
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.mdp import UNKNOWN, Prediction, Transition
+from wherry.oomdp.mdp import UNKNOWN, Outcome, Prediction, Transition
 from wherry.oomdp.objects import Object, State
-from wherry.oomdp.outcomes import Answer, Told
 
 
 class FactoredRmax:
@@ -29,7 +29,7 @@ class FactoredRmax:
         parents: The dynamic Bayesian network.
     """
 
-    doubtful = False
+    has_disagreement = False
 
     def __init__(self, domain: Domain, parents: Parents) -> None:
         self.domain = domain
@@ -45,8 +45,8 @@ class FactoredRmax:
 
     def predict(self, state: State, action: Action) -> Prediction:
         """Return what the tables say, or unknown where one of them has no entry."""
-        worth = self._look_up(state, action, REWARD_AND_END)
-        if worth is None:
+        reward_and_end = self._look_up(state, action, REWARD_AND_END)
+        if reward_and_end is None:
             return UNKNOWN
         objects = []
         for item in state.objects:
@@ -58,15 +58,15 @@ class FactoredRmax:
             if GONE in values:
                 continue
             objects.append(Object(item.object_class, item.name, tuple(values)))
-        return Prediction(state.with_objects(objects), *worth)
+        return Prediction((Outcome(state.with_objects(objects), *reward_and_end),))
 
-    def key(self, state: State) -> Hashable:
+    def state_key(self, state: State) -> Hashable:
         """Return the state itself: states share no predictions."""
         return state
 
-    def answer(self, state: State, action: Action) -> Answer:
+    def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
         """Return what the tables say, or unknown where one of them has no entry."""
-        return Answer(((Told(self), 1.0),)) if self._knows(state, action) else NOT_KNOWN
+        return ConditionalPrediction(((ModelOutcome(self), 1.0),)) if self._knows(state, action) else NOT_KNOWN
 
     def _knows(self, state: State, action: Action) -> bool:
         """Return whether every table has an entry for the step."""

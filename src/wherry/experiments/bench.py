@@ -27,11 +27,11 @@ from wherry.experiments.mapping.speed import measure
 from wherry.floorplan.world_files import find_world
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
-from wherry.oomdp.outcomes import Grounded
+from wherry.oomdp.conditional_models import PerStateModel
 from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
+from wherry.planning.prediction_cache import PredictionCache
 from wherry.planning.search import a_star
 from wherry.planning.state_space import StateSpace
-from wherry.planning.successors import Successors
 from wherry.planning.value_iteration import ValueIteration
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
@@ -162,8 +162,8 @@ def planning(_outside: Outside, progress: Progress) -> list[Time]:
     progress("A*")
     plan = find_world("rooms")
     delivery = delivery_grid(plan, 4)
-    state, successors = delivery.start(np.random.default_rng(0)), Successors(Grounded(delivery.domain, delivery))
-    search = _milliseconds(lambda: a_star(successors, state, boxes_left, DeliverySteps()), 3)
+    state, cache = delivery.start(np.random.default_rng(0)), PredictionCache(PerStateModel(delivery.domain, delivery))
+    search = _milliseconds(lambda: a_star(cache, state, boxes_left, DeliverySteps()), 3)
     return [
         Time(task, "wherry, with the states met for the first time", first),
         Time(task, "wherry, with the states known", again),

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.mdp import Learner
-from wherry.oomdp.outcomes import ConditionalModel
 
 
 @dataclass(frozen=True, slots=True)

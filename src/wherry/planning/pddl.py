@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.mdp import Model, Prediction
+from wherry.oomdp.mdp import Model, Outcome
 from wherry.oomdp.objects import Object, State
 
 MOST_STATES = 100_000
@@ -140,14 +140,12 @@ def _simplest_mask(bits: int, others: Sequence[int], size: int) -> int:
     return mask
 
 
-def succeeded(prediction: Prediction) -> bool:
-    """Whether a step ends the episode well: with a reward above 0."""
-    return bool(prediction.terminated) and prediction.reward is not None and prediction.reward > 0
+def succeeds(outcome: Outcome) -> bool:
+    """Whether a step ends the episode with a positive reward."""
+    return bool(outcome.terminated) and outcome.reward is not None and outcome.reward > 0
 
 
-def export_pddl(
-    model: Model, domain: Domain, start: State, reaches_goal: Callable[[Prediction], bool] = succeeded
-) -> Pddl:
+def export_pddl(model: Model, domain: Domain, start: State, reaches_goal: Callable[[Outcome], bool] = succeeds) -> Pddl:
     """Write a model and a state as a PDDL domain and problem.
 
     Args:
@@ -166,7 +164,7 @@ def export_pddl(
 class _Export:
     """One export: the reachable states, what is predicted in them, and names for it all."""
 
-    def __init__(self, model: Model, domain: Domain, start: State, reaches_goal: Callable[[Prediction], bool]) -> None:
+    def __init__(self, model: Model, domain: Domain, start: State, reaches_goal: Callable[[Outcome], bool]) -> None:
         self.model = model
         self.domain = domain
         self.start = start
@@ -215,11 +213,11 @@ class _Export:
             if len(self.states) > MOST_STATES:
                 raise ValueError(f"more than {MOST_STATES:,} states can be reached")
             for action in self.domain.ground_actions(state):
-                prediction = self.model.predict(state, action)
-                after = prediction.state
-                bits, effect = self._bits(state, action), self._effect(state, prediction)
+                outcome = self.model.predict(state, action).most_likely
+                after = outcome.next_state
+                bits, effect = self._bits(state, action), self._effect(state, outcome)
                 self.steps.append(_Step(len(self.states) - 1, action, bits, effect, after))
-                if after is not None and not prediction.terminated and after not in seen:
+                if after is not None and not outcome.terminated and after not in seen:
                     seen.add(after)
                     queue.append(after)
 
@@ -262,14 +260,14 @@ class _Export:
             except ValueError as error:
                 raise ValueError(f"{step.action}: {error}") from error
 
-    def _effect(self, state: State, prediction: Prediction) -> Effect | None:
+    def _effect(self, state: State, outcome: Outcome) -> Effect | None:
         """What a step does; None where that does not count: nothing, something unknown, or a bad end."""
-        goal = self.reaches_goal(prediction)
-        if prediction.state is None or (prediction.terminated and not goal):
+        goal = self.reaches_goal(outcome)
+        if outcome.next_state is None or (outcome.terminated and not goal):
             return None
         changes = []
         for item in state.objects:
-            after = prediction.state.get(item.name)
+            after = outcome.next_state.get(item.name)
             if after != item:
                 change = _change(item, after)
                 changes.append((item.name, change))

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from wherry.oomdp.outcomes import ConditionalModel
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.planning.lrtdp import Lrtdp
 from wherry.planning.policy import Planner
 from wherry.planning.policy_iteration import PolicyIteration

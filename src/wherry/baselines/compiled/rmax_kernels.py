@@ -12,7 +12,7 @@ from typing import NamedTuple
 from wherry.baselines.compiled.model_entries import NONE
 from wherry.baselines.compiled.tabular import Booleans, Floats, Integers
 from wherry.kernels import kernel
-from wherry.planning.lookahead import TIE
+from wherry.planning.lookahead import Q_TOLERANCE
 
 
 class RmaxProblem(NamedTuple):
@@ -214,7 +214,7 @@ def _greedy_action(state: int, problem: RmaxProblem, knowledge: RmaxKnowledge) -
     missing, values = knowledge.missing, knowledge.values
     for action in range(successor.shape[1]):
         q = _q_value(state, action, successor, reward, terminates, missing, values, problem.discount, problem.v_max)
-        if q > highest + TIE:
+        if q > highest + Q_TOLERANCE:
             best, highest = action, q
     return best
 

@@ -14,7 +14,7 @@ from wherry.learning.rules import RuleLearner
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.effects import EffectType
-from wherry.oomdp.outcomes import Task, Worth
+from wherry.oomdp.effects_outcome import StepReward, Task
 
 LearnerT = TypeVar("LearnerT", bound=RuleLearner)
 KnowledgeT = TypeVar("KnowledgeT", bound=Part)
@@ -105,4 +105,4 @@ class KnowledgeReader:
             subjects = [self.subject(entry.action, name, field) for name in entry.changed]
             changed = frozenset((subject.class_name, subject.attribute) for subject in subjects)
             for text, (reward, terminated) in entry.worth.items():
-                rewards.add(entry.action, self.terms(text, field), Worth(changed, reward, terminated))
+                rewards.add(entry.action, self.terms(text, field), StepReward(changed, reward, terminated))

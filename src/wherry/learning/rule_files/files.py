@@ -24,8 +24,8 @@ from wherry.learning.rule_files.entries import DomainSchema, RulesDocument
 from wherry.learning.rules import RuleLearner
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.effects import EFFECT_TYPES, EffectType
+from wherry.oomdp.effects_outcome import Task
 from wherry.oomdp.mdp import RewardFunction, TerminationFunction
-from wherry.oomdp.outcomes import Task
 
 MAX_FILE_SIZE = 20_000_000  # bytes
 

@@ -24,10 +24,10 @@ from wherry.domains.delivery import Box, DeliverySteps, Site, delivery_grid, tra
 from wherry.domains.taxi import PROBES, SIZES, minimal_parents, published_parents, taxi_grid
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
+from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Environment, Transition
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import Grounded
 from wherry.planning.state_space import StateSpace
 from wherry.planning.value_iteration import ValueIteration
 
@@ -146,7 +146,7 @@ def _draw_probes(starts: list[State]) -> list[State]:
 
 def _with_lengths(truth: DeterministicMdp, probes: list[State]) -> tuple[tuple[State, int], ...]:
     """Return every probe with the fewest steps to the end of the episode."""
-    optimal = ValueIteration(Grounded(truth.domain, truth), optimistic=False)
+    optimal = ValueIteration(PerStateModel(truth.domain, truth), optimistic=False)
     return tuple((probe, _steps_to_end(truth, optimal.policy, probe, MAX_EPISODE_STEPS)) for probe in probes)
 
 

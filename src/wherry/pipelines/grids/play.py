@@ -13,7 +13,7 @@ from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import State
 from wherry.pipelines.grids.game_setups import GAME_SETUPS, PLAY_LEARNERS, GameSettings
-from wherry.pipelines.grids.predictions_in_words import DescribedPrediction, describe_changes, describe_prediction
+from wherry.pipelines.grids.predictions_in_words import PredictionText, describe_changes, describe_prediction
 
 
 class Game:
@@ -69,7 +69,7 @@ class Game:
         """What was learnt so far, in words."""
         return self._setup.learner.sentences()
 
-    def predictions(self) -> tuple[DescribedPrediction, ...]:
+    def predictions(self) -> tuple[PredictionText, ...]:
         """Return what the learner predicts of every action."""
         is_probabilistic = PLAY_LEARNERS[self.settings.learner].is_probabilistic
         return tuple(
@@ -101,7 +101,7 @@ class Game:
         """
         if self.over:
             raise RuntimeError("the episode has ended; begin another")
-        predicted = self._setup.learner.predict(self.state, action).state
+        predicted = self._setup.learner.predict(self.state, action).most_likely.next_state
         transition = self._setup.mdp.step(action)
         self._setup.agent.learn(transition)
         self.steps += 1

@@ -13,7 +13,7 @@ UNKNOWN_WORD = "UNKNOWN"
 
 
 @dataclass(frozen=True, slots=True)
-class DescribedPrediction:
+class PredictionText:
     """What a learner predicts of an action, in words.
 
     Attributes:
@@ -31,7 +31,7 @@ class DescribedPrediction:
 
 def describe_prediction(
     state: State, action: Action, prediction: Prediction, *, is_probabilistic: bool
-) -> DescribedPrediction:
+) -> PredictionText:
     """Return a prediction in words.
 
     Args:
@@ -40,15 +40,15 @@ def describe_prediction(
         prediction: What the learner predicts.
         is_probabilistic: Whether the learner's probabilities are worth showing.
     """
-    if prediction.state is None:
-        return DescribedPrediction(action, UNKNOWN_WORD, "", None)
-    possible = prediction.probability + sum(other.probability for other in prediction.otherwise)
-    probability = prediction.probability / possible
-    reward = [] if prediction.reward is None else [f"{prediction.reward:+g}"]
-    reward += ["the end"] if prediction.terminated else []
-    return DescribedPrediction(
+    outcome = prediction.most_likely
+    if outcome.next_state is None:
+        return PredictionText(action, UNKNOWN_WORD, "", None)
+    probability = outcome.probability / sum(other.probability for other in prediction.outcomes)
+    reward = [] if outcome.reward is None else [f"{outcome.reward:+g}"]
+    reward += ["the end"] if outcome.terminated else []
+    return PredictionText(
         action,
-        describe_changes(state, prediction.state),
+        describe_changes(state, outcome.next_state),
         ", ".join(reward),
         probability if is_probabilistic and probability < CERTAIN else None,
     )
