@@ -37,7 +37,7 @@ def test_probabilities_are_those_of_all_hypotheses(target: Condition, examples: 
     concept = Concept.of(SIZE, FACTOR, positives, negatives)
     alive = survivors(positives, negatives)
     expected = weight([hypothesis for hypothesis in alive if hypothesis.covers_terms(asked)]) / weight(alive)
-    assert concept.consistent
+    assert concept.is_consistent
     assert abs(concept.probability(asked) - expected) < 1e-9
     assert concept.covers(asked) == (bool(positives) and all(hypothesis.covers_terms(asked) for hypothesis in alive))
 
@@ -61,7 +61,7 @@ def test_the_simplest_hypotheses_are_the_shortest_that_survive(target: Condition
 @given(st.lists(terms, min_size=1, max_size=6), st.lists(terms, min_size=1, max_size=6))
 def test_contradictions_are_noticed(positives: list[int], negatives: list[int]) -> None:
     concept = Concept.of(SIZE, FACTOR, positives, negatives)
-    assert concept.consistent == bool(survivors(positives, negatives))
+    assert concept.is_consistent == bool(survivors(positives, negatives))
 
 
 @given(st.sets(st.integers(0, 2**8 - 1), max_size=6))

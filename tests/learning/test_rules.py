@@ -23,7 +23,7 @@ from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
-from wherry.learning.predictions import Subject
+from wherry.learning.effect_rules import Subject
 from wherry.learning.registry import RULE_LEARNERS
 from wherry.learning.rule_files.files import load_rules, save_rules
 from wherry.learning.rules import RuleLearner
@@ -102,7 +102,7 @@ def test_an_attribute_that_is_learnt_anew_stays_so(tmp_path: Path) -> None:
     save_rules(learner, tmp_path / "rules.json")
     loaded = load_rules(tmp_path / "rules.json", learner.domain)
     assert isinstance(loaded, Doormax)
-    assert loaded.from_changes_alone(subject)
+    assert loaded.learns_from_changes_alone(subject)
     assert ask(loaded, "010") == ask(learner, "010")
 
 
@@ -136,8 +136,8 @@ def test_fractions_and_removed_types_survive(tmp_path: Path) -> None:
     save_rules(doormax, tmp_path / "rules.json")
     loaded = load_rules(tmp_path / "rules.json", doormax.domain)
     assert isinstance(loaded, Doormax)
-    assert loaded.predictions.models == doormax.predictions.models
-    assert loaded.predictions.removed == doormax.predictions.removed
+    assert loaded.effect_rules.models == doormax.effect_rules.models
+    assert loaded.effect_rules.removed == doormax.effect_rules.removed
     prediction = ask(loaded, "10", counter=6)
     assert prediction.most_likely.next_state is not None
     assert prediction.most_likely.next_state["machine"].counter == 2

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import Counter
 
 from wherry.learning.doormax import Doormax
-from wherry.learning.predictions import Subject
+from wherry.learning.effect_rules import Subject
 from wherry.oomdp.effects import eff_att, observed
 from wherry.oomdp.mdp import Transition
 
@@ -57,9 +57,9 @@ class UnknownAnswers:
         for item, terms in zip(transition.state.objects, own, strict=True):
             for attribute, before, after in observed(item, transition.next_state.get(item.name)):
                 subject = Subject(action, item.object_class.name, attribute.name)
-                if before == after and self.learner.from_changes_alone(subject):
+                if before == after and self.learner.learns_from_changes_alone(subject):
                     continue
-                alive = self.learner.predictions.models[subject]
+                alive = self.learner.effect_rules.models[subject]
                 for effect in eff_att(attribute, before, after, self.learner.effect_types):
                     if effect.type in alive:
                         known = any(model.covers_terms(terms) for model in alive[effect.type].values())

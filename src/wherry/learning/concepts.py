@@ -106,7 +106,7 @@ class Concept:
         return cls(size, factor, shared, largest(parts))
 
     @property
-    def consistent(self) -> bool:
+    def is_consistent(self) -> bool:
         """Whether some conjunction agrees with all examples."""
         return self.shared is None or self.shared not in self.refuted
 
@@ -133,7 +133,7 @@ class Concept:
         only when nothing else is left, since most actions fail somewhere. Before the first positive example there are
         none.
         """
-        if self.shared is None or not self.consistent:
+        if self.shared is None or not self.is_consistent:
             return ()
         choices = [1 << bit for bit in range(2 * self.size) if self.shared >> bit & 1]
         for count in range(1, len(choices) + 1):

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from wherry.learning.bayes import BayesianLearner, Evidence
+from wherry.learning.bayes import BayesianLearner
+from wherry.learning.evidence import Evidence
 from wherry.learning.rule_files.codec import KnowledgeReader, RuleCodec
 from wherry.learning.rule_files.entries import (
     Count,
@@ -88,11 +89,11 @@ def _encode(learner: BayesianLearner) -> BayesianKnowledge:
     ]
     return BayesianKnowledge(
         expected_terms=learner.factor * learner.domain.size,
-        novelty=learner.novelty,
+        novelty=learner.unseen.novelty,
         effect_types=list(learner.effect_types),
         tried={
             action: {text(terms): succeeded for terms, succeeded in tried.items()}
-            for action, tried in learner.tried.items()
+            for action, tried in learner.unseen.tried.items()
         },
         evidence=evidence,
         rewards=reward_entries(learner.rewards),
@@ -111,7 +112,7 @@ def _decode(knowledge: BayesianKnowledge, reader: KnowledgeReader) -> BayesianLe
     for action, tried in knowledge.tried.items():
         field = f"knowledge.tried.{action}"
         reader.action(action, field)
-        learner.tried[action] = {reader.terms(text, field): succeeded for text, succeeded in tried.items()}
+        learner.unseen.tried[action] = {reader.terms(text, field): succeeded for text, succeeded in tried.items()}
     for at, entry in enumerate(knowledge.evidence):
         field = f"knowledge.evidence.{at}"
         subject = reader.subject(entry.action, entry.attribute, field)

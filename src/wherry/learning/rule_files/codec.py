@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from wherry.errors import InputError
-from wherry.learning.predictions import Subject
+from wherry.learning.effect_rules import Subject
 from wherry.learning.rewards import Rewards
 from wherry.learning.rule_files.entries import DomainSchema, Part, RewardEntry
 from wherry.learning.rules import RuleLearner

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from wherry.learning.doormax import Doormax
+from wherry.learning.effect_rules import Subject
 from wherry.learning.near_miss import NearMisses
-from wherry.learning.predictions import Subject
 from wherry.learning.rule_files.codec import KnowledgeReader, RuleCodec
 from wherry.learning.rule_files.entries import (
     ConditionText,
@@ -87,7 +87,7 @@ def _encode(learner: Doormax) -> DoormaxKnowledge:
 
 def _type_entries(learner: Doormax) -> list[TypeEntry]:
     """Return the types that have predictions, then the types that were removed."""
-    predictions = learner.predictions
+    effect_rules = learner.effect_rules
     entries = [
         TypeEntry(
             action=subject.action,
@@ -98,13 +98,13 @@ def _type_entries(learner: Doormax) -> list[TypeEntry]:
                 for effect, model in models.items()
             ],
         )
-        for subject, types in predictions.models.items()
+        for subject, types in effect_rules.models.items()
         for name, models in types.items()
         if models
     ]
     removed = [
         TypeEntry(action=subject.action, attribute=attribute_name(subject), type=name, removed=reason)
-        for subject, types in predictions.removed.items()
+        for subject, types in effect_rules.removed.items()
         for name, reason in types.items()
     ]
     return entries + removed
@@ -164,13 +164,13 @@ def _decode(knowledge: DoormaxKnowledge, reader: KnowledgeReader) -> Doormax:
 def _add_type(learner: Doormax, entry: TypeEntry, reader: KnowledgeReader, field: str) -> None:
     """Add the predictions of one effect type, or remove the type."""
     subject = reader.subject(entry.action, entry.attribute, field)
-    if entry.type not in learner.predictions.models[subject]:
+    if entry.type not in learner.effect_rules.models[subject]:
         raise reader.refusal(f"{field}.type", f"{entry.type!r} is no effect type of {entry.attribute}")
     if entry.removed is not None:
-        learner.predictions.remove(subject, entry.type, entry.removed)
+        learner.effect_rules.remove(subject, entry.type, entry.removed)
     for rule in entry.rules:
         effect = effect_of(entry.type, rule.argument)
-        learner.predictions.models[subject][entry.type][effect] = reader.condition(rule.model, field)
+        learner.effect_rules.models[subject][entry.type][effect] = reader.condition(rule.model, field)
 
 
 def _add_near_misses(near_misses: NearMisses, entries: Mapping[str, NearMissEntry], reader: KnowledgeReader) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from wherry.learning.predictions import Subject
+from wherry.learning.effect_rules import Subject
 from wherry.learning.rewards import Rewards
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
