@@ -11,10 +11,11 @@ from wherry.baselines.factored_rmax import FactoredRmax
 from wherry.baselines.q_learning import QLearning
 from wherry.baselines.rmax import Rmax
 from wherry.domains.taxi import minimal_parents, taxi_grid
-from wherry.episodes import PolicyAgent, run
+from wherry.episodes import PolicyAgent, run_episode
+from wherry.oomdp.attributes import integer
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Transition
-from wherry.oomdp.objects import ObjectClass, State, integer
+from wherry.oomdp.objects import ObjectClass, State
 from wherry.planning.value_iteration import ValueIteration
 
 LENGTH = 5
@@ -61,7 +62,7 @@ def test_they_learn_to_walk_to_the_end(make: Callable[[np.random.Generator], Pol
     environment, rng = corridor(), np.random.default_rng(0)
     agent = make(rng)
     for _ in range(60):
-        for _ in run(environment, agent, rng, max_steps=20):
+        for _ in run_episode(environment, agent, rng, max_steps=20):
             pass
     best = agent.learner.best if isinstance(agent.learner, QLearning) else agent.planner.policy
     assert [best(at(x)).name for x in range(LENGTH - 1)] == ["RIGHT"] * (LENGTH - 1)

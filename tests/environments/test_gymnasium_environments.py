@@ -15,9 +15,10 @@ from wherry.domains.taxi import taxi_grid
 from wherry.environments.grids import DeliveryEnvironment, ObjectEnvironment, TaxiEnvironment
 from wherry.environments.observations import Observer
 from wherry.errors import InputError
+from wherry.oomdp.attributes import enumeration, integer, real
 from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action
-from wherry.oomdp.objects import ObjectClass, State, enumeration, integer, real
+from wherry.oomdp.objects import ObjectClass, State
 from wherry.planning.value_iteration import ValueIteration
 
 VARIANTS = [

@@ -26,7 +26,7 @@ def remaining(positives: list[int], negatives: list[int]) -> list[Condition]:
 
 
 def weight(hypotheses: list[Condition]) -> float:
-    return sum(FACTOR**hypothesis.fixed for hypothesis in hypotheses)
+    return sum(FACTOR**hypothesis.literal_count for hypothesis in hypotheses)
 
 
 @settings(max_examples=300, deadline=None)
@@ -53,9 +53,9 @@ def test_the_simplest_hypotheses_are_the_shortest_remaining_ones(target: Conditi
     if not positives:
         assert not found
         return
-    some = [hypothesis for hypothesis in hypotheses if hypothesis.fixed] or hypotheses
-    fewest = min(hypothesis.fixed for hypothesis in some)
-    assert found == {str(hypothesis) for hypothesis in some if hypothesis.fixed == fewest}
+    some = [hypothesis for hypothesis in hypotheses if hypothesis.literal_count] or hypotheses
+    fewest = min(hypothesis.literal_count for hypothesis in some)
+    assert found == {str(hypothesis) for hypothesis in some if hypothesis.literal_count == fewest}
 
 
 @given(st.lists(terms, min_size=1, max_size=6), st.lists(terms, min_size=1, max_size=6))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from wherry.navigation.controller import (
@@ -50,7 +50,7 @@ def drive(pose: Pose, control: Callable[[Pose], Velocity | None], seconds: float
         assert abs(wanted.angular) <= BODY.max_angular + 1e-9
         velocity = limit_acceleration(wanted, velocity)
         turned = velocity.angular * PERIOD
-        ahead = velocity.linear * PERIOD * math.sin(turned / 2) / (turned / 2) if turned else velocity.linear * PERIOD
+        ahead = velocity.linear * PERIOD * float(np.sinc(turned / math.tau))  # chord of the arc; sinc is 1 at 0
         pose = pose @ Pose(ahead * math.cos(turned / 2), ahead * math.sin(turned / 2), turned)
         poses.append(pose)
     pytest.fail(f"did not arrive, stands at {pose}")
@@ -83,6 +83,7 @@ def test_turning_ends_at_the_heading(heading: float, start: float) -> None:
 
 
 @given(x=st.floats(-1, 1), y=st.floats(-1, 1), theta=st.floats(-3.1, 3.1), reverse=st.booleans())
+@example(x=0.5, y=5e-324, theta=0.0, reverse=False)  # half of the turn that this takes rounds to 0
 @settings(max_examples=40, deadline=None)
 def test_going_to_a_pose_ends_within_a_centimetre_and_a_degree(x: float, y: float, theta: float, reverse: bool) -> None:
     goal = Pose(x, y, theta)

@@ -8,7 +8,7 @@ import pytest
 
 from wherry.pipelines.delivery.score import Result
 from wherry.pipelines.delivery.simulated import Settings, prepare
-from wherry.trace.records import CellsLaid, Perceived, Record
+from wherry.trace.records import CellLayout, PerceivedState, Record
 
 BEHIND_A_BOX = """\
 wherry-world: 1
@@ -48,7 +48,11 @@ def deliver(world: str, folder: Path, **settings: object) -> tuple[Result, list[
 
 def boxes_known(records: list[Record]) -> list[set[str]]:
     """The names of the boxes in each state, without those that do not differ from the one before."""
-    names = [{thing.name for thing in r.things if thing.kind == "Box"} for r in records if isinstance(r, Perceived)]
+    names = [
+        {thing.name for thing in r.objects if thing.class_name == "Box"}
+        for r in records
+        if isinstance(r, PerceivedState)
+    ]
     return [now for before, now in zip([set(), *names], names, strict=False) if now != before]
 
 
@@ -94,5 +98,5 @@ def test_on_a_map_that_was_given_what_lies_behind_a_box_is_looked_at_too(
 def test_a_box_in_the_way_to_the_warehouse_is_carried_along_while_exploring(tmp_path: Path) -> None:
     result, records = deliver(WAREHOUSE_BEHIND_A_BOX, tmp_path)
     assert is_done(result, 1)
-    warehouses = [len(record.warehouse) for record in records if isinstance(record, CellsLaid)]
+    warehouses = [len(record.warehouse) for record in records if isinstance(record, CellLayout)]
     assert warehouses == [0, 1]

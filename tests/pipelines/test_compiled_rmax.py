@@ -15,7 +15,7 @@ from wherry.baselines.factored_rmax import FactoredRmax
 from wherry.baselines.network import REWARD_AND_END
 from wherry.baselines.rmax import Rmax
 from wherry.domains.taxi import minimal_parents, published_parents
-from wherry.episodes import PolicyAgent, run
+from wherry.episodes import PolicyAgent, run_episode
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import State
@@ -40,7 +40,7 @@ def plain_curve(arena: Arena, learner: Rmax | FactoredRmax, seed: int, max_steps
     planner, rng = ValueIteration(learner), np.random.default_rng(seed)
     agent, steps, solved, curve = PolicyAgent(learner, planner), 0, 0, list[tuple[int, int]]()
     while solved < len(arena.probes) and steps < max_steps:
-        steps += sum(1 for _ in run(world, agent, rng, max_steps=MAX_EPISODE_STEPS))
+        steps += sum(1 for _ in run_episode(world, agent, rng, max_steps=MAX_EPISODE_STEPS))
         solved = arena.solved(planner.policy)
         curve.append((steps, solved))
     return tuple(curve)

@@ -13,7 +13,7 @@ from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world, format_world
 from wherry.pipelines.delivery.score import Result
 from wherry.pipelines.delivery.simulated import DeliveryRun, Settings, order_of, prepare
-from wherry.trace.records import Record, Seen, Stepped, ignore
+from wherry.trace.records import Record, RobotSnapshot, StepTaken, null_sink
 
 MEASURED_BY_A_CLOCK = {"wall_seconds", "real_time_factor"}
 
@@ -21,7 +21,7 @@ MEASURED_BY_A_CLOCK = {"wall_seconds", "real_time_factor"}
 def deliver(world: str, out: Path, **changes: object) -> tuple[Result, DeliveryRun]:
     """Run a delivery."""
     run = prepare(replace(Settings(world=world, out=out), **changes))  # type: ignore[arg-type]
-    return run(ignore), run
+    return run(null_sink), run
 
 
 def lasting(result: Result) -> dict[str, object]:
@@ -144,8 +144,8 @@ def test_ctrl_c_ends_a_run_and_keeps_what_was_learnt(after: str, tmp_path: Path)
 
     def impatient(record: Record) -> None:
         nonlocal steps
-        steps += isinstance(record, Stepped)
-        if (after == "the first look" and isinstance(record, Seen)) or steps == 8:
+        steps += isinstance(record, StepTaken)
+        if (after == "the first look" and isinstance(record, RobotSnapshot)) or steps == 8:
             raise KeyboardInterrupt
 
     run = prepare(Settings(world="taxi", out=tmp_path))

@@ -5,31 +5,38 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wherry.domains.delivery import Box, Site, all_delivered, delivery_grid, reward, transition
+from wherry.domains.delivery import (
+    BoxState,
+    DeliverySite,
+    all_delivered,
+    delivery_grid,
+    delivery_reward,
+    delivery_transition,
+)
 from wherry.domains.taxi import taxi_grid
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.learning.bounds import UnknownAnswers
 from wherry.learning.doormax import Doormax
 from wherry.learning.effect_rules import Subject
+from wherry.oomdp.attributes import EXISTS
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Transition
-from wherry.oomdp.objects import EXISTS
 
 PLAN = FloorPlan("plan", 4, 1, warehouse=frozenset({Cell(3, 0)}), start=Cell(0, 0))
-SITE = Site.of_plan(PLAN)
+SITE = DeliverySite.of_plan(PLAN)
 PICKUP, DROPOFF = Action("PICKUP"), Action("DROPOFF")
 
 
 def delivery_learner() -> Doormax:
-    return Doormax(SITE.domain, reward=reward, terminated=all_delivered)
+    return Doormax(SITE.domain, reward=delivery_reward, terminated=all_delivered)
 
 
 def test_a_pickup_is_learnt_of_the_box_that_was_picked_up() -> None:
     doormax = delivery_learner()
-    state = SITE.state(Cell(1, 0), [Box("a", Cell(1, 0)), Box("b", Cell(3, 0))])
-    doormax.add_experience(transition(state, PICKUP))
-    other = SITE.state(Cell(1, 0), [Box("c", Cell(3, 0)), Box("d", Cell(1, 0))])
+    state = SITE.state(Cell(1, 0), [BoxState("a", Cell(1, 0)), BoxState("b", Cell(3, 0))])
+    doormax.add_experience(delivery_transition(state, PICKUP))
+    other = SITE.state(Cell(1, 0), [BoxState("c", Cell(3, 0)), BoxState("d", Cell(1, 0))])
     predicted = doormax.predict(other, PICKUP).most_likely.next_state
     assert predicted is not None
     assert [box.in_bot for box in predicted.of_class("Box")] == [False, True]
@@ -44,9 +51,9 @@ def models(doormax: Doormax, effect_type: str, subject: Subject) -> dict[object,
 
 def test_a_delivered_box_leaves_the_predicted_state() -> None:
     doormax = delivery_learner()
-    held, waiting = Box("a", Cell(0, 0), in_bot=True), Box("b", Cell(0, 0))
+    held, waiting = BoxState("a", Cell(0, 0), in_bot=True), BoxState("b", Cell(0, 0))
     state = SITE.state(Cell(3, 0), [held, waiting])
-    doormax.add_experience(transition(state, DROPOFF))
+    doormax.add_experience(delivery_transition(state, DROPOFF))
     assert doormax.predict(state, DROPOFF).most_likely.next_state == state.without("a")
     exists = Subject("DROPOFF", "Box", EXISTS)
     assert models(doormax, "assignment", exists) == {False: "1110011", True: "1110010"}
@@ -55,9 +62,9 @@ def test_a_delivered_box_leaves_the_predicted_state() -> None:
 
 def test_newly_perceived_walls_do_not_count_as_a_change() -> None:
     doormax = delivery_learner()
-    before = SITE.state(Cell(0, 0), [Box("a", Cell(2, 0))])
-    narrower = Site(SITE.walls, SITE.warehouse | {Cell(2, 0)}, SITE.x_range, SITE.y_range)
-    after = narrower.state(Cell(0, 0), [Box("a", Cell(2, 0))])
+    before = SITE.state(Cell(0, 0), [BoxState("a", Cell(2, 0))])
+    narrower = DeliverySite(SITE.walls, SITE.warehouse | {Cell(2, 0)}, SITE.x_range, SITE.y_range)
+    after = narrower.state(Cell(0, 0), [BoxState("a", Cell(2, 0))])
     doormax.add_experience(Transition(before, PICKUP, after, -10.0, False))
     assert doormax.failures["PICKUP"] == {SITE.domain.cond(before).value}
 

@@ -15,7 +15,7 @@ from wherry.pipelines.delivery.film import HEIGHT, PERIOD, WIDTH, filmed
 from wherry.robot import Velocity
 from wherry.simulation import Simulation, build
 from wherry.space.pose import Pose
-from wherry.trace.records import Said, Seen
+from wherry.trace.records import Narration, Phase, RobotSnapshot
 
 NOWHERE = np.empty((0, 2), np.float32)
 
@@ -25,8 +25,8 @@ def simulation() -> Simulation:
     return build(find_world("small").with_boxes(()), np.random.default_rng(0))
 
 
-def seen(time: float) -> Seen:
-    return Seen(time, Pose(), Pose(), NOWHERE, np.empty((0, 3), np.float32), NOWHERE, NOWHERE, False)
+def seen(time: float) -> RobotSnapshot:
+    return RobotSnapshot(time, Pose(), Pose(), NOWHERE, np.empty((0, 3), np.float32), NOWHERE, NOWHERE, False)
 
 
 def test_time_passes_as_on_the_robots_clock(simulation: Simulation, tmp_path: Path) -> None:
@@ -36,7 +36,7 @@ def test_time_passes_as_on_the_robots_clock(simulation: Simulation, tmp_path: Pa
         for _ in range(40):
             simulation.robot.command(Velocity(0.5, 0.0))
             simulation.robot.receive()
-        sink(Said(0.5, "explore", "Words are not filmed."))
+        sink(Narration(0.5, Phase.EXPLORE, "Words are not filmed."))
         sink(seen(PERIOD + 0.01))
         sink(seen(PERIOD + 0.02))  # too soon for another picture
         sink(seen(10 * PERIOD + 0.01))

@@ -12,7 +12,7 @@ from wherry.pipelines.delivery.simulated import order_of
 from wherry.realization.mission import Mission
 from wherry.simulation import build
 from wherry.simulation.faults import kidnap, random_pose
-from wherry.trace.records import Record, Said
+from wherry.trace.records import Narration, Record
 
 
 @pytest.mark.slow
@@ -32,7 +32,7 @@ def test_carried_off_in_mid_delivery(*, loaded: bool) -> None:
                 pass  # not far enough away to be lost
             kidnap(simulation, elsewhere)
             carried_off = True
-    said = [record.text for record in records if isinstance(record, Said) and record.phase == "localize"]
+    said = [record.text for record in records if isinstance(record, Narration) and record.phase == "localize"]
     assert carried_off
     assert ready.environment.pilot.times_lost >= 1
     assert "Now I know where I am." in said

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wherry.domains.delivery import PICKUP, Box, Site, boxes_left, transition
+from wherry.domains.delivery import PICKUP, BoxState, DeliverySite, boxes_left, delivery_transition
 from wherry.floorplan.plan import Cell
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Transition
@@ -17,22 +17,24 @@ from wherry.pipelines.delivery.agent import Delivery, delivery_learner
 from wherry.realization.mission import Ready
 from wherry.space.frame import CellFrame
 from wherry.space.pose import IDENTITY
-from wherry.trace.records import Record, Said
+from wherry.trace.records import Narration, Record
 
 
 class Grid(DeterministicMdp):
     """A corridor of three cells with a box at its end, instead of a robot; its latch may be broken."""
 
     def __init__(self, *, broken: bool) -> None:
-        self.site = Site.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
+        self.site = DeliverySite.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
         self.pilot = SimpleNamespace(time=0.0)
 
         def outcome(state: State, action: Action) -> Transition:
             if broken and action == PICKUP:
                 return Transition(state, action, state, -10.0, terminated=False)
-            return transition(state, action)
+            return delivery_transition(state, action)
 
-        super().__init__(self.site.domain, outcome, lambda rng: self.site.state(Cell(1, 0), [Box("box", Cell(2, 0))]))
+        super().__init__(
+            self.site.domain, outcome, lambda rng: self.site.state(Cell(1, 0), [BoxState("box", Cell(2, 0))])
+        )
         self.reset(np.random.default_rng(0))
 
     @property
@@ -44,7 +46,7 @@ class Grid(DeterministicMdp):
         return 1 - self.remaining
 
 
-def words(*, broken: bool, in_the_way: tuple[str, ...] = ()) -> list[Said]:
+def words(*, broken: bool, in_the_way: tuple[str, ...] = ()) -> list[Narration]:
     ready = Ready(
         Grid(broken=broken),
         grid=None,
@@ -56,7 +58,7 @@ def words(*, broken: bool, in_the_way: tuple[str, ...] = ()) -> list[Said]:
     told: list[Record] = []
     for _ in Delivery(ready, delivery_learner("bayes"), told.append, np.random.default_rng(0)):
         pass
-    return [record for record in told if isinstance(record, Said)]
+    return [record for record in told if isinstance(record, Narration)]
 
 
 def last_words(*, broken: bool) -> str:

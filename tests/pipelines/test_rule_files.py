@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from wherry.baselines.q_learning import QLearning
-from wherry.domains.delivery import Site, all_delivered, delivery_grid, reward
+from wherry.domains.delivery import DeliverySite, all_delivered, delivery_grid, delivery_reward
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
@@ -70,7 +70,7 @@ def test_a_loaded_learner_makes_the_same_predictions(name: str, tmp_path: Path) 
 @pytest.mark.parametrize("name", MAKERS)
 def test_a_loaded_learner_goes_on_learning_the_same_way(name: str, tmp_path: Path) -> None:
     environment = delivery_grid(find_world("small"))
-    given = {"reward": reward, "terminated": all_delivered}
+    given = {"reward": delivery_reward, "terminated": all_delivered}
     learner = MAKERS[name](environment.domain, **given)
     wander(environment, learner, 200)
     save_rules(learner, tmp_path / "rules.json")
@@ -254,4 +254,4 @@ def test_a_killed_save_leaves_a_complete_file(tmp_path: Path) -> None:
 
 def test_saving_into_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"):
-        save_rules(BayesianLearner(Site.of_plan(find_world("small")).domain), tmp_path / "none" / "rules.json")
+        save_rules(BayesianLearner(DeliverySite.of_plan(find_world("small")).domain), tmp_path / "none" / "rules.json")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wherry.episodes import GoalAgent, run
+from wherry.episodes import GoalAgent, run_episode
 from wherry.learning.doormax import Doormax
 from wherry.learning.registry import RULE_LEARNERS
 from wherry.oomdp.conditional_models import PerStateModel
@@ -65,7 +65,7 @@ def test_learners_switch_all_lamps_off_and_then_know_how(name: str, episodes: in
     """What a few corridors taught is enough for the shortest way in the next ones."""
     learner, rng = RULE_LEARNERS[name].factory(DOMAIN, **SETTINGS.get(name, {})), np.random.default_rng(1)
     for _ in range(episodes):
-        steps = list(run(world(), GoalAgent(learner, lit), rng, max_steps=500))
+        steps = list(run_episode(world(), GoalAgent(learner, lit), rng, max_steps=500))
         assert lit(steps[-1].transition.next_state) == 0
     # Of what lamps do nothing is contradicted; only that the last one ends the episode is in no term.
     assert all("whether the episode ended" in violation for violation in learner.violations)
@@ -78,7 +78,7 @@ def test_learners_switch_all_lamps_off_and_then_know_how(name: str, episodes: in
 @pytest.mark.parametrize("name", ["value-iteration", "policy-iteration", "lrtdp"])
 def test_planners_take_the_shortest_way(name: str) -> None:
     environment, rng = world(), np.random.default_rng(2)
-    planner = PLANNERS[name](PerStateModel(DOMAIN, environment), rng, discount=0.95, r_max=0.0)
+    planner = PLANNERS[name].make(PerStateModel(DOMAIN, environment), rng, discount=0.95, r_max=0.0)
     state = environment.reset(rng)
     fewest, steps = shortest(state), 0
     while lit(state):
@@ -94,7 +94,7 @@ def test_uct_switches_off_the_lamp_that_it_stands_at() -> None:
         state = state.replace(lamp.name, lit=False)
     last = state.of_class("Lamp")[0]
     state = state.replace("janitor", x=last.x)
-    planner = PLANNERS["uct"](PerStateModel(DOMAIN, environment), rng, r_max=0.0)
+    planner = PLANNERS["uct"].make(PerStateModel(DOMAIN, environment), rng, r_max=0.0)
     assert planner.policy(state) == Action("SWITCH_OFF", (last.name,))
 
 

@@ -9,22 +9,31 @@ import pytest
 from unified_planning.io import PDDLReader
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
-from wherry.domains.delivery import Box, DeliverySteps, Site, all_delivered, boxes_left, reward, transition
+from wherry.domains.delivery import (
+    BoxState,
+    DeliveryHeuristic,
+    DeliverySite,
+    all_delivered,
+    boxes_left,
+    delivery_reward,
+    delivery_transition,
+)
 from wherry.domains.taxi import PROBES, TaxiGrid, taxi_grid
-from wherry.episodes import GoalAgent, PolicyAgent, run
+from wherry.episodes import GoalAgent, PolicyAgent, run_episode
 from wherry.floorplan.plan import Cell
 from wherry.floorplan.world_files import find_world
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
 from wherry.learning.registry import RULE_LEARNERS
 from wherry.learning.rules import RuleLearner
+from wherry.oomdp.attributes import integer
 from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, DeterministicMdp, Outcome, Prediction, Transition
-from wherry.oomdp.objects import ObjectClass, State, integer
+from wherry.oomdp.objects import ObjectClass, State
 from wherry.oomdp.relations import Relation
 from wherry.oomdp.terms import related
-from wherry.planning.pddl import Pddl, export_pddl
+from wherry.planning.pddl import PddlTask, export_pddl
 from wherry.planning.prediction_cache import PredictionCache
 from wherry.planning.search import a_star
 from wherry.planning.value_iteration import ValueIteration
@@ -33,7 +42,7 @@ from wherry_testing.small_worlds import DOMAIN, Tabular, at
 get_environment().credits_stream = None
 
 
-def plan(task: Pddl) -> list[Action] | None:
+def plan(task: PddlTask) -> list[Action] | None:
     """The shortest plan, by A* with the landmark-cut heuristic."""
     problem = PDDLReader().parse_problem_string(task.domain, task.problem)
     with OneshotPlanner(name="fast-downward-opt") as planner:
@@ -45,7 +54,7 @@ def taught(name: str, environment: TaxiGrid) -> RuleLearner:
     learner, rng = RULE_LEARNERS[name].factory(environment.domain), np.random.default_rng(0)
     agent = PolicyAgent(learner, ValueIteration(learner))
     for _ in range(40):
-        list(run(environment, agent, rng, max_steps=1000))
+        list(run_episode(environment, agent, rng, max_steps=1000))
     return learner
 
 
@@ -89,20 +98,20 @@ def test_operators_ask_for_what_matters_and_nothing_else(taxi: TaxiGrid, learner
 
 
 def test_deliveries_of_two_boxes() -> None:
-    site = Site.of_plan(find_world("small"))
-    start = site.state(Cell(0, 5), [Box("box1", Cell(1, 0)), Box("box2", Cell(4, 2))])
-    world = DeterministicMdp(site.domain, transition, lambda rng: start)
-    learner = BayesianLearner(site.domain, reward=reward, terminated=all_delivered)
-    agent = GoalAgent(learner, boxes_left, DeliverySteps())
-    steps = list(run(world, agent, np.random.default_rng(0), max_steps=3000))
+    site = DeliverySite.of_plan(find_world("small"))
+    start = site.state(Cell(0, 5), [BoxState("box1", Cell(1, 0)), BoxState("box2", Cell(4, 2))])
+    world = DeterministicMdp(site.domain, delivery_transition, lambda rng: start)
+    learner = BayesianLearner(site.domain, reward=delivery_reward, terminated=all_delivered)
+    agent = GoalAgent(learner, boxes_left, DeliveryHeuristic())
+    steps = list(run_episode(world, agent, np.random.default_rng(0), max_steps=3000))
     assert steps[-1].transition.terminated
-    best, left = a_star(PredictionCache(PerStateModel(site.domain, world)), start, boxes_left, DeliverySteps())
+    best, left = a_star(PredictionCache(PerStateModel(site.domain, world)), start, boxes_left, DeliveryHeuristic())
     assert left == 0
     actions = plan(export_pddl(learner, site.domain, start))
     assert len(actions) == len(best.actions)
     state = start
     for action in actions:
-        state = transition(state, action).next_state
+        state = delivery_transition(state, action).next_state
     assert all_delivered(state)
 
 

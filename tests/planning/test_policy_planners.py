@@ -36,7 +36,7 @@ SLIPPERY = {  # half of all steps to the right slip: V(1) = ½·10 + ½(−1 + �
 
 
 def make(name: str, model: Tabular, **settings: float) -> Planner:
-    return PLANNERS[name](grounded(model), np.random.default_rng(0), **settings)
+    return PLANNERS[name].make(grounded(model), np.random.default_rng(0), **settings)
 
 
 def steps_to_the_end(environment: TaxiGrid, planner: Planner, state: State) -> int:
@@ -130,7 +130,7 @@ def test_policy_iteration_and_lrtdp_agree_with_value_iteration_on_taxi() -> None
 @pytest.mark.parametrize("name", EXACT)
 def test_the_published_optimal_lengths(name: str) -> None:
     environment = taxi_grid(5)
-    planner = PLANNERS[name](PerStateModel(environment.domain, environment), np.random.default_rng(0))
+    planner = PLANNERS[name].make(PerStateModel(environment.domain, environment), np.random.default_rng(0))
     lengths = [steps_to_the_end(environment, planner, environment.state_of(*probe)) for probe in PROBES]
     assert lengths == [10, 14, 13, 13, 10, 13]
 
@@ -162,7 +162,7 @@ def test_plans_again_when_the_model_has_learnt(name: str) -> None:
     """On every half-learnt model along a random walk, what it says equals what value iteration says."""
     environment, rng = taxi_grid(5), np.random.default_rng(1)
     learner = Doormax(environment.domain)
-    planner = PLANNERS[name](learner, np.random.default_rng(0))
+    planner = PLANNERS[name].make(learner, np.random.default_rng(0))
     swept = ValueIteration(learner)
     state = environment.reset(rng)
     for number in range(200):

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 import pytest
 
-from wherry.domains.delivery import Box, DeliverySteps, Site, boxes_left, delivery_grid
+from wherry.domains.delivery import BoxState, DeliveryHeuristic, DeliverySite, boxes_left, delivery_grid
 from wherry.floorplan.generation import generate_world
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import find_world
@@ -44,7 +44,7 @@ def test_plans_are_the_shortest_with_and_without_a_heuristic(seed: int) -> None:
     start = environment.reset(np.random.default_rng(seed))
     best = min(steps for state, steps in shortest(environment, start).items() if not boxes_left(state))
     cache = PredictionCache(PerStateModel(environment.domain, environment))
-    for heuristic in (lambda state: 0.0, DeliverySteps()):
+    for heuristic in (lambda state: 0.0, DeliveryHeuristic()):
         plan, left = a_star(cache, start, boxes_left, heuristic)
         assert left == 0
         assert len(plan.actions) == plan.cost == best
@@ -56,7 +56,7 @@ def test_plans_are_the_shortest_with_and_without_a_heuristic(seed: int) -> None:
 def test_the_deliverys_heuristic_is_admissible(seed: int) -> None:
     environment = worlds(3)[seed]
     start = environment.reset(np.random.default_rng(seed))
-    heuristic = DeliverySteps()
+    heuristic = DeliveryHeuristic()
     for state in list(shortest(environment, start))[::40]:
         ends = [steps for after, steps in shortest(environment, state).items() if not boxes_left(after)]
         assert heuristic(state) <= min(ends, default=float("inf"))
@@ -75,7 +75,7 @@ def test_the_most_is_done_where_not_all_can_be() -> None:
 
 
 def test_nothing_to_do_is_an_empty_plan() -> None:
-    site = Site.of_plan(FloorPlan("plan", 2, 1, warehouse=frozenset({Cell(0, 0)}), start=Cell(0, 0)))
+    site = DeliverySite.of_plan(FloorPlan("plan", 2, 1, warehouse=frozenset({Cell(0, 0)}), start=Cell(0, 0)))
     environment = delivery_grid(
         FloorPlan("plan", 2, 1, warehouse=frozenset({Cell(0, 0)}), start=Cell(1, 0), box_count=0)
     )
@@ -93,7 +93,7 @@ class Corridor:
 
     def __init__(self, unknown: dict[int, float], disagreements: dict[int, float]) -> None:
         plan = FloorPlan("row", 9, 1, warehouse=frozenset({Cell(0, 0)}), start=Cell(0, 0))
-        self.site = Site.of_plan(plan)
+        self.site = DeliverySite.of_plan(plan)
         self.domain = self.site.domain
         self.unknown, self.disagreements = unknown, disagreements
         self.revisions = {"PICKUP": 0}
@@ -102,7 +102,7 @@ class Corridor:
         return state
 
     def at(self, x: int) -> State:
-        return self.site.state(Cell(x, 0), [Box("box", Cell(0, 0))])
+        return self.site.state(Cell(x, 0), [BoxState("box", Cell(0, 0))])
 
     def predict(self, state: State, action: Action) -> Prediction:
         x = state["robot"].x

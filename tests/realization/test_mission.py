@@ -18,7 +18,7 @@ from wherry.simulation import Simulation, build
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Explored, Record, Said, Seen
+from wherry.trace.records import MapUpdate, Narration, Record, RobotSnapshot
 from wherry_testing.perfect_worlds import centre, heading_of, perfect_map
 
 
@@ -105,7 +105,7 @@ def test_whatever_is_shown_as_a_box_is_one(explorer: Explorer) -> None:
     true = explorer.world_from_map.inverse.transform(
         np.array([centre(explorer.plan, cell) for cell in explorer.plan.boxes])
     )
-    shown = [record.boxes for record in explorer.records if isinstance(record, Seen)]
+    shown = [record.boxes for record in explorer.records if isinstance(record, RobotSnapshot)]
     assert len(shown[-1]) == len(true)
     for place in np.vstack(shown):
         assert np.hypot(*(true - place).T).min() < 0.15
@@ -113,18 +113,18 @@ def test_whatever_is_shown_as_a_box_is_one(explorer: Explorer) -> None:
 
 def test_the_robot_is_localized_once(explorer: Explorer) -> None:
     # SLAM keeps the pose until everything is seen, the particle filter from then on: none is started in between.
-    by_particles = [len(record.particles) > 0 for record in explorer.records if isinstance(record, Seen)]
+    by_particles = [len(record.particles) > 0 for record in explorer.records if isinstance(record, RobotSnapshot)]
     assert by_particles == sorted(by_particles)
 
 
 def test_it_says_what_it_does(explorer: Explorer) -> None:
-    assert next(record.phase for record in explorer.records if isinstance(record, Said)) == "explore"
-    explored = [record for record in explorer.records if isinstance(record, Explored)]
-    assert explored[-1].fraction == 1.0
-    assert explored[0].fraction < 0.9
+    assert next(record.phase for record in explorer.records if isinstance(record, Narration)) == "explore"
+    explored = [record for record in explorer.records if isinstance(record, MapUpdate)]
+    assert explored[-1].explored_fraction == 1.0
+    assert explored[0].explored_fraction < 0.9
     times = [record.time for record in explorer.records]
     assert times == sorted(times)
-    localized = [record for record in explorer.records if isinstance(record, Seen) and len(record.particles)]
+    localized = [record for record in explorer.records if isinstance(record, RobotSnapshot) and len(record.particles)]
     assert localized
 
 

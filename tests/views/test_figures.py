@@ -15,7 +15,7 @@ from wherry.pipelines.logs import localization
 from wherry.pipelines.logs import mapping as slam
 from wherry.ros.names import load_names
 from wherry.ros.nodes.monitor import Monitor
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transports.protocol import Transport
 from wherry.views.figures import HEARD, LEARNING, LOCALIZATION, MAPPING, REFUSALS, Words, in_words
 from wherry.views.terminal import print_figures
 
@@ -25,7 +25,7 @@ MAPPED = slam.Result(0.0504, 0.041, 0.523, 0.61, 9998, None, 0.6947, 23.36, 2.06
 class Deaf:
     """A transport on which nothing is heard."""
 
-    generation = 2
+    ros_version = 2
 
     def subscribe(self, *of: object) -> None: ...
 

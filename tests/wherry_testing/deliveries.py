@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wherry.domains.delivery import Site
+from wherry.domains.delivery import DeliverySite
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import parse_world
 from wherry.localization.localizer import Localizer
@@ -17,7 +17,7 @@ from wherry.realization.pilot import Pilot
 from wherry.realization.tracking import PoseTracker
 from wherry.simulation import Simulation, build
 from wherry.space.pose import Pose
-from wherry.trace.records import ignore
+from wherry.trace.records import null_sink
 from wherry_testing.perfect_worlds import centre, frame_of, heading_of, perfect_map
 
 HALL = """\
@@ -49,6 +49,6 @@ def stand_ready(plan: FloorPlan, seed: int = 0) -> tuple[RobotEnvironment, Simul
     start = Pose(*centre(plan, plan.start), heading_of(plan))
     localizer = Localizer(grid, simulation.robot.body.lidar, PRECISE, beliefs)
     localizer.initialize(start, START_COVARIANCE)
-    pilot = Pilot(simulation.robot, PoseTracker(MapCorrector(localizer), start), ignore)
+    pilot = Pilot(simulation.robot, PoseTracker(MapCorrector(localizer), start), null_sink)
     boxes = [Box(number, *box.position, 9, 9) for number, box in enumerate(simulation.referee.boxes)]
-    return RobotEnvironment(pilot, frame_of(plan), Site.of_plan(plan), boxes), simulation
+    return RobotEnvironment(pilot, frame_of(plan), DeliverySite.of_plan(plan), boxes), simulation

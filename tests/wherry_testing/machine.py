@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from wherry.oomdp.attributes import boolean, integer
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Learner, Prediction, Transition
-from wherry.oomdp.objects import ObjectClass, State, boolean, integer
+from wherry.oomdp.objects import ObjectClass, State
 from wherry.oomdp.terms import attribute_holds
 
 PRESS, PULL = Action("PRESS"), Action("PULL")

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from wherry.oomdp.attributes import integer
 from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, Model, Outcome, Prediction
-from wherry.oomdp.objects import ObjectClass, State, integer
+from wherry.oomdp.objects import ObjectClass, State
 
 WALKER = ObjectClass("Walker", (integer("at"),))
 DOMAIN = Domain("walk", (WALKER,), (), {"left": (), "right": ()})

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from typing import cast
 
-from wherry.oomdp.objects import State, Value
+from wherry.oomdp.attributes import Value
+from wherry.oomdp.objects import State
 
 Variable = tuple[str, str]
 """An attribute of an object: names of the object and of the attribute."""

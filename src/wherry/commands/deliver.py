@@ -46,7 +46,7 @@ def deliver(
     from wherry.kernels import are_compiled
     from wherry.pipelines.delivery import simulated as delivery
     from wherry.simulation.model import LASER_HEIGHT
-    from wherry.trace.records import both
+    from wherry.trace.records import combine_sinks
     from wherry.views.terminal import DeliveryProgress, print_rules, print_table
 
     settings = delivery.Settings(
@@ -66,7 +66,7 @@ def deliver(
         watched(f"wherry: {run.plan.name}", run.out, console, view=view, host=host, port=port) as sink,
     ):
         with DeliveryProgress(console, len(run.plan.boxes)) as progress:
-            result = run(both(progress, sink, recording, film), recorded_robot)
+            result = run(combine_sinks(progress, sink, recording, film), recorded_robot)
         print_rules(console, run.rules)
         print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.verdict}", result.figures)
         say(console, f"Pictures, map and rules: {run.out / 'report.html'}")

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wherry.domains.delivery import DeliverySteps, boxes_left, delivery_grid
+from wherry.domains.delivery import DeliveryHeuristic, boxes_left, delivery_grid
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
 from wherry.experiments.localization.kidnapping import true_map
@@ -163,7 +163,7 @@ def planning(_outside: Outside, progress: Progress) -> list[Time]:
     plan = find_world("rooms")
     delivery = delivery_grid(plan, 4)
     state, cache = delivery.start(np.random.default_rng(0)), PredictionCache(PerStateModel(delivery.domain, delivery))
-    search = _milliseconds(lambda: a_star(cache, state, boxes_left, DeliverySteps()), 3)
+    search = _milliseconds(lambda: a_star(cache, state, boxes_left, DeliveryHeuristic()), 3)
     return [
         Time(task, "wherry, with the states met for the first time", first),
         Time(task, "wherry, with the states known", again),

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from wherry.domains.taxi import taxi_grid
-from wherry.environments.grids import taxi_figures
-from wherry.environments.pictures import in_colour
+from wherry.environments.grids import taxi_sprites
+from wherry.environments.pictures import render_rgb
 from wherry.experiments.localization.kidnapping import Wanderer, true_map
 from wherry.experiments.results import write_picture
 from wherry.floorplan.generation import place_boxes
@@ -29,7 +29,7 @@ from wherry.robot import Odometry
 from wherry.simulation import Simulation, build
 from wherry.simulation.picture import Photographer
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Record, Seen
+from wherry.trace.records import Record, RobotSnapshot
 from wherry.views.drawing import Scene, draw
 
 Progress = Callable[[int, int], None]
@@ -73,7 +73,7 @@ def figures() -> Iterator[tuple[str, bytes]]:
     """Each figure's file name and content."""
     taxi = taxi_grid(5)
     state = taxi.state_of((2, 2), passenger="Y", destination="R")
-    yield "fig1a-taxi.png", _png(in_colour(taxi.plan, taxi_figures(state)))
+    yield "fig1a-taxi.png", _png(render_rgb(taxi.plan, taxi_sprites(state)))
     plan = place_boxes(find_world(BUILDING), 4, np.random.default_rng(SEED))
     simulation = build(plan, np.random.default_rng(SEED))
     with Photographer(simulation, 1000, 1000) as photographer:
@@ -132,7 +132,7 @@ def _particles() -> Iterator[str]:
 
 def _moment(scene: Scene, amcl: Amcl, truth: Pose, time: float, driven: Floats) -> str:
     """One instant; the robot is drawn where it truly is."""
-    seen = Seen(
+    seen = RobotSnapshot(
         time=time,
         pose=truth,
         lidar=truth,
@@ -140,7 +140,7 @@ def _moment(scene: Scene, amcl: Amcl, truth: Pose, time: float, driven: Floats) 
         particles=amcl.particles.astype(np.float32),
         path=NOTHING.astype(np.float32),
         boxes=NOTHING.astype(np.float32),
-        loaded=False,
+        has_load=False,
     )
     label = f"Particles {time:.1f} s after the robot was switched on"
     return draw(scene, seen, driven, NOTHING, label=label)

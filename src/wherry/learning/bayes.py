@@ -21,13 +21,14 @@ from wherry.learning.evidence import Evidence
 from wherry.learning.laws import Examples, Law
 from wherry.learning.rules import Rule
 from wherry.learning.unseen_effects import UnseenEffects
+from wherry.oomdp.attributes import Attribute, Value
 from wherry.oomdp.conditional_models import ConditionalPrediction
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
-from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
+from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, effects_between, observed_values
 from wherry.oomdp.effects_outcome import ObjectEffects
 from wherry.oomdp.mdp import RewardFunction, TerminationFunction, Transition
-from wherry.oomdp.objects import Attribute, ObjectClass, State, Value
+from wherry.oomdp.objects import ObjectClass, State
 
 EXPECTED_TERMS = 0.5  # prior mean of the number of terms that a conjunction fixes
 NOVELTY = 1e-4  # probability that an action whose effects are known has another effect, never observed
@@ -137,7 +138,7 @@ class BayesianLearner(ConditionLearner):
         for subject, laws in self.laws.items():
             name = f"{subject.class_name.lower()}.{subject.attribute}"
             for law in laws:
-                effect = self.effect_types[law.effect.type].words(name, law.effect.argument)
+                effect = self.effect_types[law.effect.type].describe(name, law.effect.argument)
                 for concept in law.concepts:
                     literals = concept.simplest[0] if concept.refuted else 0
                     rules.append(Rule(subject.action, condition_of(literals, concept.size), effect))
@@ -152,7 +153,7 @@ class BayesianLearner(ConditionLearner):
 
     def sentences(self) -> tuple[str, ...]:
         """Return the rules in words."""
-        return tuple(rule.words(self.domain.term_names) for rule in self.rules())
+        return tuple(rule.describe(self.domain.term_names) for rule in self.rules())
 
     def add_experience(self, transition: Transition) -> None:
         """Learn from one transition."""
@@ -164,7 +165,7 @@ class BayesianLearner(ConditionLearner):
             self._invalidate_predictions()
         has_changed |= self.unseen.add(action, whole, succeeded=not transition.failed)
         for item, terms in zip(state.objects, own, strict=True):
-            for attribute, before, after in observed(item, transition.next_state.get(item.name)):
+            for attribute, before, after in observed_values(item, transition.next_state.get(item.name)):
                 subject = Subject(action, item.object_class.name, attribute.name)
                 has_changed |= self._learn_effect(subject, attribute, terms, before, after)
         if has_changed:
@@ -174,7 +175,7 @@ class BayesianLearner(ConditionLearner):
     def _learn_effect(self, subject: Subject, attribute: Attribute, terms: int, before: Value, after: Value) -> bool:
         """Learn from what happened to one attribute of one object; return whether the laws have changed."""
         evidence = self.evidence.setdefault(subject, Evidence())
-        evidence.add(terms, before, after, eff_att(attribute, before, after, self.effect_types))
+        evidence.add(terms, before, after, effects_between(attribute, before, after, self.effect_types))
         self._expected.get(subject, {}).pop(terms, None)
         return self._fit_laws(subject)
 

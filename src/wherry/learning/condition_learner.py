@@ -98,4 +98,4 @@ class ConditionLearner(ABC):
         return self.rewards.add(transition.action.name, terms, case)
 
     def _condition_in_words(self, terms: int) -> str:
-        return Condition.of(self.domain.size, terms).words(self.domain.term_names)
+        return Condition.of(self.domain.size, terms).describe(self.domain.term_names)

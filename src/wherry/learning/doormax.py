@@ -15,13 +15,14 @@ from wherry.learning.condition_learner import ConditionLearner
 from wherry.learning.effect_rules import EffectRules, Subject
 from wherry.learning.near_miss import NearMisses
 from wherry.learning.rules import Rule
+from wherry.oomdp.attributes import EXISTS, Attribute, Value
 from wherry.oomdp.conditional_models import ConditionalPrediction
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
-from wherry.oomdp.effects import PAPER_TYPES, EffectType, eff_att, observed
+from wherry.oomdp.effects import PAPER_TYPES, EffectType, effects_between, observed_values
 from wherry.oomdp.effects_outcome import ObjectEffects, StepReward
 from wherry.oomdp.mdp import RewardFunction, TerminationFunction, Transition
-from wherry.oomdp.objects import EXISTS, Attribute, ObjectClass, State, Value
+from wherry.oomdp.objects import ObjectClass, State
 
 FailureScope = Literal["action", "attribute"]
 Inference = Literal["memorise", "near-miss"]
@@ -144,7 +145,7 @@ class Doormax(ConditionLearner):
             models = next((models for models in types.values() if models), {})
             for effect, model in models.items():
                 if not self.effect_rules.is_identity(subject, effect, model):
-                    rules.append(Rule(subject.action, model, self.effect_rules.words(subject, effect)))
+                    rules.append(Rule(subject.action, model, self.effect_rules.describe(subject, effect)))
         return tuple(rules)
 
     def failure_conditions(self) -> dict[str, tuple[Condition, ...]]:
@@ -158,7 +159,7 @@ class Doormax(ConditionLearner):
 
     def sentences(self) -> tuple[str, ...]:
         """Return in words the effects of every action, and the number of its failure conditions."""
-        lines = [rule.words(self.domain.term_names) for rule in self.rules()]
+        lines = [rule.describe(self.domain.term_names) for rule in self.rules()]
         for scope, failures in self.failures.items():
             lines.append(f"{scope}: nothing happens under {len(failures)} other conditions")
         return tuple(lines)
@@ -190,7 +191,7 @@ class Doormax(ConditionLearner):
         has_changed = False
         for item, terms in zip(transition.state.objects, own, strict=True):
             condition = Condition.of(self.domain.size, terms)
-            for attribute, before, after in observed(item, transition.next_state.get(item.name)):  # line 6
+            for attribute, before, after in observed_values(item, transition.next_state.get(item.name)):  # line 6
                 subject = Subject(transition.action.name, item.object_class.name, attribute.name)
                 has_changed |= self._learn_effect(subject, attribute, condition, before, after)
         return has_changed
@@ -203,7 +204,7 @@ class Doormax(ConditionLearner):
             if before == after:
                 return self._add_failure(subject, condition.value)
             self._retract_failure(subject, condition.value)
-        rules, effects = self.effect_rules, eff_att(attribute, before, after, self.effect_types)
+        rules, effects = self.effect_rules, effects_between(attribute, before, after, self.effect_types)
         has_changed = self.refutation and rules.refute(subject, condition.value, effects, has_changed=before != after)
         for effect in effects:  # line 7
             if effect.type in rules.models[subject]:

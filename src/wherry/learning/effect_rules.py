@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from wherry.oomdp.attributes import EXISTS
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.effects import Effect, EffectType
-from wherry.oomdp.objects import EXISTS
 
 OVERLAP = "the conditions of two effects overlap"
 
@@ -152,10 +152,10 @@ class EffectRules:
             for name in ranked[1:]:
                 self.remove(subject, name, f"needs more effects than {ranked[0]}, or as many")
 
-    def words(self, subject: Subject, effect: Effect) -> str:
+    def describe(self, subject: Subject, effect: Effect) -> str:
         """Return an effect in words: ``taxi.y += 1``."""
         name = f"{subject.class_name.lower()}.{subject.attribute}"
-        return self.effect_types[effect.type].words(name, effect.argument)
+        return self.effect_types[effect.type].describe(name, effect.argument)
 
     def is_identity(self, subject: Subject, effect: Effect, model: Condition) -> bool:
         """Return whether a rule only says that the attribute keeps its value: += 0, *= 1, or := its own value."""

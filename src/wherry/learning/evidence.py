@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from wherry.oomdp.attributes import Value
 from wherry.oomdp.effects import Effect
-from wherry.oomdp.objects import Value
 
 ASSIGNMENT = "assignment"
 MAX_VALUES = 2  # different unchanged values kept for one condition; more distinguish no further effects

@@ -97,7 +97,7 @@ class Rewards:
         """Return in words where equal steps under equal conditions had different rewards: the domain lacks a term."""
         return tuple(
             f"{action}: the reward, or whether the episode ended, was not the same each time "
-            f"(where {Condition.of(self.size, terms).words(term_names)})"
+            f"(where {Condition.of(self.size, terms).describe(term_names)})"
             for action, terms in self._contradictions
         )
 

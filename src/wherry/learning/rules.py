@@ -25,9 +25,9 @@ class Rule:
     condition: Condition
     effect: str
 
-    def words(self, term_names: Sequence[str]) -> str:
+    def describe(self, term_names: Sequence[str]) -> str:
         """Return the rule as a sentence: ``N: if not touch_N(taxi, wall): taxi.y += 1``."""
-        return f"{self.action}: if {self.condition.words(term_names)}: {self.effect}"
+        return f"{self.action}: if {self.condition.describe(term_names)}: {self.effect}"
 
 
 class RuleLearner(ConditionalModel, Learner, Protocol):

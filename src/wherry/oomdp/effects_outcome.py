@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from wherry.oomdp.attributes import EXISTS, Value
 from wherry.oomdp.domain import Action
-from wherry.oomdp.effects import Effect, EffectType, apply, value_of
+from wherry.oomdp.effects import Effect, EffectType, apply_effects, value_of
 from wherry.oomdp.mdp import IMPOSSIBLE, UNKNOWN, Outcome, RewardFunction, TerminationFunction
-from wherry.oomdp.objects import EXISTS, State, Value
+from wherry.oomdp.objects import State
 
 ObjectEffects = tuple[tuple[str, tuple[Effect, ...]], ...]
 """The predicted effects on one object: the attributes that change, each with the effects that predict the change."""
@@ -66,7 +67,7 @@ class EffectsOutcome:
         effects = None if self.effects is None else self._consistent_effects(state, self.effects)
         if effects is None:
             return UNKNOWN.most_likely
-        next_state = apply(state, effects, self.effect_types) if effects else state
+        next_state = apply_effects(state, effects, self.effect_types) if effects else state
         if next_state is None:
             return IMPOSSIBLE.most_likely
         known = self._known_reward(changed_attributes(state, next_state))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wherry.domains.delivery import DROPOFF, MOVES, PICKUP, Box, Site, reward
+from wherry.domains.delivery import DROPOFF, MOVES, PICKUP, BoxState, DeliverySite, delivery_reward
 from wherry.floorplan.plan import Cell, Direction, Wall
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Transition
@@ -20,7 +20,7 @@ from wherry.realization.pilot import Load, Pilot, shows_load, without_load
 from wherry.robot import Scan
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Said
+from wherry.trace.records import Narration, Phase
 
 LOOK_EVERY = 3  # scans between two in which the boxes are looked for
 LONGEST_INTAKE = 50  # scans that the robot waits for a conveyor to take its box
@@ -58,7 +58,7 @@ class RobotEnvironment:
         boxes: The boxes that were found.
     """
 
-    def __init__(self, pilot: Pilot, frame: CellFrame, site: Site, boxes: Sequence[seeing.Box]) -> None:
+    def __init__(self, pilot: Pilot, frame: CellFrame, site: DeliverySite, boxes: Sequence[seeing.Box]) -> None:
         self.pilot = pilot
         self.frame = frame
         self.site = site
@@ -104,7 +104,7 @@ class RobotEnvironment:
         """Whether the latch holds a box."""
         return any(box.held for box in self._boxes)
 
-    def learn_of(self, frame: CellFrame, site: Site, boxes: Sequence[seeing.Box]) -> None:
+    def learn_of(self, frame: CellFrame, site: DeliverySite, boxes: Sequence[seeing.Box]) -> None:
         """Take in what more has been seen of the world; what was known of boxes still holds.
 
         Args:
@@ -154,7 +154,7 @@ class RobotEnvironment:
                 for name in self._ghosts:
                     before = before.without(name) if before.get(name) is not None else before
                 reached = not after.of_class("Box")
-                return Transition(before, action, after, reward(before, action, after), reached)
+                return Transition(before, action, after, delivery_reward(before, action, after), reached)
             self.site = self._mapped  # what was seen from a wrong place is forgotten
             self._centre()
 
@@ -210,7 +210,7 @@ class RobotEnvironment:
         if not self.pilot.tracker.lost:
             self._forget_ghost(scan)
             self._correct_walls(scan)
-        boxes = (Box(box.name, self._cell_of(box), box.held) for box in self._boxes)
+        boxes = (BoxState(box.name, self._cell_of(box), box.held) for box in self._boxes)
         return self.site.state(self.cell, boxes)
 
     def _forget_ghost(self, scan: Scan) -> None:
@@ -221,7 +221,9 @@ class RobotEnvironment:
         self._boxes = tuple(box for box in self._boxes if box is not here)
         self._ghosts.add(here.name)
         self._tell_pilot()
-        self.pilot.sink(Said(self.pilot.time, "survey", f"There is no box here: what I took for {here.name} is none."))
+        self.pilot.sink(
+            Narration(self.pilot.time, Phase.SURVEY, f"There is no box here: what I took for {here.name} is none.")
+        )
 
     def _correct_walls(self, scan: Scan) -> None:
         """A live scan outranks the map, wherever it shows whether a way is blocked."""

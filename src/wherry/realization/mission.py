@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from wherry.domains.delivery import Site
+from wherry.domains.delivery import DeliverySite
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.localization.localizer import Localizer
@@ -29,7 +29,7 @@ from wherry.robot import Robot
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Explored, Said, Sink
+from wherry.trace.records import MapUpdate, Narration, Phase, Sink
 
 START_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad² of a pose that SLAM just gave
 LONGEST_LEG, MOST_LEGS = 1.5, 30  # m, and how many such legs a robot drives to find out where it is
@@ -106,7 +106,7 @@ class Mission:
         """
         mapper = self._mapper(self._robot.body.lidar)
         pilot = Pilot(self._robot, PoseTracker(mapper.corrector, mapper.start), self._sink)
-        self._say(pilot, "explore", "I know nothing of this place, so I drive to where my laser will see most.")
+        self._say(pilot, Phase.EXPLORE, "I know nothing of this place, so I drive to where my laser will see most.")
         survey = Survey(pilot, self._order.cell_size, mapper)
         survey.run()
         chart = survey.chart()
@@ -123,7 +123,7 @@ class Mission:
         localizer.initialize_globally()
         searcher = Searcher(localizer)
         pilot = Pilot(self._robot, PoseTracker(searcher, Pose()), self._sink)
-        self._say(pilot, "localize", "I have a map, but I do not know where I am on it.")
+        self._say(pilot, Phase.LOCALIZE, "I have a map, but I do not know where I am on it.")
         start = pilot.odometry.pose
         pilot.look(SURE_SCANS)
         for _ in range(MOST_LEGS):
@@ -134,7 +134,7 @@ class Mission:
             raise InputError("map", "", "does not fit what the robot sees, or it looks the same in several places")
         map_from_start = searcher.found @ pilot.odometry.pose.inverse @ start
         pilot.localize_with(PoseTracker(MapCorrector(localizer), searcher.found))
-        self._say(pilot, "localize", "Now I know.")
+        self._say(pilot, Phase.LOCALIZE, "Now I know.")
         survey = Survey(pilot, self._order.cell_size, grid=grid)
         survey.run()
         chart = survey.chart()
@@ -157,7 +157,7 @@ class Mission:
 
     def _hand_over(self, pilot: Pilot, chart: Chart) -> None:
         """End mapping: go on by localization on the map, from the pose that is believed now."""
-        self._sink(Explored(pilot.time, chart.grid, 1.0, 0))
+        self._sink(MapUpdate(pilot.time, chart.grid, 1.0, 0))
         pilot.localize_with(PoseTracker(self._localizer(chart.grid, pilot.pose), pilot.pose))
 
     def _forget_boxes_on_map(self, pilot: Pilot, grid: OccupancyGrid, chart: Chart) -> None:
@@ -174,7 +174,7 @@ class Mission:
     def _get_ready(self, survey: Survey, chart: Chart, map_from_start: Pose) -> Ready:
         """Say what was found, and stand in the middle of a cell."""
         boxes = _boxes_on(chart, survey)
-        self._say(survey.pilot, "survey", f"I found {_count(len(boxes))}.")
+        self._say(survey.pilot, Phase.SURVEY, f"I found {_count(len(boxes))}.")
         environment = RobotEnvironment(survey.pilot, chart.frame, self._site(chart, map_from_start), boxes)
         return self._stand_ready(survey, chart, map_from_start, environment)
 
@@ -202,7 +202,7 @@ class Mission:
         survey.begin_anew(standing, environment.taken)
         if not survey.would_show_more() or not environment.step_aside():
             return None
-        phase = "survey" if mapper is None else "explore"
+        phase = Phase.SURVEY if mapper is None else Phase.EXPLORE
         self._say(pilot, phase, "A box has gone that stood in my way: I look at what lies behind.")
         if mapper is not None:
             pilot.stand()
@@ -217,15 +217,15 @@ class Mission:
         boxes = _boxes_on(chart, survey)
         known = {box.number for box in standing}
         more = sum(box.number not in known for box in boxes)
-        self._say(pilot, "survey", f"I found {_count(more)} more." if more else "I found no more boxes.")
+        self._say(pilot, Phase.SURVEY, f"I found {_count(more)} more." if more else "I found no more boxes.")
         environment.learn_of(chart.frame, self._site(chart, map_from_start), boxes)
         return self._stand_ready(survey, chart, map_from_start, environment)
 
-    def _site(self, chart: Chart, map_from_start: Pose) -> Site:
+    def _site(self, chart: Chart, map_from_start: Pose) -> DeliverySite:
         """The site on a map, with as much of the warehouse as the map shows."""
         tiles = chart.frame.cells_at(map_from_start.transform(self._order.warehouse))
         warehouse = {Cell(int(x), int(y)) for x, y in tiles}
-        return Site.of_plan(replace(chart.plan, warehouse=frozenset(warehouse & set(chart.plan.cells()))))
+        return DeliverySite.of_plan(replace(chart.plan, warehouse=frozenset(warehouse & set(chart.plan.cells()))))
 
     def _centre(self, pilot: Pilot, chart: Chart, environment: RobotEnvironment) -> None:
         """Drive to the middle of the nearest cell without a box."""
@@ -241,10 +241,10 @@ class Mission:
             if path is not None and pilot.follow(path, reverse=reverse) is Ride.ARRIVED:
                 pilot.go_to(Pose(float(middle[0]), float(middle[1]), frame.heading(1, 0)), reverse=reverse)
                 return
-        self._say(pilot, "survey", "I do not get to the middle of any cell.")
+        self._say(pilot, Phase.SURVEY, "I do not get to the middle of any cell.")
 
-    def _say(self, pilot: Pilot, phase: str, text: str) -> None:
-        self._sink(Said(pilot.time, phase, text))
+    def _say(self, pilot: Pilot, phase: Phase, text: str) -> None:
+        self._sink(Narration(pilot.time, phase, text))
 
 
 def _boxes_on(chart: Chart, survey: Survey) -> Sequence[Box]:

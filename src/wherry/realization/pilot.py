@@ -15,7 +15,7 @@ from wherry.navigation.path import NO_DISCS
 from wherry.realization.tracking import PoseTracker
 from wherry.robot import Body, Odometry, Robot, Scan, Velocity
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import TIME_SLACK, Said, Seen, Sink
+from wherry.trace.records import TIME_TOLERANCE, Narration, Phase, RobotSnapshot, Sink
 
 STANDSTILL = Velocity()
 LOOKING_AROUND = Velocity(0.0, 0.6)
@@ -148,7 +148,7 @@ class Pilot:
         for watch in self.watchers:
             watch(measurement, self.pose)
         if self.time >= self._next_record:
-            self._next_record = self.time + SHOWN_EVERY - TIME_SLACK
+            self._next_record = self.time + SHOWN_EVERY - TIME_TOLERANCE
             self._show(measurement)
 
     def look(self, scans: int = 1) -> Scan:
@@ -232,14 +232,14 @@ class Pilot:
         """Stop, and turn slowly for new views until the robot knows again where it is, or has looked long enough."""
         self.stand()
         self.times_lost += 1
-        self.sink(Said(self.time, "localize", "I no longer know where I am: I stop and look around."))
+        self.sink(Narration(self.time, Phase.LOCALIZE, "I no longer know where I am: I stop and look around."))
         deadline = self.time + LONGEST_SEARCH
         while self.tracker.lost and self.time < deadline:
             self.robot.command(LOOKING_AROUND)
             self.receive()
         self.stand()
         words = "I do not find out where I am." if self.tracker.lost else "Now I know where I am."
-        self.sink(Said(self.time, "localize", words))
+        self.sink(Narration(self.time, Phase.LOCALIZE, words))
 
     def _in_base_frame(self, discs: Floats) -> Floats:
         """[K, 3] m: discs of the map frame, x, y, radius, as seen from the robot."""
@@ -250,7 +250,7 @@ class Pilot:
     def _show(self, scan: Scan) -> None:
         lidar = self.pose @ self.body.lidar
         self.sink(
-            Seen(
+            RobotSnapshot(
                 time=self.time,
                 pose=self.pose,
                 lidar=lidar,
@@ -258,6 +258,6 @@ class Pilot:
                 particles=self.tracker.corrector.particles.astype(np.float32),
                 path=_ahead(self._path, self.pose).astype(np.float32),
                 boxes=self.load.boxes.astype(np.float32),
-                loaded=self.load.held,
+                has_load=self.load.held,
             )
         )

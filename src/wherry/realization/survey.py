@@ -23,7 +23,7 @@ from wherry.realization.pilot import Pilot, Ride
 from wherry.space.frame import CellFrame, lay_cells
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Explored, Said
+from wherry.trace.records import MapUpdate, Narration, Phase
 
 REPLAN = 1.5  # s of driving after which the growing map is looked at again
 OWN_PLACE = 0.35  # m around itself that a robot knows to be free although its lidar cannot see it
@@ -140,7 +140,7 @@ class Survey:
                 self._looked.append(goal)
                 goal = None
         self.pilot.stand()
-        self._say("explore", "Nothing that I can reach is unknown any more.")
+        self._say(Phase.EXPLORE, "Nothing that I can reach is unknown any more.")
 
     def _next_viewpoint(self, grid: OccupancyGrid, boxes: Sequence[Box]) -> Viewpoint | None:
         """Where to look next while the map grows; None if that would show nothing."""
@@ -163,7 +163,7 @@ class Survey:
             if not unseen:
                 return
             if not announced:
-                self._say("survey", "There are corners that I have not looked into from nearby: I go there.")
+                self._say(Phase.SURVEY, "There are corners that I have not looked into from nearby: I go there.")
                 announced = True
             target = min(unseen, key=lambda cell: (unseen[cell], cell))
             steps = self._steps(chart, boxes)
@@ -225,10 +225,10 @@ class Survey:
         frontier = float(np.count_nonzero(frontier_cells(grid))) * grid.resolution  # m
         known = float(np.count_nonzero(grid.free)) * grid.resolution**2  # m²
         fraction = known / (known + frontier * BEHIND_FRONTIER)
-        self.pilot.sink(Explored(self.pilot.time, grid, fraction, frontier))
+        self.pilot.sink(MapUpdate(self.pilot.time, grid, fraction, frontier))
 
-    def _say(self, phase: str, text: str) -> None:
-        self.pilot.sink(Said(self.pilot.time, phase, text))
+    def _say(self, phase: Phase, text: str) -> None:
+        self.pilot.sink(Narration(self.pilot.time, phase, text))
 
 
 def costmap_of(grid: OccupancyGrid, pilot: Pilot, boxes: Sequence[Box]) -> Costmap:

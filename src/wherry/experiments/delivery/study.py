@@ -9,7 +9,7 @@ from pathlib import Path
 from wherry.experiments.results import markdown_table
 from wherry.pipelines.delivery.score import Result
 from wherry.pipelines.delivery.simulated import Settings, prepare
-from wherry.trace.records import ignore
+from wherry.trace.records import null_sink
 
 SEEDS = tuple(range(10))
 BOXES = 4
@@ -38,16 +38,16 @@ def run(folder: Path) -> Iterator[Delivery]:
     """
     for seed in SEEDS:
         settings = Settings(boxes=BOXES, seed=seed, out=folder / f"rooms-seed{seed}")
-        yield Delivery("", prepare(settings)(ignore))
+        yield Delivery("", prepare(settings)(null_sink))
     for teacher in TEACHERS:
         learnt = folder / f"{teacher}-taught"
-        prepare(Settings(world=teacher, out=learnt))(ignore)
+        prepare(Settings(world=teacher, out=learnt))(null_sink)
         for world in WORLDS:
             if world != teacher:
                 settings = Settings(
                     world=world, seed=1, rules_file=learnt / "rules.json", out=folder / f"{teacher}-{world}"
                 )
-                yield Delivery(teacher, prepare(settings)(ignore))
+                yield Delivery(teacher, prepare(settings)(null_sink))
 
 
 def runs() -> int:

@@ -22,7 +22,7 @@ from wherry.simulation import build
 from wherry.simulation.scenes import choose_scene
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
-from wherry.trace.records import ignore
+from wherry.trace.records import null_sink
 
 WORLD = "rooms"  # the one that `wherry deliver` takes by default
 WARM_UP = "small"
@@ -126,7 +126,7 @@ def explore(plan: FloorPlan, seed: int) -> Result:
     simulation = build(scene.plan, scene.physics)
     world_from_map = simulation.physics.robot_pose
     mapper = TimedMapper(simulation.robot.body.lidar)
-    ready = Mission(simulation.robot, order_of(scene.plan), ignore, scene.beliefs, mapper=lambda _: mapper).explore()
+    ready = Mission(simulation.robot, order_of(scene.plan), null_sink, scene.beliefs, mapper=lambda _: mapper).explore()
     walls = world_from_map.transform(ready.grid.occupied_points())
     history = simulation.referee.history
     true = history[np.searchsorted(history[:, 0], np.array(mapper.times) - 1e-6), 1:]

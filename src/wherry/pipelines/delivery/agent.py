@@ -12,8 +12,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.domains.delivery import DROPOFF, PICKUP, DeliverySteps, all_delivered, boxes_left, delivery_domain, reward
-from wherry.episodes import GoalAgent, Step, run
+from wherry.domains.delivery import (
+    DROPOFF,
+    PICKUP,
+    DeliveryHeuristic,
+    all_delivered,
+    boxes_left,
+    delivery_domain,
+    delivery_reward,
+)
+from wherry.episodes import GoalAgent, Step, run_episode
 from wherry.errors import InputError
 from wherry.learning.registry import RULE_LEARNERS, Job, learners_for
 from wherry.learning.rule_files.files import load_rules
@@ -23,7 +31,18 @@ from wherry.oomdp.objects import State
 from wherry.realization.mission import Ready
 from wherry.robot import Body
 from wherry.space.frame import CellFrame
-from wherry.trace.records import Began, CellsLaid, Learnt, LearntRule, Perceived, Said, Sink, Stepped, Thing
+from wherry.trace.records import (
+    CellLayout,
+    LearntModel,
+    LearntRule,
+    Narration,
+    ObjectSnapshot,
+    PerceivedState,
+    Phase,
+    RunStarted,
+    Sink,
+    StepTaken,
+)
 
 ANYWHERE = (-1_000_000, 1_000_000)  # bounds of a cell's column or row: the robot does not know how large its world is
 MOST_STEPS = 5000  # actions after which a robot that has not delivered everything gives up
@@ -44,11 +63,11 @@ def delivery_learner(name: str, rules_file: Path | None = None) -> RuleLearner:
         raise InputError("--learner", name, f"is none of {', '.join(learners)}")
     domain = delivery_domain(ANYWHERE, ANYWHERE)
     if rules_file is not None:
-        return load_rules(rules_file, domain, reward=reward, terminated=all_delivered)
-    return learners[name].factory(domain, reward=reward, terminated=all_delivered)
+        return load_rules(rules_file, domain, reward=delivery_reward, terminated=all_delivered)
+    return learners[name].factory(domain, reward=delivery_reward, terminated=all_delivered)
 
 
-def beginning(world: str, learner: RuleLearner, body: Body) -> Began:
+def beginning(world: str, learner: RuleLearner, body: Body) -> RunStarted:
     """What a sink is told before a robot begins to deliver.
 
     Args:
@@ -58,7 +77,9 @@ def beginning(world: str, learner: RuleLearner, body: Body) -> Began:
     """
     domain = learner.domain
     learns_with = type(learner).__name__
-    return Began("deliver", world, learns_with, domain.term_names, tuple(domain.actions), body.radius, body.box_radius)
+    return RunStarted(
+        "deliver", world, learns_with, domain.term_names, tuple(domain.actions), body.radius, body.box_radius
+    )
 
 
 class Delivery:
@@ -93,11 +114,11 @@ class Delivery:
         self._tell_rules()
         goes_on = True
         while goes_on:
-            agent = GoalAgent(self._learner, boxes_left, DeliverySteps())
+            agent = GoalAgent(self._learner, boxes_left, DeliveryHeuristic())
             goes_on = bool(environment.remaining) and (yield from self._pursue(agent))
-            self._gave_up = agent.gave_up
+            self._gave_up = agent.failure_reason
             goes_on = goes_on or self._looks_further() or (yield from self._clears_the_way())
-        self._say("done", _last_words(environment.delivered, environment.remaining, self._gave_up))
+        self._say(Phase.DONE, _last_words(environment.delivered, environment.remaining, self._gave_up))
 
     def _looks_further(self) -> bool:
         """See what has come within reach; whether that was anything."""
@@ -113,7 +134,9 @@ class Delivery:
         if not self.ready.environment.remaining:
             return False
         for name in self.ready.in_the_way():
-            self._say("deliver", f"I cannot deliver anything as things stand, but {name} is in my way: I pick it up.")
+            self._say(
+                Phase.DELIVER, f"I cannot deliver anything as things stand, but {name} is in my way: I pick it up."
+            )
             if (yield from self._pursue(GoalAgent(self._learner, partial(_not_held, name), detour=0.0))):
                 return True
         return False
@@ -128,17 +151,17 @@ class Delivery:
             Whether it has seen more.
         """
         environment = self.ready.environment
-        for step in run(environment, agent, self._rng, max_steps=MOST_STEPS - self._steps):
+        for step in run_episode(environment, agent, self._rng, max_steps=MOST_STEPS - self._steps):
             self._steps += 1
             now = environment.pilot.time
             self._sink(
-                Stepped(
+                StepTaken(
                     time=now,
                     condition=str(step.condition),
                     action=str(step.action),
-                    learning=step.learning,
-                    moved=not step.transition.failed,
-                    unknown=step.unknown,
+                    is_learning=step.is_learning,
+                    has_effect=not step.transition.failed,
+                    unknown_pairs=step.unknown_pairs,
                     delivered=environment.delivered,
                     remaining=environment.remaining,
                     plan=_centres(agent.plan, self.ready.frame),
@@ -158,8 +181,8 @@ class Delivery:
             self._sink(learnt(self._learner, self.ready.environment.pilot.time))
             self._told = dict(self._learner.revisions)
 
-    def _say(self, phase: str, text: str) -> None:
-        self._sink(Said(self.ready.environment.pilot.time, phase, text))
+    def _say(self, phase: Phase, text: str) -> None:
+        self._sink(Narration(self.ready.environment.pilot.time, phase, text))
 
 
 def _not_held(name: str, state: State) -> int:
@@ -181,28 +204,30 @@ def _last_words(delivered: int, left: int, why: str | None) -> str:
     return "Everything is delivered." if delivered else "There is nothing to deliver that I could find."
 
 
-def _cells_laid(ready: Ready) -> CellsLaid:
+def _cells_laid(ready: Ready) -> CellLayout:
     """Where the cells lie on the robot's map."""
     site = ready.environment.site
     warehouse = np.array([(cell.x, cell.y) for cell in sorted(site.warehouse)], np.int32).reshape(-1, 2)
     walls = [(wall.cell.x, wall.cell.y, wall.north) for wall in sorted(site.walls)]
-    return CellsLaid(ready.environment.pilot.time, ready.frame, warehouse, np.array(walls, np.int32).reshape(-1, 3))
+    return CellLayout(ready.environment.pilot.time, ready.frame, warehouse, np.array(walls, np.int32).reshape(-1, 3))
 
 
-def perceived(domain: Domain, state: State, now: float) -> Perceived:
+def perceived(domain: Domain, state: State, now: float) -> PerceivedState:
     """A state's condition and the objects that change, as a record."""
     things = (
-        Thing(item.object_class.name, item.name, tuple(zip(item.object_class.positions, item.values, strict=True)))
+        ObjectSnapshot(
+            item.object_class.name, item.name, tuple(zip(item.object_class.positions, item.values, strict=True))
+        )
         for item in state.objects
     )
-    return Perceived(now, str(domain.cond(state)), tuple(things))
+    return PerceivedState(now, str(domain.cond(state)), tuple(things))
 
 
-def learnt(learner: RuleLearner, now: float) -> Learnt:
+def learnt(learner: RuleLearner, now: float) -> LearntModel:
     """What is believed, as a record."""
     rules = tuple(LearntRule(rule.action, str(rule.condition), rule.effect) for rule in learner.rules())
     failures = learner.failure_conditions().items()
-    return Learnt(now, rules, tuple((action, tuple(map(str, conditions))) for action, conditions in failures))
+    return LearntModel(now, rules, tuple((action, tuple(map(str, conditions))) for action, conditions in failures))
 
 
 def _centres(states: Sequence[State], frame: CellFrame) -> NDArray[np.float32]:
@@ -213,16 +238,16 @@ def _centres(states: Sequence[State], frame: CellFrame) -> NDArray[np.float32]:
 
 def _comment(step: Step, now: float, sink: Sink) -> None:
     """Say what is worth saying of a step."""
-    phase = "learn" if step.learning else "deliver"
-    if step.surprise:
-        sink(Said(now, phase, f"{step.action} did not do what I expected in {step.condition}: I learn from it."))
+    phase = Phase.LEARN if step.is_learning else Phase.DELIVER
+    if step.is_surprise:
+        sink(Narration(now, phase, f"{step.action} did not do what I expected in {step.condition}: I learn from it."))
     if step.transition.failed or step.action not in (PICKUP, DROPOFF):
         return
     before = {box.name for box in step.state.of_class("Box")}
     after = step.transition.next_state.of_class("Box")
     if step.action == PICKUP:
         held = next(box.name for box in after if box.in_bot)
-        sink(Said(now, phase, f"My latch holds {held}."))
+        sink(Narration(now, phase, f"My latch holds {held}."))
     else:
         gone = ", ".join(sorted(before - {box.name for box in after}))
-        sink(Said(now, phase, f"The warehouse has taken in {gone}; {len(after)} left."))
+        sink(Narration(now, phase, f"The warehouse has taken in {gone}; {len(after)} left."))

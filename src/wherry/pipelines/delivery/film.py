@@ -13,7 +13,7 @@ from wherry.errors import InputError
 from wherry.files import growing_file
 from wherry.simulation import Simulation
 from wherry.simulation.picture import Photographer
-from wherry.trace.records import Record, Seen, Sink
+from wherry.trace.records import Record, RobotSnapshot, Sink
 
 WIDTH, HEIGHT = 640, 720  # pixels of each of the two pictures
 FRAME_RATE = 25  # Hz
@@ -49,7 +49,7 @@ def filmed(path: Path, simulation: Simulation) -> Iterator[Sink]:
 
         def watch(record: Record) -> None:
             nonlocal shown
-            if not isinstance(record, Seen) or (number := math.floor(record.time / PERIOD)) <= shown:
+            if not isinstance(record, RobotSnapshot) or (number := math.floor(record.time / PERIOD)) <= shown:
                 return
             picture = np.hstack([photographer.chase(), photographer.overhead()])
             for _ in range(number - shown):  # a picture is shown until the next one

@@ -11,7 +11,7 @@ from wherry.pipelines.delivery.score import Result
 from wherry.realization.mission import Ready
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Explored, Record, Said, Seen, Stepped
+from wherry.trace.records import MapUpdate, Narration, Record, RobotSnapshot, StepTaken
 from wherry.views.drawing import Scene, draw
 from wherry.views.report import Picture, Report, render
 
@@ -42,7 +42,7 @@ def page(result: Result, pictures: Sequence[Picture], rules: Sequence[str], reco
             pictures=pictures,
             figures=result.figures,
             rules=rules,
-            log=[record for record in records if isinstance(record, Said)],
+            log=[record for record in records if isinstance(record, Narration)],
         )
     )
 
@@ -56,14 +56,14 @@ def pictures_of(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_
         plan: The true plan, shown faintly under the map.
         world_from_map: The map's frame in the world; None where nothing can be said of the truth.
     """
-    seen = [record for record in records if isinstance(record, Seen)]
+    seen = [record for record in records if isinstance(record, RobotSnapshot)]
     mapping = [record for record in seen if not len(record.particles)]
     localized = [record for record in seen if len(record.particles)]
     warehouse = _warehouse(ready)
     walls = NO_POINTS.reshape(0, 2, 2) if world_from_map is None else _true_walls(plan, world_from_map.inverse)
     body = ready.environment.pilot.body
 
-    def picture(moment: Seen, grid: OccupancyGrid, caption: str, around_robot: float | None = None) -> Picture:
+    def picture(moment: RobotSnapshot, grid: OccupancyGrid, caption: str, around_robot: float | None = None) -> Picture:
         scene = Scene(grid, warehouse, walls, body.radius, body.box_radius)
         driven = np.array([(record.pose.x, record.pose.y) for record in seen if record.time <= moment.time])
         goals = _plan_at(records, moment.time)
@@ -72,7 +72,7 @@ def pictures_of(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_
     pictures = []
     if localized:
         moment = _carrying(localized, records)
-        doing = "The robot brings a box to the warehouse" if moment.loaded else "The robot at work"
+        doing = "The robot brings a box to the warehouse" if moment.has_load else "The robot at work"
         caption = (
             f"{doing}, {moment.time:.0f} s after it was switched on: what its laser sees, where its particles say that "
             "it is, and the cells that it means to drive through."
@@ -82,7 +82,7 @@ def pictures_of(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_
         pictures.append(picture(moment, ready.grid, caption, around_robot=CLOSE_BY))
     if mapping:
         moment = mapping[len(mapping) // 3]
-        grids = [record for record in records if isinstance(record, Explored) and record.time <= moment.time]
+        grids = [record for record in records if isinstance(record, MapUpdate) and record.time <= moment.time]
         grid = grids[-1].grid if grids else ready.grid
         pictures.append(picture(moment, grid, f"The map after {moment.time:.0f} s of exploring."))
     if localized:
@@ -91,19 +91,19 @@ def pictures_of(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_
     return pictures
 
 
-def _carrying(moments: Sequence[Seen], records: Sequence[Record]) -> Seen:
+def _carrying(moments: Sequence[RobotSnapshot], records: Sequence[Record]) -> RobotSnapshot:
     """An instant at the beginning of a long ride with a box, while others still wait; else whatever is most like it."""
 
-    def telling(moment: Seen) -> tuple[bool, bool, int, int]:
+    def telling(moment: RobotSnapshot) -> tuple[bool, bool, int, int]:
         way_left = len(_plan_at(records, moment.time))
-        return moment.loaded, len(moment.path) > 1, min(len(moment.boxes), 1) * way_left, way_left
+        return moment.has_load, len(moment.path) > 1, min(len(moment.boxes), 1) * way_left, way_left
 
     return max(moments, key=telling)
 
 
 def _plan_at(records: Sequence[Record], time: float) -> Floats:
     """[M, 2] m, map frame: the cells that the robot meant to drive through at an instant."""
-    plans = [record.plan for record in records if isinstance(record, Stepped) and record.time <= time]
+    plans = [record.plan for record in records if isinstance(record, StepTaken) and record.time <= time]
     return plans[-1].astype(float) if plans else NO_POINTS
 
 

@@ -33,7 +33,7 @@ from wherry.simulation.scenes import choose_scene
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace.records import CellsLaid, Record, Seen, Sink, both, ignore, thinned
+from wherry.trace.records import CellLayout, Record, RobotSnapshot, Sink, combine_sinks, null_sink, throttle_snapshots
 
 SCORED_EVERY = 0.5  # s between two poses that the localization is scored by
 
@@ -67,7 +67,7 @@ class Settings:
 def warm_up() -> None:
     """Deliver in the smallest world and forget about it, so that every kernel is compiled before a clock runs."""
     with tempfile.TemporaryDirectory() as folder:
-        prepare(Settings(world="small", out=Path(folder)))(ignore)
+        prepare(Settings(world="small", out=Path(folder)))(null_sink)
 
 
 def prepare(settings: Settings) -> DeliveryRun:
@@ -167,7 +167,7 @@ class DeliveryRun:
         started = time.perf_counter()
 
         # Thinned, so that a run is scored by the same records whoever watches it.
-        sink = both(thinned(self._records.append, SCORED_EVERY), self._begin_round, watch)
+        sink = combine_sinks(throttle_snapshots(self._records.append, SCORED_EVERY), self._begin_round, watch)
         sink(beginning(self.plan.name, self._learner, self.simulation.robot.body))
         try:
             ready = self._get_ready(wrap(self.simulation.robot), sink)
@@ -203,7 +203,7 @@ class DeliveryRun:
 
     def _begin_round(self, record: Record) -> None:
         """Take a mark whenever cells are laid: from there on the robot acts, and does not explore."""
-        if isinstance(record, CellsLaid):
+        if isinstance(record, CellLayout):
             self._rounds.append(Round([], [self._mark()]))
 
     def _mark(self) -> Mark:
@@ -225,7 +225,7 @@ class DeliveryRun:
             boxes=boxes,
             unreachable=unreachable,
             collisions=len(referee.collisions),
-            learning_steps=sum(step.learning for round_ in self._rounds for step in round_.steps),
+            learning_steps=sum(step.is_learning for round_ in self._rounds for step in round_.steps),
             actions=sum(len(round_.steps) for round_ in self._rounds),
             path_ratio=self._path_ratio(),
             localization_rmse_m=rmse,
@@ -251,12 +251,12 @@ class DeliveryRun:
     def _straight_on(self) -> Iterator[tuple[Mark, Mark]]:
         """The ends of all stretches in which a complete plan was followed."""
         for round_ in self._rounds:
-            for begin, end in _stretches([not step.exploring for step in round_.steps]):
+            for begin, end in _stretches([not step.is_exploring for step in round_.steps]):
                 yield round_.marks[begin], round_.marks[end]
 
     def _localization(self) -> tuple[Pose | None, float | None]:
         """The map's frame in the world, and the rms error, m, of the poses after the map was finished."""
-        seen = [record for record in self._records if isinstance(record, Seen) and len(record.particles)]
+        seen = [record for record in self._records if isinstance(record, RobotSnapshot) and len(record.particles)]
         if not seen:
             return None, None
         history = self.simulation.referee.history

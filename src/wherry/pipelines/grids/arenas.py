@@ -20,7 +20,7 @@ from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi
 from wherry.baselines.compiled.model_entries import ModelEntries
 from wherry.baselines.compiled.tabular import TabularMdp
 from wherry.baselines.network import Parents
-from wherry.domains.delivery import Box, DeliverySteps, Site, delivery_grid, transition
+from wherry.domains.delivery import BoxState, DeliveryHeuristic, DeliverySite, delivery_grid, delivery_transition
 from wherry.domains.taxi import PROBES, SIZES, minimal_parents, published_parents, taxi_grid
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
@@ -86,11 +86,11 @@ class Arena:
             InputError: There is no such world, or it has no robot, no warehouse or no room for a box.
         """
         plan = find_world(world)
-        grid, site = delivery_grid(plan, 1), Site.of_plan(plan)
-        possible, on_floor = DeliverySteps(), [cell for cell in plan.cells() if cell not in plan.warehouse]
-        states = (site.state(robot, [Box("box1", cell)]) for robot, cell in permutations(on_floor, 2))
+        grid, site = delivery_grid(plan, 1), DeliverySite.of_plan(plan)
+        possible, on_floor = DeliveryHeuristic(), [cell for cell in plan.cells() if cell not in plan.warehouse]
+        states = (site.state(robot, [BoxState("box1", cell)]) for robot, cell in permutations(on_floor, 2))
         starts = [state for state in states if possible(state) > 0]
-        truth = DeterministicMdp(grid.domain, transition, lambda rng: starts[rng.integers(len(starts))])
+        truth = DeterministicMdp(grid.domain, delivery_transition, lambda rng: starts[rng.integers(len(starts))])
         return cls(f"Delivery in {plan.name}", truth, truth, _with_lengths(truth, _draw_probes(starts)), tuple(starts))
 
     @classmethod

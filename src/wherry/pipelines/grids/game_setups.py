@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from wherry.domains.delivery import DeliverySteps, all_delivered, boxes_left, delivery_grid, reward
+from wherry.domains.delivery import DeliveryHeuristic, all_delivered, boxes_left, delivery_grid, delivery_reward
 from wherry.domains.taxi import SIZES, taxi_grid
-from wherry.environments.grids import Figures, delivery_figures, taxi_figures
+from wherry.environments.grids import SpritesOf, delivery_sprites, taxi_sprites
 from wherry.episodes import Agent, GoalAgent, PolicyAgent
 from wherry.errors import InputError
 from wherry.floorplan.plan import FloorPlan
@@ -55,14 +55,14 @@ class GameSetup:
     Attributes:
         mdp: The grid.
         plan: Floor plan that is drawn.
-        figures: Returns the figures that are drawn on the plan in a state.
+        sprites: Returns what is drawn on the plan in a state.
         learner: Learner that watches.
         agent: Agent that acts with the learner when the player asks for it.
     """
 
     mdp: DeterministicMdp
     plan: FloorPlan
-    figures: Figures
+    sprites: SpritesOf
     learner: RuleLearner
     agent: Agent
 
@@ -73,14 +73,14 @@ def _taxi(settings: GameSettings) -> GameSetup:
     grid = taxi_grid(settings.size)
     learner = _learner(settings, grid)
     planner = ValueIteration(learner, curiosity=curiosity_of(PLAY_LEARNERS[settings.learner]))
-    return GameSetup(grid, grid.plan, taxi_figures, learner, PolicyAgent(learner, planner))
+    return GameSetup(grid, grid.plan, taxi_sprites, learner, PolicyAgent(learner, planner))
 
 
 def _delivery(settings: GameSettings) -> GameSetup:
     plan = find_world(settings.world)
     grid = delivery_grid(plan, settings.boxes)
-    learner = _learner(settings, grid, reward=reward, terminated=all_delivered)
-    return GameSetup(grid, plan, delivery_figures, learner, GoalAgent(learner, boxes_left, DeliverySteps()))
+    learner = _learner(settings, grid, reward=delivery_reward, terminated=all_delivered)
+    return GameSetup(grid, plan, delivery_sprites, learner, GoalAgent(learner, boxes_left, DeliveryHeuristic()))
 
 
 GAME_SETUPS: Mapping[str, Callable[[GameSettings], GameSetup]] = {"taxi": _taxi, "delivery": _delivery}

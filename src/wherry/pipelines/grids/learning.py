@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from wherry.baselines.registry import BASELINES
-from wherry.episodes import run
+from wherry.episodes import run_episode
 from wherry.errors import InputError
 from wherry.learning.registry import RULE_LEARNERS
 from wherry.learning.rules import RuleLearner
@@ -190,7 +190,7 @@ class LearningExperiment:
         trace = None if sink is None else GridTrace(arena.title, learner, sink)
         steps, solved, curve = 0, 0, list[tuple[int, int]]()
         while solved < len(arena.probes) and steps < max_steps:
-            for step in run(arena.environment, agent, rng, max_steps=MAX_EPISODE_STEPS):
+            for step in run_episode(arena.environment, agent, rng, max_steps=MAX_EPISODE_STEPS):
                 steps += 1
                 if trace is not None:
                     trace.step(step)

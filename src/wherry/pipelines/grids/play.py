@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wherry.environments.pictures import in_text
+from wherry.environments.pictures import render_text
 from wherry.errors import InputError
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Transition
@@ -56,7 +56,7 @@ class Game:
     @property
     def drawing(self) -> str:
         """The world as text."""
-        return in_text(self._setup.plan, self._setup.figures(self.state))
+        return render_text(self._setup.plan, self._setup.sprites(self.state))
 
     @property
     def condition(self) -> tuple[tuple[str, bool], ...]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from wherry.oomdp.attributes import Value
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Prediction
-from wherry.oomdp.objects import State, Value
+from wherry.oomdp.objects import State
 
 CERTAIN = 0.995  # probability from which on a prediction is shown without one
 UNKNOWN_WORD = "UNKNOWN"

@@ -11,7 +11,7 @@ from wherry.oomdp.objects import State
 from wherry.pipelines.delivery.agent import learnt, perceived
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Pose
-from wherry.trace.records import Began, CellsLaid, Said, Sink, Stepped
+from wherry.trace.records import CellLayout, Narration, Phase, RunStarted, Sink, StepTaken
 
 NO_PLAN = np.empty((0, 2), np.float32)
 
@@ -33,7 +33,7 @@ class GridTrace:
         self._time = 0.0
         self._episodes = 0
         domain = learner.domain
-        sink(Began("learn", title, type(learner).__name__, domain.term_names, tuple(domain.actions)))
+        sink(RunStarted("learn", title, type(learner).__name__, domain.term_names, tuple(domain.actions)))
 
     def step(self, step: Step) -> None:
         """Record one action."""
@@ -45,13 +45,13 @@ class GridTrace:
         self._unknown.meet(state)
         self._episodes += step.transition.terminated
         self._sink(
-            Stepped(
+            StepTaken(
                 time=self._time,
                 condition=str(step.condition),
                 action=str(step.action),
-                learning=step.learning,
-                moved=not step.transition.failed,
-                unknown=self._unknown.count(),
+                is_learning=step.is_learning,
+                has_effect=not step.transition.failed,
+                unknown_pairs=self._unknown.count(),
                 delivered=self._episodes,
                 remaining=0,
                 plan=NO_PLAN,
@@ -66,15 +66,15 @@ class GridTrace:
         """Record how many probes the policy now solves in the fewest steps."""
         self._say(f"With what I know now I solve {solved} of {probes} probes in the fewest steps.")
         if solved == probes:
-            self._sink(Said(self._time, "done", "My policy is optimal from every probe."))
+            self._sink(Narration(self._time, Phase.DONE, "My policy is optimal from every probe."))
 
     def _say(self, text: str) -> None:
-        self._sink(Said(self._time, "learn", text))
+        self._sink(Narration(self._time, Phase.LEARN, text))
 
 
-def _cells_of(state: State) -> CellsLaid:
+def _cells_of(state: State) -> CellLayout:
     """Return the walls and the goal cells of a state's scene."""
     walls = [(wall.x, wall.y, wall.north) for wall in state.scene.of_class("Wall")]
     goals = [(cell.x, cell.y) for cell in state.scene.of_class("Warehouse")]
     frame = CellFrame(Pose(), 1.0)
-    return CellsLaid(0.0, frame, np.array(goals, np.int32).reshape(-1, 2), np.array(walls, np.int32).reshape(-1, 3))
+    return CellLayout(0.0, frame, np.array(goals, np.int32).reshape(-1, 2), np.array(walls, np.int32).reshape(-1, 3))
