@@ -1,4 +1,4 @@
-"""Every arena is what its name says, and learners learn in it under the published protocol."""
+"""Every arena acts and tests in the same world, and learners learn in it under the published protocol."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 
 
 @pytest.mark.parametrize("name", ARENAS)
-def test_an_arena_acts_and_tests_in_the_same_world(name: str) -> None:
+def test_environment_and_true_model_of_an_arena_agree(name: str) -> None:
     arena = ARENAS[name](5, "small")
     rng = np.random.default_rng(1)
     state = arena.environment.reset(rng)
@@ -26,7 +26,7 @@ def test_an_arena_acts_and_tests_in_the_same_world(name: str) -> None:
 
 
 @pytest.mark.parametrize("domain", ["delivery", "gymnasium-taxi"])
-def test_near_misses_learn_other_domains_too(domain: str) -> None:
+def test_near_misses_converge_in_other_domains(domain: str) -> None:
     experiment = LearningExperiment(LearningSettings(learner="doormax-near-miss", repetitions=2, domain=domain))
     list(experiment.repetitions())
     result = experiment.result()
@@ -35,13 +35,13 @@ def test_near_misses_learn_other_domains_too(domain: str) -> None:
     assert result.steps_mean < 500
 
 
-def test_gymnasium_taxi_has_all_of_its_states() -> None:
+def test_all_states_of_gymnasium_taxi_are_numbered() -> None:
     arena = ARENAS["gymnasium-taxi"](5, "small")
     assert len(arena.tables.state_numbers) == 500
     assert arena.tables.start_count == 300
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_unknown_domains_worlds_sizes_and_networks_are_refused() -> None:
     for settings, source in (
         (LearningSettings(domain="chess"), "DOMAIN"),
         (LearningSettings(domain="delivery", world="nowhere"), "nowhere"),
