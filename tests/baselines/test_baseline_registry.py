@@ -36,7 +36,7 @@ def test_every_baseline_can_be_made(name: str) -> None:
 
 
 def test_factored_rmax_is_refused_without_a_network() -> None:
-    with pytest.raises(InputError, match="needs to be told what depends on what in a test"):
+    with pytest.raises(InputError, match="none is known for a test"):
         BASELINES["factored-rmax"].factory(Problem())
 
 

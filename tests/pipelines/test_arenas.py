@@ -51,5 +51,5 @@ def test_unknown_domains_worlds_sizes_and_networks_are_refused() -> None:
             LearningExperiment(settings)
         assert caught.value.source == source
     experiment = LearningExperiment(LearningSettings(domain="delivery", learner="factored-rmax", repetitions=1))
-    with pytest.raises(InputError, match="needs to be told"):
+    with pytest.raises(InputError, match="needs a network of dependencies"):
         list(experiment.repetitions())

@@ -42,7 +42,9 @@ def factored_rmax(problem: TabularProblem, *, network: str) -> TabularRmax:
         InputError: The problem has no such network.
     """
     if network not in problem.network_entries:
-        raise InputError("--learner", "factored-rmax", f"needs to be told what depends on what in {problem.title}")
+        raise InputError(
+            "--learner", "factored-rmax", f"needs a network of dependencies, and none is known for {problem.title}"
+        )
     return TabularRmax(problem.network_entries[network])
 
 

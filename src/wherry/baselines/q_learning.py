@@ -8,6 +8,8 @@ and is what experiments run.
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass, field
+
 import numpy as np
 
 from wherry.oomdp.domain import Action, Domain
@@ -15,10 +17,11 @@ from wherry.oomdp.mdp import UNKNOWN, Prediction, Transition
 from wherry.oomdp.objects import State
 
 
+@dataclass(eq=False)
 class QLearning:
     """A table of action values; learner and planner in one.
 
-    Args:
+    Attributes:
         domain: Domain whose states and actions are learnt about.
         rng: Source of randomness for exploration.
         discount: γ.
@@ -27,25 +30,19 @@ class QLearning:
         initial_value: Q of pairs never tried; optimistic where no return can be larger.
     """
 
-    violations: tuple[str, ...] = ()
+    domain: Domain
+    rng: np.random.Generator
+    _: KW_ONLY
+    discount: float = 0.95
+    learning_rate: float = 1.0
+    exploration: float = 0.1
+    initial_value: float = 0.0
+    _values: dict[State, dict[Action, float]] = field(init=False, default_factory=dict, repr=False)
 
-    def __init__(
-        self,
-        domain: Domain,
-        rng: np.random.Generator,
-        *,
-        discount: float = 0.95,
-        learning_rate: float = 1.0,
-        exploration: float = 0.1,
-        initial_value: float = 0.0,
-    ) -> None:
-        self.domain = domain
-        self.rng = rng
-        self.discount = discount
-        self.learning_rate = learning_rate
-        self.exploration = exploration
-        self.initial_value = initial_value
-        self._values: dict[State, dict[Action, float]] = {}
+    @property
+    def violations(self) -> tuple[str, ...]:
+        """Empty: Q-learning makes no assumptions that experience could contradict."""
+        return ()
 
     def predict(self, state: State, action: Action) -> Prediction:
         """Return unknown: Q-learning has no model."""

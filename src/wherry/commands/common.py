@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress, Task
 
 
-def described(learners: Mapping[str, LearnerEntry[Any]]) -> Callable[[str], list[tuple[str, str]]]:
+def learner_completion(learners: Mapping[str, LearnerEntry[Any]]) -> Callable[[str], list[tuple[str, str]]]:
     """Return a completion that offers learners to the shell, each with its summary."""
     return lambda incomplete: [(name, entry.summary) for name, entry in learners.items() if name.startswith(incomplete)]
 
@@ -34,7 +34,8 @@ RulesOption = Annotated[Path | None, typer.Option(help="Learnt rules to start wi
 LearnerOption = Annotated[
     str,
     typer.Option(
-        help=f"How the robot learns: {' or '.join(DELIVERY_LEARNERS)}.", autocompletion=described(DELIVERY_LEARNERS)
+        help=f"How the robot learns: {' or '.join(DELIVERY_LEARNERS)}.",
+        autocompletion=learner_completion(DELIVERY_LEARNERS),
     ),
 ]
 LogArgument = Annotated[

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wherry.commands.common import BoxesOption, JsonOption, SeedOption, console_for, described, one_of, print_json
+from wherry.commands.common import (
+    BoxesOption,
+    JsonOption,
+    SeedOption,
+    console_for,
+    learner_completion,
+    one_of,
+    print_json,
+)
 from wherry.learning.registry import RULE_LEARNERS, Job, learners_for
 
 if TYPE_CHECKING:
@@ -32,7 +40,9 @@ def play(
     world: Annotated[str, typer.Option(help="Where to deliver: a built-in world's name, or a world file.")] = "small",
     boxes: BoxesOption = None,
     seed: SeedOption = 0,
-    learner: Annotated[str, typer.Option(help=f"{', '.join(LEARNERS)}.", autocompletion=described(LEARNERS))] = "bayes",
+    learner: Annotated[
+        str, typer.Option(help=f"{', '.join(LEARNERS)}.", autocompletion=learner_completion(LEARNERS))
+    ] = "bayes",
     rules: Annotated[Path | None, typer.Option(help="Learnt rules that the learner begins with.")] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -54,7 +54,7 @@ class Law:
 
 
 class Examples(NamedTuple):
-    """The examples of an effect, with those that contradict others told apart. Terms are bits.
+    """The examples of an effect, separated from those that contradict others. Terms are bits.
 
     Attributes:
         positives: Terms under which the effect happened at least as often as not.

@@ -1,6 +1,6 @@
 """The compiled inner loops of R-max: act greedily, learn, and repair the values that became too high.
 
-Values are kept between steps. A state is worth R_max for ever until its last unknown action was tried, so after most
+Values are kept between steps. The value of a state is V(s_max) until its last unknown action was tried, so after most
 steps no value changes at all; after the others only the values that depended on the unknown step are recomputed.
 """
 
@@ -28,7 +28,7 @@ class RmaxProblem(NamedTuple):
         first_user: [P + 1] where the steps that require each entry begin in ``users``.
         users: [U] steps that require an entry.
         discount: γ.
-        v_max: V(s_max), R_max for ever.
+        v_max: V(s_max) = R_max / (1 − γ).
         lower_bound: Lower bound of all values.
         tolerance: ε, precision of the values.
     """

@@ -142,9 +142,9 @@ def markdown(results: Mapping[int, Mapping[str, LearningResult]], transfers: lis
         "percentile, over as many repetitions as the last column says; rewards and ends of episodes learnt. Times are "
         "a core's, for a whole step (predict, learn, plan), medians of the repetitions, on a machine with a "
         f"{load_in_words()}; the published ones are from the machines of their time. Q-learning, R-max "
-        "and Factored R-max are compiled together with the grid. Factored R-max is told what depends on what in terms "
-        "of the taxi's cell, the passenger's location and the destination; factored-rmax-minimal is told that, once "
-        f"the passenger is in the taxi, it does not matter where that was. Of {not_converging} a "
+        "and Factored R-max are compiled together with the grid. Factored R-max is given the dependencies between "
+        "the taxi's cell, the passenger's location and the destination; factored-rmax-minimal knows that, once the "
+        f"passenger is in the taxi, it does not matter where the passenger waited. Of {not_converging} a "
         f"repetition that has not converged is ended after {MAX_STEPS_WITHOUT_CONVERGENCE:,} steps, and does not count "
         "in its mean.",
         pictures,

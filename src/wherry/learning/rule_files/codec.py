@@ -26,7 +26,7 @@ class RuleCodec(Generic[LearnerT, KnowledgeT]):
 
     Attributes:
         learner: Type of the learner.
-        knowledge: Type of the part; its field ``learner`` tells the parts of different learners apart.
+        knowledge: Type of the part; its field ``learner`` names the learner.
         encode: Returns what a learner knows.
         decode: Makes a learner that knows what a file says; raises InputError where that cannot be.
     """

@@ -89,7 +89,7 @@ def _codecs() -> tuple[RuleCodec[Any, Any], ...]:
 
 @cache
 def _document_type() -> type[RulesDocument]:
-    """Return the document whose knowledge is that of one of the registered learners, told apart by ``learner``."""
+    """Return the type of a document whose knowledge belongs to the registered learner that its ``learner`` names."""
     parts: Any = reduce(or_, (codec.knowledge for codec in _codecs()))
     knowledge: Any = Annotated[parts, Field(discriminator="learner")]
     return create_model("RulesFile", __base__=RulesDocument, knowledge=(knowledge, ...))

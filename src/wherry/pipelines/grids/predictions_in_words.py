@@ -1,4 +1,4 @@
-"""Predictions and changes of states in words, for people who play."""
+"""Predictions and changes of states in words, for players."""
 
 from __future__ import annotations
 
