@@ -37,7 +37,7 @@ def assert_same_ways(read: FloorPlan, frame: CellFrame, plan: FloorPlan, map_fro
         (cell, way)
         for cell, name in names.items()
         for way in Direction
-        if read.blocked(name, turned[way]) != plan.blocked(cell, way)
+        if read.is_blocked(name, turned[way]) != plan.is_blocked(cell, way)
     ]
     assert differing == []
 
@@ -94,7 +94,7 @@ def test_an_exact_scan_shows_the_ways_out_of_every_cell(heading: float, with_box
         pose = Pose(x, y, heading)
         scan = without_load(eye.scan(pose, centre(ROOMS, cell) if with_box else None), BODY)
         seen = ways_seen(scan, pose @ BODY.lidar, cell, frame, BODY.radius, NOTHING, BODY.box_radius)
-        assert seen == {way: ROOMS.blocked(cell, way) for way in seen}, cell
+        assert seen == {way: ROOMS.is_blocked(cell, way) for way in seen}, cell
         missing += len(Direction) - len(seen)
     # A box in the fork hides the way ahead of it; nothing else is ever hidden.
     assert missing <= (len(cells) if with_box else 0)
@@ -111,17 +111,17 @@ def test_noise_and_an_inexact_pose_do_not_change_what_is_seen(with_box: bool) ->
         believed = Pose(x + rng.uniform(-0.01, 0.01), y + rng.uniform(-0.01, 0.01), pose.theta)
         seen = ways_seen(scan, believed @ BODY.lidar, cell, frame, BODY.radius, NOTHING, BODY.box_radius)
         looks += len(seen)
-        wrong += sum(blocked != ROOMS.blocked(cell, way) for way, blocked in seen.items())
+        wrong += sum(blocked != ROOMS.is_blocked(cell, way) for way, blocked in seen.items())
     assert looks > 800
     assert wrong == 0
 
 
 def test_a_box_in_the_next_cell_is_no_wall() -> None:
     plan, cell = find_world("small").with_boxes(()), Cell(2, 3)
-    assert not any(plan.blocked(cell, way) for way in Direction)
+    assert not any(plan.is_blocked(cell, way) for way in Direction)
     eye, frame = Eye(plan), frame_of(plan)
     pose = Pose(*centre(plan, cell), 0.0)
-    boxes = np.array([centre(plan, cell.towards(Direction.NORTH))])
+    boxes = np.array([centre(plan, cell.neighbour(Direction.NORTH))])
     scan = eye.scan(pose, boxes)
     told = ways_seen(scan, pose @ BODY.lidar, cell, frame, BODY.radius, boxes, BODY.box_radius)
     untold = ways_seen(scan, pose @ BODY.lidar, cell, frame, BODY.radius, NOTHING, BODY.box_radius)

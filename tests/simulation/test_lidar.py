@@ -45,7 +45,7 @@ def test_rays_that_start_in_a_wall_end_there() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_rays_are_those_of_the_physics(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    plan = place_boxes(generate_world(12, 9, rng, obstacle_share=0.06), 6, rng)
+    plan = place_boxes(generate_world(12, 9, rng, obstacle_fraction=0.06), 6, rng)
     simulation = build(plan, rng)
     model, data, solids = simulation.physics.model, simulation.physics.data, simulation.solids
     mujoco.mj_forward(model, data)

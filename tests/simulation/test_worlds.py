@@ -19,7 +19,7 @@ def _way(plan: FloorPlan, start: Cell, goal: Cell, avoid: set[Cell]) -> list[Cel
     distances = plan.distances(goal, avoid)
     way = [start]
     while way[-1] != goal:
-        steps = [way[-1].towards(side) for side in Direction if not plan.blocked(way[-1], side)]
+        steps = [way[-1].neighbour(side) for side in Direction if not plan.is_blocked(way[-1], side)]
         way.append(min(steps, key=lambda cell: distances.get(cell, math.inf)))
     return way[1:]
 

@@ -119,7 +119,7 @@ def test_sizes_and_fields(editor: playwright.Page, file: Path) -> None:
     plan = saved(editor, file)
     assert (plan.width, plan.height, plan.name, plan.box_count) == (8, 4, "cellar", 7)
     assert (plan.walls, plan.boxes, plan.start) == (PLAN.walls, PLAN.boxes, PLAN.start)
-    assert not plan.blocked(Cell(5, 2), Direction.EAST)  # the old outer edge is gone
+    assert not plan.is_blocked(Cell(5, 2), Direction.EAST)  # the old outer edge is gone
 
 
 def test_what_is_wrong_is_said_in_place_and_not_saved(editor: playwright.Page, file: Path) -> None:

@@ -38,7 +38,7 @@ def names_of(result: type) -> set[str]:
     ("names", "words"),
     [
         (names_of(slam.Result) - {"log"}, MAPPING),
-        (names_of(localization.Result), LOCALIZATION),
+        (names_of(localization.LocalizationResult), LOCALIZATION),
         (names_of(taxi.Result) - {"settings", "runs"} | {"learner", "seed"}, LEARNING),
         (set(Monitor(cast(Transport, Deaf()), load_names()).figures()), HEARD),
     ],

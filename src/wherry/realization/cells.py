@@ -55,13 +55,13 @@ def plan_of_map(grid: OccupancyGrid, frame: CellFrame, radius: float, name: str 
         (cell, direction)
         for cell in standable
         for direction in (Direction.NORTH, Direction.EAST)
-        if cell.towards(direction) in standable
+        if cell.neighbour(direction) in standable
     ]
     walls = set()
     if ways:
         shares = np.linspace(0, 1, PROBES)[None, :, None]
         begins = np.array([frame.centre(cell.x, cell.y) for cell, _ in ways])[:, None, :]
-        ends = np.array([frame.centre(*_xy(cell.towards(direction))) for cell, direction in ways])[:, None, :]
+        ends = np.array([frame.centre(*_xy(cell.neighbour(direction))) for cell, direction in ways])[:, None, :]
         probes = (begins + shares * (ends - begins)).reshape(-1, 2)
         narrowest = looked_up(clearance, probes).reshape(len(ways), PROBES).min(axis=1)
         walls = {Wall.between(*way) for way, width_m in zip(ways, narrowest, strict=True) if width_m < needed}

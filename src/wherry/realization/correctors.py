@@ -101,7 +101,7 @@ class MapCorrector:
     @property
     def particles(self) -> NDArray[np.float64]:
         """[N, 3] x m, y m, θ rad, map frame."""
-        return self._localizer.amcl.particles
+        return self._localizer.particles
 
     @property
     def lost(self) -> bool:

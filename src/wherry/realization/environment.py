@@ -125,7 +125,9 @@ class RobotEnvironment:
         if self._standing_in(here) is None:
             return True
         for direction in Direction:
-            if Wall.between(here, direction) not in self.site.walls and not self._standing_in(here.towards(direction)):
+            if Wall.between(here, direction) not in self.site.walls and not self._standing_in(
+                here.neighbour(direction)
+            ):
                 self._move(direction)
                 if self.cell != here:
                     return True
@@ -174,7 +176,7 @@ class RobotEnvironment:
         self.pilot.go_to(Pose(float(middle[0]), float(middle[1]), self.pilot.pose.theta), reverse=self.holding)
 
     def _move(self, direction: Direction) -> None:
-        here, there = self.cell, self.cell.towards(direction)
+        here, there = self.cell, self.cell.neighbour(direction)
         ahead, waiting = self._standing_in(there), self._standing_in(here)
         held = self.holding
         fork_full = held or waiting is not None
@@ -239,7 +241,7 @@ class RobotEnvironment:
             wall = Wall.between(cell, direction)
             if blocked:
                 walls.add(wall)
-            elif self._is_inside(cell.towards(direction)):
+            elif self._is_inside(cell.neighbour(direction)):
                 walls.discard(wall)
         if walls != self.site.walls:
             self.site = replace(self.site, walls=frozenset(walls))

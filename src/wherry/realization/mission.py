@@ -17,7 +17,7 @@ from wherry.domains.delivery import DeliverySite
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.localization.localizer import Localizer
-from wherry.localization.parameters import PRECISE
+from wherry.localization.parameters import PRECISE_PARAMETERS
 from wherry.navigation.path import shortest_path
 from wherry.realization.boxes import Box
 from wherry.realization.correctors import SURE_SCANS, MapCorrector, Mapper, OwnMapper, Searcher
@@ -119,7 +119,7 @@ class Mission:
         Raises:
             InputError: It fits nowhere on the map, however much the robot drives around.
         """
-        localizer = Localizer(grid, self._robot.body.lidar, PRECISE, self._rng)
+        localizer = Localizer(grid, self._robot.body.lidar, PRECISE_PARAMETERS, self._rng)
         localizer.initialize_globally()
         searcher = Searcher(localizer)
         pilot = Pilot(self._robot, PoseTracker(searcher, Pose()), self._sink)
@@ -167,7 +167,7 @@ class Mission:
 
     def _own_localizer(self, grid: OccupancyGrid, pose: Pose) -> Corrector:
         """Our own particle filter on a map."""
-        localizer = Localizer(grid, self._robot.body.lidar, PRECISE, self._rng)
+        localizer = Localizer(grid, self._robot.body.lidar, PRECISE_PARAMETERS, self._rng)
         localizer.initialize(pose, START_COVARIANCE)
         return MapCorrector(localizer)
 

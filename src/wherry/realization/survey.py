@@ -181,7 +181,7 @@ class Survey:
         """The cells that boxes may stand in unseen, and how many steps away they are."""
         steps = self._steps(chart, boxes)
         occupied = occupied_cells(chart.grid, chart.frame, chart.plan)
-        suspects = {cell for cell in occupied if any(cell.towards(way) in steps for way in Direction)}
+        suspects = {cell for cell in occupied if any(cell.neighbour(way) in steps for way in Direction)}
         given_up = {Cell(*chart.frame.cell_at(x, y)) for x, y in self._given_up}
         return {cell: steps.get(cell, 0) for cell in (suspects | set(steps)) - given_up - seen.cells()}
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.simulation.model import BODY, BOX_RADIUS, WHEEL_GRIP
 from wherry.simulation.referee import BoxPlace
 from wherry.simulation.simulator import Simulation
@@ -39,6 +40,27 @@ def random_pose(simulation: Simulation, rng: np.random.Generator) -> Pose:
         pose = Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
         if _is_free(simulation, pose):
             return pose
+
+
+def random_cell_pose(plan: FloorPlan, rng: np.random.Generator) -> Pose:
+    """A random heading at the centre of a random cell that the robot can reach and that holds no box.
+
+    Args:
+        plan: The building, with its boxes at their cells.
+        rng: Source of the randomness.
+    """
+    cells = [cell for cell in reachable_cells(plan) if cell not in plan.boxes]
+    return cell_pose(plan, cells[int(rng.integers(len(cells)))], float(rng.uniform(-math.pi, math.pi)))
+
+
+def reachable_cells(plan: FloorPlan) -> list[Cell]:
+    """The cells that the robot can reach from its start, in order; none if the plan has no robot."""
+    return sorted(plan.distances(plan.start)) if plan.start is not None else []
+
+
+def cell_pose(plan: FloorPlan, cell: Cell, heading: float) -> Pose:
+    """The pose of base_link at the centre of a cell with a heading in rad, world frame."""
+    return Pose((cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size, heading)
 
 
 @contextmanager

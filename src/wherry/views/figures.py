@@ -87,7 +87,7 @@ LOCALIZATION: Words = {
     "unknown_parameters": ("unknown parameters", listed),
     "seed": ("seed", str),
 }
-"""Of `wherry.pipelines.logs.localization.Result`."""
+"""Of `wherry.pipelines.logs.localization.LocalizationResult`."""
 
 LEARNING: Words = {
     "learner": ("learner", str),

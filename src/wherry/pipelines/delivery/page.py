@@ -122,7 +122,7 @@ def _true_walls(plan: FloorPlan, map_from_world: Pose) -> Floats:
     segments = []
     for cell in plan.cells():
         for direction in Direction:
-            if plan.blocked(cell, direction):
+            if plan.is_blocked(cell, direction):
                 segments.append(_edge(cell, direction, size))
     ends = map_from_world.transform(np.array(segments).reshape(-1, 2))
     return ends.reshape(-1, 2, 2)

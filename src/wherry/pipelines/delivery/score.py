@@ -175,8 +175,8 @@ def _next(plan: FloorPlan, situation: _Situation) -> Iterator[tuple[_Situation, 
         yield (cell, left - {cell}, True), 0
     full = carrying or cell in left
     for direction in Direction:
-        there = cell.towards(direction)
-        if not plan.blocked(cell, direction) and not (full and there in left):
+        there = cell.neighbour(direction)
+        if not plan.is_blocked(cell, direction) and not (full and there in left):
             yield (there, left, carrying), 1
 
 
