@@ -96,9 +96,9 @@ def stubbed_learning(monkeypatch: pytest.MonkeyPatch) -> None:
             return []
 
         def result(self) -> LearningResult:
-            return LearningResult.of(self.settings, [Repetition(10, True, 0.002, ((10, 6),), None)], None)
+            return LearningResult.of(self.settings, [Repetition(10, True, 0.002, ((10, 6),))])
 
-    monkeypatch.setattr(bench, "TaxiExperiment", Experiment)
+    monkeypatch.setattr(bench, "LearningExperiment", Experiment)
 
 
 @pytest.mark.usefixtures("stubbed_learning")

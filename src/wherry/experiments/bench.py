@@ -41,7 +41,7 @@ PARTICLES, BEAMS = 2_000, 60
 UPDATES = 60
 STEP = 0.05  # m, from one update to the next
 INTEL = Path("intel/intel_910_rawodom.clf.gz")
-EFFICIENT_RL = Path(__file__).with_name("learning") / "efficient_rl.py"  # run by another interpreter
+EFFICIENT_RL = Path(__file__).with_name("learning") / "efficient_rl_taxi.py"  # run by another interpreter
 RIVAL, DIUK = "DOORMAX, efficient_rl", "DOORMAX, Diuk et al. 2008"
 MEASURED, ELSEWHERE = "here", "published, on another machine"
 
