@@ -32,8 +32,10 @@ def test_unknown_answers_are_counted_only_where_there_is_a_bound() -> None:
 
 
 def test_learners_are_listed_by_job_in_the_registrys_order() -> None:
-    assert list(learners_for(Job.DELIVERY, RULE_LEARNERS)) == ["bayes", "doormax"]
-    assert list(learners_for(Job.PLAY, RULE_LEARNERS)) == ["bayes", "doormax", "doormax-near-miss"]
+    deliver, play = (list(learners_for(job, RULE_LEARNERS)) for job in (Job.DELIVERY, Job.PLAY))
+    assert {"bayes", "doormax"} <= set(deliver)
+    assert "doormax-near-miss" in set(play) - set(deliver)
+    assert play == [name for name in RULE_LEARNERS if name in play]
 
 
 def test_listing_the_learners_imports_none_of_them() -> None:

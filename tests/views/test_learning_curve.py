@@ -26,10 +26,14 @@ def test_a_line_ends_where_all_probes_are_solved() -> None:
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("steps in the environment", "probes solved optimally, of 6")
 
 
-def test_every_learner_has_a_line_of_its_own_colour() -> None:
+def test_every_learner_has_a_line_of_its_own_colour_and_style() -> None:
     runs = dict.fromkeys(LEARNERS, RUNS["quick"])
     (axes,) = learning_curves(runs, 6, "All").axes
-    lines = {str(line.get_label()): str(line.get_color()) for line in axes.get_lines() if line.get_marker() == "None"}
+    lines = {
+        str(line.get_label()): (line.get_color(), line.get_linestyle())
+        for line in axes.get_lines()
+        if line.get_marker() == "None"
+    }
     assert set(lines) == set(LEARNERS)
     assert len(set(lines.values())) == len(LEARNERS)
 

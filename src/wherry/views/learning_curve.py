@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import cycle
+from itertools import cycle, product
 from typing import Any, Literal
 
 import matplotlib as mpl
@@ -19,6 +19,9 @@ from wherry.space.pose import Floats
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#6a6a6a", "#56b4e9", "#b8860b", "#000000", "#7b3294")
 """Line colours in the order of the learners, distinguishable for most colour-blind people (Okabe and Ito)."""
+
+LINE_STYLES = ("solid", "dashed", "dotted")
+"""Styles that tell learners apart once all colours are used."""
 
 BAND = (10, 90)  # percentiles between which the band of a curve lies
 CURVE_POINTS = 400  # points at which a curve is sampled
@@ -68,12 +71,20 @@ def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) 
     logarithmic = last > MAX_LINEAR_RATIO * min(ends.values())
     first = min(run[0][0] for repetitions in runs.values() for run in repetitions)
     steps = np.geomspace(max(1, first / 2), last, CURVE_POINTS) if logarithmic else np.linspace(0, last, CURVE_POINTS)
-    for (name, repetitions), colour in zip(runs.items(), cycle(PALETTE), strict=False):
+    for (name, repetitions), (style, colour) in zip(runs.items(), cycle(product(LINE_STYLES, PALETTE)), strict=False):
         solved = np.array([solved_by(run, steps) for run in repetitions])
         low, median, high = np.percentile(solved, [BAND[0], 50, BAND[1]], axis=0)
         axes.fill_between(steps, low, high, color=colour, alpha=0.16, linewidth=0, step="post")
         until = np.searchsorted(median, probes) + 1  # the curve is constant from then on
-        axes.plot(steps[:until], median[:until], color=colour, linewidth=2, drawstyle="steps-post", label=name)
+        axes.plot(
+            steps[:until],
+            median[:until],
+            color=colour,
+            linewidth=2,
+            linestyle=style,
+            drawstyle="steps-post",
+            label=name,
+        )
         axes.plot(steps[:until][-1:], median[:until][-1:], "o", color=colour, clip_on=False)
     if logarithmic:
         _logarithmic(axes)
