@@ -66,27 +66,17 @@ def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) 
         The figure; its axis of steps is logarithmic where learners differ by more than `MAX_LINEAR_RATIO`.
     """
     figure, axes = _figure(7.2, 4.2)
-    ends = {name: max(run[-1][0] for run in repetitions) for name, repetitions in runs.items()}
-    last = max(ends.values())
-    logarithmic = last > MAX_LINEAR_RATIO * min(ends.values())
-    first = min(run[0][0] for repetitions in runs.values() for run in repetitions)
-    steps = np.geomspace(max(1, first / 2), last, CURVE_POINTS) if logarithmic else np.linspace(0, last, CURVE_POINTS)
-    for (name, repetitions), (style, colour) in zip(runs.items(), cycle(product(LINE_STYLES, PALETTE)), strict=False):
+    ends = [max(run[-1][0] for run in repetitions) for repetitions in runs.values()]
+    first, last = min(run[0][0] for repetitions in runs.values() for run in repetitions), max(ends)
+    is_logarithmic = last > MAX_LINEAR_RATIO * min(ends)
+    steps = (
+        np.geomspace(max(1, first / 2), last, CURVE_POINTS) if is_logarithmic else np.linspace(0, last, CURVE_POINTS)
+    )
+    lines = cycle(product(LINE_STYLES, PALETTE))
+    for (name, repetitions), (style, colour) in zip(runs.items(), lines, strict=False):
         solved = np.array([solved_by(run, steps) for run in repetitions])
-        low, median, high = np.percentile(solved, [BAND[0], 50, BAND[1]], axis=0)
-        axes.fill_between(steps, low, high, color=colour, alpha=0.16, linewidth=0, step="post")
-        until = np.searchsorted(median, probes) + 1  # the curve is constant from then on
-        axes.plot(
-            steps[:until],
-            median[:until],
-            color=colour,
-            linewidth=2,
-            linestyle=style,
-            drawstyle="steps-post",
-            label=name,
-        )
-        axes.plot(steps[:until][-1:], median[:until][-1:], "o", color=colour, clip_on=False)
-    if logarithmic:
+        _draw_curve(axes, steps, solved, probes, color=colour, linestyle=style, label=name)
+    if is_logarithmic:
         _logarithmic(axes)
     axes.set_xlim(steps[0], last)
     axes.set_ylim(-0.15, probes + 0.25)
@@ -94,15 +84,53 @@ def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) 
     axes.set_xlabel("steps in the environment")
     axes.set_ylabel(f"probes solved optimally, of {probes}")
     axes.set_title(title, loc="left", fontsize=12, color=INK)
-    counts = sorted({len(repetitions) for repetitions in runs.values()})
-    count = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    note = f"median of {count} repetitions, and the band from {BAND[0]} to {BAND[1]} %"
-    if counts == [1]:
-        note = "one repetition"
     figure.legend(
-        loc="outside lower center", ncols=min(4, len(runs)), frameon=False, fontsize=9, title=note, title_fontsize=8.5
+        loc="outside lower center",
+        ncols=min(4, len(runs)),
+        frameon=False,
+        fontsize=9,
+        title=_repetitions_note(runs),
+        title_fontsize=8.5,
     )
     return figure
+
+
+def _draw_curve(
+    axes: Axes, steps: Floats, solved: Floats, probes: int, *, color: str, linestyle: str, label: str
+) -> None:
+    """Draw one learner's median and band, up to where the median solves all probes.
+
+    Args:
+        axes: Where to draw.
+        steps: [N] numbers of steps.
+        solved: [R, N] probes solved by every repetition.
+        probes: Number of probes.
+        color: Colour of line and band.
+        linestyle: Style of the line.
+        label: Name of the learner.
+    """
+    low, median, high = np.percentile(solved, [BAND[0], 50, BAND[1]], axis=0)
+    axes.fill_between(steps, low, high, color=color, alpha=0.16, linewidth=0, step="post")
+    until = np.searchsorted(median, probes) + 1  # the curve is constant from then on
+    axes.plot(
+        steps[:until],
+        median[:until],
+        color=color,
+        linewidth=2,
+        linestyle=linestyle,
+        drawstyle="steps-post",
+        label=label,
+    )
+    axes.plot(steps[:until][-1:], median[:until][-1:], "o", color=color, clip_on=False)
+
+
+def _repetitions_note(runs: Mapping[str, Sequence[Run]]) -> str:
+    """Return what curves and bands stand for, in words."""
+    counts = sorted({len(repetitions) for repetitions in runs.values()})
+    if counts == [1]:
+        return "one repetition"
+    count = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    return f"median of {count} repetitions, and the band from {BAND[0]} to {BAND[1]} %"
 
 
 def solved_by(run: Run, steps: Floats) -> Floats:
