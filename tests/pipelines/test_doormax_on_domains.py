@@ -66,7 +66,7 @@ def test_newly_perceived_walls_do_not_count_as_a_change() -> None:
     narrower = DeliverySite(SITE.walls, SITE.warehouse | {Cell(2, 0)}, SITE.x_range, SITE.y_range)
     after = narrower.state(Cell(0, 0), [BoxState("a", Cell(2, 0))])
     doormax.add_experience(Transition(before, PICKUP, after, -10.0, False))
-    assert doormax.failures["PICKUP"] == {SITE.domain.cond(before).value}
+    assert doormax.failures.conditions["PICKUP"] == {SITE.domain.cond(before).value}
 
 
 @pytest.mark.parametrize("environment", [taxi_grid(5), delivery_grid(find_world("small"))], ids=["taxi", "delivery"])

@@ -98,7 +98,7 @@ def test_an_attribute_learnt_from_its_changes_alone_stays_so(tmp_path: Path) -> 
     learner = Doormax(machine_domain(3), max_effects=1)
     for switches, after in [("100", 5), ("010", 9)]:
         teach(learner, switches, (0, after))
-    subject = next(subject for subject in learner.failures if isinstance(subject, Subject))
+    subject = next(subject for subject in learner.failures.conditions if isinstance(subject, Subject))
     save_rules(learner, tmp_path / "rules.json")
     loaded = load_rules(tmp_path / "rules.json", learner.domain)
     assert isinstance(loaded, Doormax)

@@ -13,6 +13,7 @@ from typing import Literal
 
 from wherry.learning.condition_learner import ConditionLearner
 from wherry.learning.effect_rules import EffectRules, Subject
+from wherry.learning.failures import FailureConditions, FailureKey
 from wherry.learning.near_miss import NearMisses
 from wherry.learning.rules import Rule
 from wherry.oomdp.attributes import EXISTS, Attribute, Value
@@ -71,7 +72,7 @@ class Doormax(ConditionLearner):
         self.refutation = refutation
         self.failure_scope = failure_scope
         self.effect_rules = EffectRules(domain, effect_types, max_effects)
-        self.failures: dict[str | Subject, set[int]] = {}
+        self.failures = FailureConditions(domain.size)
         self.near_misses = NearMisses(domain.size) if inference == "near-miss" else None
 
     @property
@@ -104,7 +105,7 @@ class Doormax(ConditionLearner):
         """
         attributes = []
         for subject in self.effect_rules.subjects[action, object_class.name]:  # line 3
-            if terms in self.failures.get(subject, ()):
+            if self.failures.has(subject, terms):
                 continue
             found = self.effect_rules.effects(subject, terms)  # lines 5, 6
             if not found:
@@ -125,7 +126,7 @@ class Doormax(ConditionLearner):
 
     def _is_failure(self, action: str, whole: int) -> bool:
         """Return whether some c ∈ F_a equals cond(s), which c covers only then as it has no *; or it is inferred."""
-        if whole in self.failures.get(action, ()):
+        if self.failures.has(action, whole):
             return True
         return self.near_misses is not None and self.near_misses.fails(action, whole)
 
@@ -150,18 +151,13 @@ class Doormax(ConditionLearner):
 
     def failure_conditions(self) -> dict[str, tuple[Condition, ...]]:
         """Return F_a: for each action, the conditions under which it changes nothing, or not all it ever changed."""
-        found: dict[str, tuple[Condition, ...]] = {}
-        for scope, failures in self.failures.items():
-            action = scope.action if isinstance(scope, Subject) else scope
-            conditions = (Condition.of(self.domain.size, terms) for terms in sorted(failures))
-            found[action] = tuple(dict.fromkeys((*found.get(action, ()), *conditions)))
-        return found
+        return self.failures.by_action()
 
     def sentences(self) -> tuple[str, ...]:
         """Return in words the effects of every action, and the number of its failure conditions."""
         lines = [rule.describe(self.domain.term_names) for rule in self.rules()]
-        for scope, failures in self.failures.items():
-            lines.append(f"{scope}: nothing happens under {len(failures)} other conditions")
+        for key, failures in self.failures.conditions.items():
+            lines.append(f"{key}: nothing happens under {len(failures)} other conditions")
         return tuple(lines)
 
     def add_experience(self, transition: Transition) -> None:
@@ -174,7 +170,7 @@ class Doormax(ConditionLearner):
         if self.near_misses is not None:
             has_changed |= self.near_misses.add(action, whole, succeeded=not transition.failed)
         if self.failure_scope == "action" and transition.failed:  # line 1
-            has_changed |= self._add_failure(action, whole)  # lines 3, 4
+            has_changed |= self.failures.add(action, whole)  # lines 3, 4
         else:
             if self.failure_scope == "action":
                 has_changed |= self._retract_failure(action, whole)
@@ -202,7 +198,7 @@ class Doormax(ConditionLearner):
         """Learn from what happened to one attribute of one object; return whether anything changed."""
         if self.learns_from_changes_alone(subject):
             if before == after:
-                return self._add_failure(subject, condition.value)
+                return self.failures.add(subject, condition.value)
             self._retract_failure(subject, condition.value)
         rules, effects = self.effect_rules, effects_between(attribute, before, after, self.effect_types)
         has_changed = self.refutation and rules.refute(subject, condition.value, effects, has_changed=before != after)
@@ -212,14 +208,14 @@ class Doormax(ConditionLearner):
         if not rules.is_alive(subject):
             self._report_no_type_left(subject)
             if self.refutation and not self.learns_from_changes_alone(subject):
-                self.failures[subject] = set()
+                self.failures.conditions[subject] = set()
                 rules.reset(subject)
                 self._learn_effect(subject, attribute, condition, before, after)
         return has_changed
 
     def learns_from_changes_alone(self, subject: Subject) -> bool:
         """Return whether an attribute that keeps its value counts as a failure, and not as an effect that keeps it."""
-        return self.failure_scope == "attribute" or subject in self.failures
+        return self.failure_scope == "attribute" or subject in self.failures.conditions
 
     def _may_have_slipped(self, transition: Transition, whole: int) -> bool:
         """Return whether an action failed, for the first time, where it was certain to succeed, and report that.
@@ -237,22 +233,13 @@ class Doormax(ConditionLearner):
         self._violations[slip] = None
         return True
 
-    def _add_failure(self, scope: str | Subject, terms: int) -> bool:
-        """Lines 3 and 4: F ← F ∪ {cond(s)}; return whether that is new. No condition of F has a * to be removed for."""
-        failures = self.failures.setdefault(scope, set())
-        if terms in failures:
-            return False
-        failures.add(terms)
-        return True
-
-    def _retract_failure(self, scope: str | Subject, terms: int) -> bool:
+    def _retract_failure(self, key: FailureKey, terms: int) -> bool:
         """Remove a failure condition that a success contradicts, and report it; return whether there was one."""
-        if terms not in self.failures.get(scope, ()):
-            return False
-        self.failures[scope].remove(terms)
-        condition = self._condition_in_words(terms)
-        self._violations[f"{scope}: changed something where it had changed nothing before ({condition})"] = None
-        return True
+        was_failure = self.failures.discard(key, terms)
+        if was_failure:
+            condition = self._condition_in_words(terms)
+            self._violations[f"{key}: changed something where it had changed nothing before ({condition})"] = None
+        return was_failure
 
     def _report_no_type_left(self, subject: Subject) -> None:
         """Report that no effect type explains what was seen of an attribute."""

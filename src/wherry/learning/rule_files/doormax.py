@@ -9,6 +9,7 @@ from pydantic import Field
 
 from wherry.learning.doormax import Doormax
 from wherry.learning.effect_rules import Subject
+from wherry.learning.failures import FailureKey
 from wherry.learning.near_miss import NearMisses
 from wherry.learning.rule_files.codec import KnowledgeReader, RuleCodec
 from wherry.learning.rule_files.entries import (
@@ -113,11 +114,11 @@ def _type_entries(learner: Doormax) -> list[TypeEntry]:
 def _failure_entries(learner: Doormax) -> list[FailureEntry]:
     return [
         FailureEntry(
-            action=scope.action if isinstance(scope, Subject) else scope,
-            attribute=attribute_name(scope) if isinstance(scope, Subject) else None,
+            action=key.action if isinstance(key, Subject) else key,
+            attribute=attribute_name(key) if isinstance(key, Subject) else None,
             conditions=sorted(str(Condition.of(learner.domain.size, terms)) for terms in conditions),
         )
-        for scope, conditions in learner.failures.items()
+        for key, conditions in learner.failures.conditions.items()
     ]
 
 
@@ -151,10 +152,10 @@ def _decode(knowledge: DoormaxKnowledge, reader: KnowledgeReader) -> Doormax:
         _add_type(learner, entry, reader, f"knowledge.predictions.{at}")
     for at, failure in enumerate(knowledge.failures):
         field = f"knowledge.failures.{at}"
-        scope: str | Subject = reader.action(failure.action, field)
+        key: FailureKey = reader.action(failure.action, field)
         if failure.attribute is not None:
-            scope = reader.subject(failure.action, failure.attribute, field)
-        learner.failures[scope] = {reader.terms(text, field) for text in failure.conditions}
+            key = reader.subject(failure.action, failure.attribute, field)
+        learner.failures.conditions[key] = {reader.terms(text, field) for text in failure.conditions}
     if learner.near_misses is not None:
         _add_near_misses(learner.near_misses, knowledge.near_misses or {}, reader)
     reader.add_rewards(learner.rewards, knowledge.rewards)
