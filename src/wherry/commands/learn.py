@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wherry.commands.common import (
-    JsonOption,
-    QuietOption,
+    OutputOptions,
     SeedOption,
-    console_for,
     learner_completion,
     one_of,
     print_json,
     progress_bar,
     say,
 )
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
+from wherry.commands.option_groups import with_option_groups
+from wherry.commands.watching import PageOptions, trace_sink
 from wherry.errors import InputError
 from wherry.pipelines.grids.learners import LEARNERS
 
@@ -32,6 +31,7 @@ INFERENCES = {"memorise": "doormax", "near-miss": "doormax-near-miss"}  # by --i
 OFFERED = {name: entry for name, entry in LEARNERS.items() if name == "doormax" or name not in INFERENCES.values()}
 
 
+@with_option_groups
 def learn(
     domain: Annotated[str, typer.Argument(help=f"{', '.join(DOMAINS)}.", autocompletion=one_of(DOMAINS))],
     size: Annotated[int, typer.Option(help="The Taxi grid's side: 5 or 10.")] = 5,
@@ -51,11 +51,9 @@ def learn(
     seed: SeedOption = 0,
     rules_out: Annotated[Path | None, typer.Option(help="Where to save what the last learner knows, as JSON.")] = None,
     out: Annotated[Path | None, typer.Option(help="Where to draw the learning curve: a .png or an .svg file.")] = None,
-    view: ViewOption = False,
-    host: HostOption = LOOPBACK,
-    port: PortOption = PORT,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    *,
+    page: PageOptions,
+    output: OutputOptions,
 ) -> None:
     """Count the steps until a learner's policy is optimal from six probes, as published for Taxi."""
     if out is not None and out.suffix not in (".png", ".svg"):
@@ -68,9 +66,9 @@ def learn(
     experiment = LearningExperiment(
         LearningSettings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
     )
-    console = console_for(as_json=as_json, quiet=quiet)
-    with watched("wherry: learning", None, console, view=view, host=host, port=port) as sink:
-        experiment.watch = sink if view else None
+    console = output.console()
+    with trace_sink("wherry: learning", None, console, page) as sink:
+        experiment.watch = sink if page.view else None
         _run(experiment, console)
     result = experiment.result()
     _report_rules(experiment, console, rules_out)
@@ -78,7 +76,7 @@ def learn(
     if out is not None:
         _draw_curve(experiment, out)
         say(console, f"Learning curve: {out}")
-    if as_json:
+    if output.as_json:
         print_json(result.as_json())
     raise typer.Exit(0 if result.converged == result.repetitions else 1)
 
@@ -117,10 +115,10 @@ def _report_rules(experiment: LearningExperiment, console: Console, rules_out: P
 
 def _report_statistics(experiment: LearningExperiment, console: Console) -> None:
     """Print the statistics of all repetitions."""
-    from wherry.views.figures import LEARNING
-    from wherry.views.terminal import print_figures
+    from wherry.views.metrics_tables import LEARNING_METRICS
+    from wherry.views.terminal import print_metrics
 
-    print_figures(console, experiment.arena.title, experiment.result().as_json(), LEARNING)
+    print_metrics(console, experiment.arena.title, experiment.result().as_json(), LEARNING_METRICS)
 
 
 def _draw_curve(experiment: LearningExperiment, out: Path) -> None:
