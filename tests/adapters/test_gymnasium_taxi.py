@@ -10,7 +10,7 @@ from gymnasium.envs.toy_text.taxi import TaxiEnv
 from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi, gymnasium_taxi_reward, is_delivered
 from wherry.episodes import PolicyAgent, run_episode
 from wherry.errors import InputError
-from wherry.learning.learners import LEARNERS
+from wherry.learning.registry import RULE_LEARNERS
 from wherry.oomdp.domain import Action
 from wherry.planning.value_iteration import ValueIteration
 from wherry_testing.environment_contract import EnvironmentContract
@@ -65,7 +65,7 @@ def test_learners_become_optimal(name: str, task: dict) -> None:
     """After 20 episodes the greedy policy is optimal from every first state, with rewards learnt or given."""
     view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
     taxi = view.environment.unwrapped
-    learner, rng = LEARNERS[name](view.domain, **task), np.random.default_rng(0)
+    learner, rng = RULE_LEARNERS[name].factory(view.domain, **task), np.random.default_rng(0)
     agent = PolicyAgent(learner, ValueIteration(learner))
     for _ in range(20):
         steps = list(run_episode(view, agent, rng, max_steps=2000))

@@ -15,7 +15,8 @@ from wherry.adapters.minigrid import ACTIONS, MINIGRID_EFFECT_TYPES, MiniGrid, i
 from wherry.episodes import PolicyAgent, run_episode
 from wherry.errors import InputError
 from wherry.learning.bayes import BayesianLearner
-from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.learning.registry import RULE_LEARNERS
+from wherry.learning.rules import RuleLearner
 from wherry.oomdp.attributes import enumeration
 from wherry.oomdp.domain import Action
 from wherry.oomdp.effects import Effect, effects_between
@@ -31,7 +32,7 @@ def view_of(name: str) -> MiniGrid:
 
 
 def learner_for(view: MiniGrid, name: str) -> RuleLearner:
-    return LEARNERS[name](view.domain, effect_types=MINIGRID_EFFECT_TYPES, **SETTINGS[name])
+    return RULE_LEARNERS[name].factory(view.domain, effect_types=MINIGRID_EFFECT_TYPES, **SETTINGS[name])
 
 
 def train(view: MiniGrid, learner: RuleLearner, episodes: int) -> None:

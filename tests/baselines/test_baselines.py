@@ -43,7 +43,7 @@ def q_learning(rng: np.random.Generator) -> PolicyAgent:
 
 
 def optimistic(rng: np.random.Generator) -> PolicyAgent:
-    learner = QLearning(DOMAIN, rng, exploration=0.0, first_value=10.0)
+    learner = QLearning(DOMAIN, rng, exploration=0.0, initial_value=10.0)
     return PolicyAgent(learner, learner)
 
 
@@ -58,7 +58,7 @@ def factored(rng: np.random.Generator) -> PolicyAgent:
 
 
 @pytest.mark.parametrize("make", [q_learning, optimistic, rmax, factored])
-def test_they_learn_to_walk_to_the_end(make: Callable[[np.random.Generator], PolicyAgent]) -> None:
+def test_every_baseline_learns_the_optimal_policy(make: Callable[[np.random.Generator], PolicyAgent]) -> None:
     environment, rng = corridor(), np.random.default_rng(0)
     agent = make(rng)
     for _ in range(60):
@@ -78,7 +78,7 @@ def test_q_values_are_the_discounted_sums() -> None:
     assert values == [0.5 * (0.5 * (0.5 * 10 - 1) - 1) - 1, 0.5 * (0.5 * 10 - 1) - 1, 0.5 * 10 - 1, 10.0]
 
 
-def test_rmax_knows_what_it_saw_and_nothing_else() -> None:
+def test_rmax_knows_only_the_steps_it_observed() -> None:
     learner = Rmax(DOMAIN)
     learner.add_experience(walk(at(1), Action("RIGHT")))
     assert learner.predict(at(1), Action("RIGHT")).most_likely.next_state == at(2)
@@ -87,7 +87,7 @@ def test_rmax_knows_what_it_saw_and_nothing_else() -> None:
     assert learner.revisions == {"LEFT": 0, "RIGHT": 1}
 
 
-def test_factored_rmax_knows_a_step_when_it_knows_all_its_parts() -> None:
+def test_factored_rmax_knows_a_step_once_all_its_tables_have_an_entry() -> None:
     environment = taxi_grid(5)
     learner = FactoredRmax(environment.domain, minimal_parents)
     first = environment.state_of((2, 2), "Y", "R")

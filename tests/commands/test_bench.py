@@ -13,7 +13,7 @@ import pytest
 from wherry.commands import bench as command
 from wherry.experiments import bench
 from wherry.experiments.bench import BENCHES, MEASURED_HERE, PUBLISHED, BenchResult, BenchSettings, Timing
-from wherry.pipelines.grids.learning import Repetition, Result, Settings
+from wherry.pipelines.grids.learning import LearningResult, LearningSettings, Repetition
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -97,16 +97,16 @@ def stubbed_learning(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replace our own learners by one that takes no time."""
 
     class Experiment:
-        def __init__(self, settings: Settings) -> None:
+        def __init__(self, settings: LearningSettings) -> None:
             self.settings = settings
 
         def repetitions(self) -> list[Repetition]:
             return []
 
-        def result(self) -> Result:
-            return Result.of(self.settings, [Repetition(10, True, 0.002, ((10, 6),), None)], None)
+        def result(self) -> LearningResult:
+            return LearningResult.of(self.settings, [Repetition(10, True, 0.002, ((10, 6),))])
 
-    monkeypatch.setattr(bench, "TaxiExperiment", Experiment)
+    monkeypatch.setattr(bench, "LearningExperiment", Experiment)
 
 
 @pytest.mark.usefixtures("stubbed_learning")

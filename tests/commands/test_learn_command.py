@@ -1,4 +1,4 @@
-"""wherry learn: its JSON, its pictures, and what it refuses."""
+"""wherry learn: its JSON, its figures, and the input that it refuses."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from PIL import Image
 
 from wherry.commands import learn as command
 from wherry.pipelines.grids.arenas import ARENAS
-from wherry.pipelines.grids.learning import LEARNERS
+from wherry.pipelines.grids.learners import LEARNERS
 
 Call = Callable[..., tuple[int, str, str]]
 
 PROMISED = {"steps_mean", "steps_sd", "steps_p95", "converged", "repetitions", "ms_per_step"}
 
 
-def test_the_last_line_is_json_and_the_curve_is_a_picture(call: Call, tmp_path: Path) -> None:
+def test_the_last_line_is_json_and_the_curve_is_an_image(call: Call, tmp_path: Path) -> None:
     status, out, err = call("learn", "taxi", "--inference", "near-miss", "--repetitions", 2, "--json",
                             "--out", tmp_path / "curve.png", "--rules-out", tmp_path / "rules.json")  # fmt: skip
     assert status == 0
@@ -32,7 +32,7 @@ def test_the_last_line_is_json_and_the_curve_is_a_picture(call: Call, tmp_path: 
     assert json.loads((tmp_path / "rules.json").read_text())["domain"]["name"] == "taxi"
 
 
-def test_inference_chooses_how_doormax_generalizes(call: Call) -> None:
+def test_near_misses_need_fewer_steps_than_memorised_failures(call: Call) -> None:
     def steps(inference: str) -> float:
         _, out, _ = call("learn", "taxi", "--inference", inference, "--repetitions", 3, "--json", "--quiet")
         mean: float = json.loads(out)["steps_mean"]
@@ -41,7 +41,7 @@ def test_inference_chooses_how_doormax_generalizes(call: Call) -> None:
     assert steps("near-miss") < steps("memorise")
 
 
-def test_other_domains_are_learnt(call: Call) -> None:
+def test_other_domains_can_be_learnt(call: Call) -> None:
     status, out, err = call("learn", "delivery", "--learner", "bayes", "--repetitions", 1, "--quiet", "--json")
     assert (status, err) == (0, "")
     assert json.loads(out)["domain"] == "delivery"
@@ -57,17 +57,22 @@ def test_other_domains_are_learnt(call: Call) -> None:
             "wherry: --inference: near-miss: is DOORMAX's, not of bayes\n",
         ),
         (["taxi", "--out", "curve.jpg"], "wherry: --out: curve.jpg: must end in .png or .svg\n"),
+        (
+            ["taxi", "--learner", "rmax", "--rules-out", "rules.json"],
+            "wherry: --rules-out: rules.json: rmax learns no rules that could be saved\n",
+        ),
+        (["taxi", "--learner", "oracle", "--rules-out", "rules.json"], "wherry: --learner: oracle: is none of bayes, "),
         (["taxi", "--size", "7"], "wherry: --size: 7: is none of 5, 10\n"),
         (["delivery", "--world", "nowhere"], "wherry: nowhere: is neither a file nor one of the worlds"),
     ],
 )
-def test_what_there_is_not_is_refused(call: Call, arguments: list[str], line: str) -> None:
+def test_invalid_input_is_refused_in_one_line(call: Call, arguments: list[str], line: str) -> None:
     status, out, err = call("learn", *arguments)
     assert (status, out) == (2, "")
     assert err.startswith(line)
     assert err.count("\n") == 1
 
 
-def test_the_command_offers_what_the_experiment_has() -> None:
+def test_the_command_offers_all_domains_and_learners() -> None:
     assert tuple(ARENAS) == command.DOMAINS
-    assert {*command.LEARNERS, "doormax-near-miss"} == set(LEARNERS)
+    assert {*command.OFFERED, *command.INFERENCES.values()} == set(LEARNERS)

@@ -1,4 +1,4 @@
-"""wherry play on a pipe and on a terminal: what is shown, and which keys do what."""
+"""wherry play on a pipe and on a terminal: what it shows, and what the keys do."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from collections.abc import Callable
 import pytest
 
 from wherry.commands import play as command
-from wherry.pipelines.grids.play import LEARNERS, TABLES
+from wherry.pipelines.grids.game_setups import GAME_SETUPS, PLAY_LEARNERS
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -43,17 +43,17 @@ def test_a_pipe_is_read_line_by_line(play: Call) -> None:
     assert "\x1b" not in out
 
 
-def test_the_learner_finishes_what_it_is_let(play: Call) -> None:
+def test_the_learner_completes_an_episode_when_asked(play: Call) -> None:
     status, out, err = play("l" * 200, "delivery", "--boxes", 1, "--json")
     assert status == 0
     result = json.loads(out)
     assert result["episodes"] == 1
     assert result["rules"] >= 6
     assert "robot.x += 1" in err
-    assert "This one is over" in err
+    assert "This episode is over" in err
 
 
-def test_words_that_mean_nothing_are_said_so_and_do_nothing(play: Call) -> None:
+def test_unknown_keys_are_reported_and_do_nothing(play: Call) -> None:
     _, out, _ = play("north\nr\nx\n", "taxi")
     assert "'north' means nothing" in out
     assert "'x' means nothing" in out
@@ -84,7 +84,7 @@ def test_keys_act_at_once_on_a_terminal() -> None:
 
 
 def read_until(terminal: int, words: str | None) -> str:
-    """What a terminal shows until some words come, or until it is closed."""
+    """Return what a terminal shows until some words appear, or until it is closed."""
     seen, deadline = "", time.monotonic() + 60
     while words is None or words not in seen:
         assert time.monotonic() < deadline, seen
@@ -97,11 +97,11 @@ def read_until(terminal: int, words: str | None) -> str:
 
 
 @pytest.mark.parametrize("arguments", [["chess"], ["taxi", "--learner", "oracle"], ["delivery", "--boxes", "900"]])
-def test_what_there_is_not_is_refused(call: Call, arguments: list[str]) -> None:
+def test_invalid_input_is_refused_in_one_line(call: Call, arguments: list[str]) -> None:
     status, out, err = call("play", *arguments)
     assert (status, out) == (2, "")
     assert err.count("\n") == 1
 
 
-def test_the_command_offers_what_there_is() -> None:
-    assert (set(command.DOMAINS), set(command.LEARNERS)) == (set(TABLES), set(LEARNERS))
+def test_the_command_offers_all_domains_and_learners_of_games() -> None:
+    assert (set(command.DOMAINS), set(command.LEARNERS)) == (set(GAME_SETUPS), set(PLAY_LEARNERS))

@@ -25,8 +25,9 @@ from wherry.episodes import GoalAgent, PolicyAgent, Step, run_episode
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import built_in_worlds, find_world
 from wherry.learning.doormax import Doormax, FailureScope
-from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.learning.registry import RULE_LEARNERS, Job, learners_for
 from wherry.learning.rule_files.files import load_rules, save_rules
+from wherry.learning.rules import RuleLearner
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Environment, Transition
 from wherry.oomdp.objects import State
@@ -36,7 +37,7 @@ BOXES = {"small": 2, "taxi": 2}
 
 
 def new_learner(name: str, domain: Domain) -> RuleLearner:
-    return LEARNERS[name](domain, reward=delivery_reward, terminated=all_delivered)
+    return RULE_LEARNERS[name].factory(domain, reward=delivery_reward, terminated=all_delivered)
 
 
 def deliver(environment: Environment, learner: RuleLearner, seed: int, max_steps: int = 1000) -> list[Step]:
@@ -128,7 +129,7 @@ def test_agent_tolerates_slips(seed: int) -> None:
     assert any(step.is_surprise for step in steps)
 
 
-@pytest.mark.parametrize("name", LEARNERS)
+@pytest.mark.parametrize("name", learners_for(Job.DELIVERY, RULE_LEARNERS))
 def test_unreachable_box_is_left_and_all_others_are_delivered(name: str) -> None:
     obstacles = frozenset({Cell(5, 0), Cell(5, 1), Cell(5, 2)})
     plan = FloorPlan("plan", 7, 3, obstacles=obstacles, warehouse=frozenset({Cell(0, 0)}), start=Cell(1, 1))
@@ -153,7 +154,7 @@ class HiddenObstacle(DeterministicMdp):
         return done
 
 
-@pytest.mark.parametrize("name", LEARNERS)
+@pytest.mark.parametrize("name", learners_for(Job.DELIVERY, RULE_LEARNERS))
 def test_action_that_fails_repeatedly_is_given_up(name: str) -> None:
     plan = FloorPlan("plan", 6, 2, warehouse=frozenset({Cell(5, 0)}), start=Cell(5, 1)).with_boxes([Cell(0, 0)])
     environment = delivery_grid(plan)

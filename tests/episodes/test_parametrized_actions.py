@@ -13,7 +13,7 @@ import pytest
 
 from wherry.episodes import GoalAgent, run_episode
 from wherry.learning.doormax import Doormax
-from wherry.learning.learners import LEARNERS
+from wherry.learning.registry import RULE_LEARNERS
 from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp
@@ -62,7 +62,7 @@ def test_action_is_grounded_for_every_lamp() -> None:
 
 @pytest.mark.parametrize(("name", "episodes"), [("bayes", 3), ("doormax", 20)])
 def test_learnt_rules_give_the_shortest_plans_in_new_corridors(name: str, episodes: int) -> None:
-    learner, rng = LEARNERS[name](DOMAIN, **SETTINGS.get(name, {})), np.random.default_rng(1)
+    learner, rng = RULE_LEARNERS[name].factory(DOMAIN, **SETTINGS.get(name, {})), np.random.default_rng(1)
     for _ in range(episodes):
         steps = list(run_episode(world(), GoalAgent(learner, lit_lamps), rng, max_steps=500))
         assert lit_lamps(steps[-1].transition.next_state) == 0

@@ -22,7 +22,8 @@ from wherry.floorplan.plan import Cell
 from wherry.floorplan.world_files import find_world
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
-from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.learning.registry import RULE_LEARNERS
+from wherry.learning.rules import RuleLearner
 from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.mdp import DeterministicMdp
 from wherry.planning.pddl import export_pddl
@@ -33,7 +34,7 @@ from wherry_testing.fast_downward import optimal_plan
 
 
 def taught(name: str, environment: TaxiGrid) -> RuleLearner:
-    learner, rng = LEARNERS[name](environment.domain), np.random.default_rng(0)
+    learner, rng = RULE_LEARNERS[name].factory(environment.domain), np.random.default_rng(0)
     agent = PolicyAgent(learner, ValueIteration(learner))
     for _ in range(40):
         list(run_episode(environment, agent, rng, max_steps=1000))

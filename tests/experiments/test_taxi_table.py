@@ -1,25 +1,26 @@
-"""The Taxi tables: published figures stand beside ours, and pictures beside the results file."""
+"""The Taxi tables: published results beside ours, and pictures beside the results file."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-from wherry.experiments.learning.taxi_table import PUBLISHED, Extent, markdown, reproduce
+from wherry.experiments.learning.taxi_table import PUBLISHED, TaxiRepetitions, markdown, reproduce
 from wherry.experiments.results import write_picture, write_section
-from wherry.pipelines.grids.learning import LEARNERS, Settings, TaxiExperiment
+from wherry.pipelines.grids.learners import LEARNERS
+from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 
 QUICK = {(learner, size): 0 for learner in LEARNERS for size in (5, 10)} | {
     ("bayes", 5): 2, ("bayes", 10): 1, ("q-learning", 5): 1, ("doormax", 5): 1, ("doormax", 10): 1,
 }  # fmt: skip
 
 
-def test_published_learners_are_ours_or_people() -> None:
+def test_published_results_are_of_our_learners_or_of_people() -> None:
     assert {row.name for row in PUBLISHED} - set(LEARNERS) == {"people", "people who play games"}
 
 
-def test_a_row_has_what_was_published_and_what_was_measured() -> None:
-    experiment = TaxiExperiment(Settings(learner="bayes", repetitions=2))
+def test_a_row_shows_the_published_and_the_measured_steps() -> None:
+    experiment = LearningExperiment(LearningSettings(learner="bayes", repetitions=2))
     steps = [repetition.steps for repetition in experiment.repetitions()]
     lines = markdown({5: {"bayes": experiment.result()}}, ["bayes in 2 of 2"], "![a](b)").splitlines()
     (bayes,) = (line for line in lines if line.startswith("| **bayes**"))
@@ -29,11 +30,11 @@ def test_a_row_has_what_was_published_and_what_was_measured() -> None:
     assert any("bayes in 2 of 2" in line for line in lines)
 
 
-def test_everything_is_run_written_and_shown(tmp_path: Path) -> None:
-    told: list[tuple[int, int]] = []
-    extent = Extent(repetitions=2, fewer=QUICK)
-    text = reproduce(tmp_path / "images", lambda done, total: told.append((done, total)), extent)
-    assert told[-1] == (6, 6)
+def test_reproduce_runs_every_learner_and_writes_tables_and_pictures(tmp_path: Path) -> None:
+    calls: list[tuple[int, int]] = []
+    extent = TaxiRepetitions(default=2, fewer=QUICK)
+    text = reproduce(tmp_path / "images", lambda done, total: calls.append((done, total)), extent)
+    assert calls[-1] == (6, 6)
     for name in ("taxi-steps.svg", "taxi-curves-5.svg", "taxi-curves-10.svg"):
         assert f"(images/{name})" in text
         assert (tmp_path / "images" / name).read_text().startswith("<?xml")
@@ -46,10 +47,10 @@ def test_everything_is_run_written_and_shown(tmp_path: Path) -> None:
     assert "`wherry reproduce taxi` wrote this section." in (tmp_path / "results.md").read_text()
 
 
-def test_a_picture_lands_beside_the_results(tmp_path: Path) -> None:
+def test_a_picture_is_written_beside_the_results(tmp_path: Path) -> None:
     assert write_picture(tmp_path / "images", "a.svg", b"<svg/>", "What it shows") == "![What it shows](images/a.svg)"
     assert (tmp_path / "images" / "a.svg").read_bytes() == b"<svg/>"
 
 
-def test_every_learner_is_repeated_a_hundred_times_on_both_grids() -> None:
-    assert {Extent().of(learner, size) for learner in LEARNERS for size in (5, 10)} == {100}
+def test_every_learner_has_a_hundred_repetitions_on_both_grids() -> None:
+    assert {TaxiRepetitions().of(learner, size) for learner in LEARNERS for size in (5, 10)} == {100}

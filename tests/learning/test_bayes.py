@@ -1,4 +1,4 @@
-"""The Bayesian learner is right after few examples, says how sure it is, and corrects itself."""
+"""The Bayesian learner predicts well after few examples, with probabilities, and corrects its errors."""
 
 from __future__ import annotations
 
@@ -16,57 +16,59 @@ def learner(switches: int = 3, **options: object) -> BayesianLearner:
     return BayesianLearner(machine_domain(switches), **options)
 
 
-def surprise(bayes: BayesianLearner, switches: str) -> float:
-    """How likely the learner thinks it is that it does not know what will happen."""
+def p_unknown(bayes: BayesianLearner, switches: str) -> float:
+    """Return the probability of the unknown outcomes of PRESS."""
     prediction = ask(bayes, switches)
     return sum(outcome.probability for outcome in prediction.outcomes if outcome.next_state is None)
 
 
-def test_what_was_never_tried_may_do_anything() -> None:
+def test_an_untried_action_has_an_unknown_outcome() -> None:
     bayes = learner()
-    assert 0.0 < surprise(bayes, "101") < 1.0
+    assert 0.0 < p_unknown(bayes, "101") < 1.0
     prediction = ask(bayes, "101")
     assert sum(outcome.probability for outcome in prediction.outcomes) == 1.0
 
 
-def test_what_failed_is_tried_where_more_is_different() -> None:
+def test_an_action_that_failed_is_likelier_to_work_where_more_terms_differ() -> None:
     bayes = learner()
     teach(bayes, "000", (0, 0))
-    assert surprise(bayes, "000") == 0.0
-    assert 0.0 < surprise(bayes, "100") < surprise(bayes, "110") < surprise(bayes, "111")
+    assert p_unknown(bayes, "000") == 0.0
+    assert 0.0 < p_unknown(bayes, "100") < p_unknown(bayes, "110") < p_unknown(bayes, "111")
     assert counter_of(ask(bayes, "000", counter=4)) == 4
 
 
-def test_the_end_is_looked_for_where_least_was_tried_until_it_was_seen() -> None:
+def test_an_unseen_end_of_the_episode_is_sought_under_untried_conditions() -> None:
     bayes = learner()
     teach(bayes, "000", (0, 1))
     teach(bayes, "001", (0, 1))
-    assert surprise(bayes, "000") == 0.0
-    assert bayes.novelty < surprise(bayes, "100") < surprise(bayes, "110")
+    assert p_unknown(bayes, "000") == 0.0
+    assert bayes.unseen.novelty < p_unknown(bayes, "100") < p_unknown(bayes, "110")
     before = dict(bayes.revisions)
     teach(bayes, "000", (0, 0), action=PULL, terminated=True)
-    assert all(bayes.revisions[action] > before[action] for action in before)  # so that planners ask again
-    assert surprise(bayes, "110") == pytest.approx(bayes.novelty, rel=0.1)
+    assert all(
+        bayes.revisions[action] > before[action] for action in before
+    )  # so that planners update their cached predictions
+    assert p_unknown(bayes, "110") == pytest.approx(bayes.unseen.novelty, rel=0.1)
 
 
-def test_who_is_told_when_episodes_end_does_not_look_for_it() -> None:
+def test_a_given_end_of_the_episode_is_not_sought() -> None:
     bayes = learner(terminated=lambda state: False)
     teach(bayes, "000", (0, 1))
-    assert surprise(bayes, "110") == pytest.approx(bayes.novelty, rel=0.1)
+    assert p_unknown(bayes, "110") == pytest.approx(bayes.unseen.novelty, rel=0.1)
 
 
-def test_one_success_is_carried_over_the_less_the_more_is_different() -> None:
+def test_a_success_generalizes_less_where_more_terms_differ() -> None:
     bayes = learner()
     teach(bayes, "101", (3, 4), reward=-1.0)
-    chances = [ask(bayes, switches, counter=8) for switches in ("101", "100", "110", "010")]
-    assert [counter_of(prediction) for prediction in chances] == [9, 9, 9, 9]
-    probabilities = [prediction.most_likely.probability for prediction in chances]
+    predictions = [ask(bayes, switches, counter=8) for switches in ("101", "100", "110", "010")]
+    assert [counter_of(prediction) for prediction in predictions] == [9, 9, 9, 9]
+    probabilities = [prediction.most_likely.probability for prediction in predictions]
     assert probabilities == sorted(probabilities, reverse=True)
     assert probabilities[0] > 0.99
-    assert chances[0].most_likely.reward == -1.0
+    assert predictions[0].most_likely.reward == -1.0
 
 
-def test_the_type_with_the_fewest_effects_is_believed() -> None:
+def test_the_effect_type_with_the_fewest_effects_is_chosen() -> None:
     bayes = learner()
     teach(bayes, "101", (3, 4))
     teach(bayes, "101", (7, 8))
@@ -79,7 +81,7 @@ def test_the_type_with_the_fewest_effects_is_believed() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.text("01*", min_size=4, max_size=4), st.permutations([format(bits, "04b") for bits in range(16)]))
-def test_after_all_conditions_it_is_right_everywhere(target: str, order: list[str]) -> None:
+def test_predictions_are_right_once_all_conditions_were_seen(target: str, order: list[str]) -> None:
     bayes = learner(4)
 
     def holds(switches: str) -> bool:
@@ -93,7 +95,7 @@ def test_after_all_conditions_it_is_right_everywhere(target: str, order: list[st
     assert not bayes.violations
 
 
-def test_the_sentence_says_no_more_than_is_needed() -> None:
+def test_rules_are_the_simplest_that_agree_with_the_examples() -> None:
     bayes = learner(4)
     teach(bayes, "1101", (0, 1))
     teach(bayes, "0101", (0, 0))
@@ -102,7 +104,7 @@ def test_the_sentence_says_no_more_than_is_needed() -> None:
     assert bayes.sentences() == ("PRESS: if machine.s0 and machine.s3: machine.counter += 1",)
 
 
-def test_two_effects_have_a_law_each() -> None:
+def test_each_of_two_effects_has_a_law() -> None:
     bayes = learner(2)
     for counter in (0, 5):
         teach(bayes, "10", (counter, counter + 1))
@@ -110,7 +112,7 @@ def test_two_effects_have_a_law_each() -> None:
     assert [counter_of(ask(bayes, switches, counter=9)) for switches in ("10", "01")] == [10, 8]
 
 
-def test_a_disjunction_becomes_two_conjunctions() -> None:
+def test_a_disjunction_is_learnt_as_two_conjunctions() -> None:
     bayes = learner(2)
     for _ in range(2):  # an exception has to happen twice
         for switches, change in [("10", 1), ("01", 1), ("00", 0), ("11", 0)]:
@@ -119,30 +121,30 @@ def test_a_disjunction_becomes_two_conjunctions() -> None:
     assert len(bayes.sentences()) == 2
 
 
-def test_a_slip_is_outvoted() -> None:
+def test_the_more_frequent_result_counts_under_one_condition() -> None:
     bayes = learner(2)
     for switches in ("10", "10", "11"):
         teach(bayes, switches, (0, 1))
     teach(bayes, "00", (0, 0))
-    teach(bayes, "10", (0, 0))  # as nothing else says
+    teach(bayes, "10", (0, 0))  # a slip
     assert counter_of(ask(bayes, "10")) == 1
     assert "changed at one time and not at another" in bayes.violations[0]
 
 
-def test_a_failure_that_fits_nothing_is_believed_the_second_time() -> None:
+def test_a_failure_that_no_conjunction_explains_counts_the_second_time() -> None:
     bayes = learner(3)
     for switches in ("100", "111"):
         teach(bayes, switches, (0, 1))
     teach(bayes, "000", (0, 0))
     teach(bayes, "101", (0, 0))
     assert counter_of(ask(bayes, "101")) == 1
-    assert "believed if it happens again" in bayes.violations[0]
+    assert "counts only if it happens again" in bayes.violations[0]
     teach(bayes, "101", (0, 0))
     assert counter_of(ask(bayes, "101")) == 0
     assert counter_of(ask(bayes, "100")) == 1
 
 
-def test_what_changes_together_is_predicted_together() -> None:
+def test_attributes_that_change_together_are_predicted_together() -> None:
     bayes = learner(2)
     teach(bayes, "10", (0, 1), lamp=(False, True))
     prediction = ask(bayes, "11")
@@ -154,24 +156,24 @@ def test_what_changes_together_is_predicted_together() -> None:
     assert likely.probability + other.probability > 0.99
 
 
-def test_an_effect_that_would_leave_the_bounds_does_not_happen() -> None:
+def test_an_effect_out_of_bounds_is_ruled_out() -> None:
     bayes = learner(2)
     teach(bayes, "10", (99, 100))
     prediction = ask(bayes, "11", counter=100)
     assert counter_of(prediction) == 100
 
 
-def test_setting_what_is_set_already_proves_nothing() -> None:
+def test_assigning_the_value_that_an_attribute_has_is_no_example() -> None:
     bayes = learner(2)
     teach(bayes, "10", (0, 0), lamp=(False, True))
     teach(bayes, "11", (0, 0), lamp=(True, True))
     prediction = ask(bayes, "11")
     assert prediction.most_likely.next_state is not None
     assert prediction.most_likely.next_state["machine"].lamp
-    assert prediction.disagreement == 0.0  # since trying again would teach nothing
+    assert prediction.disagreement == 0.0  # another example under this condition would teach nothing
 
 
-def test_leaving_the_world_is_an_effect() -> None:
+def test_an_object_that_leaves_is_an_effect() -> None:
     bayes = BayesianLearner(machine_domain(2, removable=True))
     before = state_of(bayes.domain, "10")
     bayes.add_experience(Transition(before, PULL, before.without("machine"), 5.0, True))
@@ -182,7 +184,7 @@ def test_leaving_the_world_is_an_effect() -> None:
     assert bayes.sentences() == ("PULL: if always: machine.exists := False",)
 
 
-def test_asking_changes_nothing() -> None:
+def test_predictions_do_not_change_the_learner() -> None:
     bayes = learner()
     teach(bayes, "101", (3, 4))
     revisions = dict(bayes.revisions)

@@ -1,4 +1,4 @@
-"""Near misses tell more failures: soundly while the assumption holds, and not at all once it turned out not to."""
+"""Inferences from near misses are sound while the assumption holds, and revoked once it is contradicted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_a_near_miss_proves_its_term_necessary() -> None:
     assert not misses.fails("PRESS", 0b111)
 
 
-def test_nothing_follows_before_the_first_success() -> None:
+def test_nothing_is_inferred_before_the_first_success() -> None:
     misses = NearMisses(3)
     misses.add("PRESS", 0b010, succeeded=False)
     assert not misses.fails("PRESS", 0b000)
@@ -39,11 +39,11 @@ def test_inferences_are_sound_under_the_assumption(target: Condition, tried: lis
     assert not misses.violations
 
 
-def test_a_contradiction_revokes_them_for_good() -> None:
+def test_a_contradiction_revokes_all_inferences() -> None:
     doormax = Doormax(machine_domain(2), inference="near-miss")
     teach(doormax, "10", (0, 1))
     teach(doormax, "00", (0, 0))
-    assert counter_of(ask(doormax, "01", counter=3)) == 3  # follows: without s0 it fails
-    teach(doormax, "01", (0, 1))  # but it does not
+    assert counter_of(ask(doormax, "01", counter=3)) == 3  # inferred: without s0 it fails
+    teach(doormax, "01", (0, 1))  # contradicts the inference
     assert doormax.violations == ("PRESS: no single conjunction tells its successes from its failures",)
     assert counter_of(ask(doormax, "01")) == 1

@@ -1,4 +1,4 @@
-"""Every arena is what its name says, and learners learn in it under the published protocol."""
+"""Every arena acts and tests in the same world, and learners learn in it under the published protocol."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.pipelines.grids.arenas import ARENAS
-from wherry.pipelines.grids.learning import Settings, TaxiExperiment
+from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 
 
 @pytest.mark.parametrize("name", ARENAS)
-def test_an_arena_acts_and_tests_in_the_same_world(name: str) -> None:
+def test_environment_and_true_model_of_an_arena_agree(name: str) -> None:
     arena = ARENAS[name](5, "small")
     rng = np.random.default_rng(1)
     state = arena.environment.reset(rng)
@@ -26,8 +26,8 @@ def test_an_arena_acts_and_tests_in_the_same_world(name: str) -> None:
 
 
 @pytest.mark.parametrize("domain", ["delivery", "gymnasium-taxi"])
-def test_near_misses_learn_other_domains_too(domain: str) -> None:
-    experiment = TaxiExperiment(Settings(learner="doormax-near-miss", repetitions=2, domain=domain))
+def test_near_misses_converge_in_other_domains(domain: str) -> None:
+    experiment = LearningExperiment(LearningSettings(learner="doormax-near-miss", repetitions=2, domain=domain))
     list(experiment.repetitions())
     result = experiment.result()
     assert result.converged == 2
@@ -35,21 +35,21 @@ def test_near_misses_learn_other_domains_too(domain: str) -> None:
     assert result.steps_mean < 500
 
 
-def test_gymnasium_taxi_has_all_of_its_states() -> None:
+def test_all_states_of_gymnasium_taxi_are_numbered() -> None:
     arena = ARENAS["gymnasium-taxi"](5, "small")
-    assert len(arena.tables.numbers) == 500
-    assert arena.tables.starts == 300
+    assert len(arena.tables.state_numbers) == 500
+    assert arena.tables.start_count == 300
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_unknown_domains_worlds_sizes_and_networks_are_refused() -> None:
     for settings, source in (
-        (Settings(domain="chess"), "DOMAIN"),
-        (Settings(domain="delivery", world="nowhere"), "nowhere"),
-        (Settings(domain="taxi", size=6), "--size"),
+        (LearningSettings(domain="chess"), "DOMAIN"),
+        (LearningSettings(domain="delivery", world="nowhere"), "nowhere"),
+        (LearningSettings(domain="taxi", size=6), "--size"),
     ):
         with pytest.raises(InputError) as caught:
-            TaxiExperiment(settings)
+            LearningExperiment(settings)
         assert caught.value.source == source
-    experiment = TaxiExperiment(Settings(domain="delivery", learner="factored-rmax", repetitions=1))
-    with pytest.raises(InputError, match="needs to be told"):
+    experiment = LearningExperiment(LearningSettings(domain="delivery", learner="factored-rmax", repetitions=1))
+    with pytest.raises(InputError, match="needs a network of dependencies"):
         list(experiment.repetitions())

@@ -7,7 +7,7 @@ import pytest
 
 from wherry.logs.lidar_log import LidarLog
 from wherry.mapping.loop_closure import LoopClosure, Rejection
-from wherry.pipelines.grids.learning import Settings, TaxiExperiment
+from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 from wherry.pipelines.logs.trace import LogTrace
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
@@ -82,7 +82,7 @@ def closure(rejection: Rejection | None) -> LoopClosure:
 @pytest.fixture(scope="module")
 def learning() -> list[Record]:
     records: list[Record] = []
-    experiment = TaxiExperiment(Settings(learner="doormax", repetitions=2, seed=0))
+    experiment = LearningExperiment(LearningSettings(learner="doormax", repetitions=2, seed=0))
     experiment.watch = records.append
     steps = [repetition.steps for repetition in experiment.repetitions()]
     assert sum(isinstance(record, StepTaken) for record in records) == steps[0]  # the first one alone

@@ -1,4 +1,4 @@
-"""Playing: what is foretold is what the learner predicts, and what is learnt is what was done."""
+"""Games: predictions are those of the learner, and the learner learns from the player's actions."""
 
 from __future__ import annotations
 
@@ -8,36 +8,38 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.oomdp.domain import Action
-from wherry.pipelines.grids.play import LEARNERS, TABLES, Game, Settings, changes_in_words
+from wherry.pipelines.grids.game_setups import GAME_SETUPS, PLAY_LEARNERS, GameSettings
+from wherry.pipelines.grids.play import Game
+from wherry.pipelines.grids.predictions_in_words import describe_changes
 
 
-def foretold(game: Game) -> dict[str, str]:
-    return {str(row.action): row.changes for row in game.predictions()}
+def predicted(game: Game) -> dict[str, str]:
+    return {str(entry.action): entry.changes for entry in game.predictions()}
 
 
-@pytest.mark.parametrize("learner", LEARNERS)
-@pytest.mark.parametrize("domain", TABLES)
-def test_nothing_is_known_at_first_and_what_was_done_is_known_then(domain: str, learner: str) -> None:
-    game = Game(Settings(domain, learner=learner, seed=3))
-    assert set(foretold(game).values()) == {"UNKNOWN"}
+@pytest.mark.parametrize("learner", PLAY_LEARNERS)
+@pytest.mark.parametrize("domain", GAME_SETUPS)
+def test_predictions_are_unknown_until_the_action_was_done(domain: str, learner: str) -> None:
+    game = Game(GameSettings(domain, learner=learner, seed=3))
+    assert set(predicted(game).values()) == {"UNKNOWN"}
     before = game.state
     game.do(Action("N"))
-    assert game.told.startswith(f"N: {changes_in_words(before, game.state)}")
-    assert game.told.endswith("which nobody knew.")
+    assert game.message.startswith(f"N: {describe_changes(before, game.state)}")
+    assert game.message.endswith("which was unknown.")
     if game.state == before:
-        assert foretold(game)["N"] == "nothing changes"
+        assert predicted(game)["N"] == "nothing changes"
 
 
-@pytest.mark.parametrize("domain", TABLES)
-def test_the_learner_plays_an_episode_to_its_end_and_the_next_one_quickly(domain: str) -> None:
-    game = Game(Settings(domain, seed=1, learner="bayes"))
+@pytest.mark.parametrize("domain", GAME_SETUPS)
+def test_the_learner_completes_episodes_on_its_own(domain: str) -> None:
+    game = Game(GameSettings(domain, seed=1, learner="bayes"))
     for episode in range(1, 4):
         while not game.over:
             action = game.advise()
             assert action is not None
             game.do(action)
         assert game.episodes == episode
-        assert "Done after" in game.told
+        assert "Done after" in game.message
         with pytest.raises(RuntimeError):
             game.do(Action("N"))
         game.begin()
@@ -45,33 +47,33 @@ def test_the_learner_plays_an_episode_to_its_end_and_the_next_one_quickly(domain
     assert game.advise() is not None
 
 
-def test_the_drawing_shows_who_is_where() -> None:
-    drawing = Game(Settings("taxi")).drawing
+def test_the_drawing_shows_taxi_passenger_destination_and_robot() -> None:
+    drawing = Game(GameSettings("taxi")).drawing
     assert [drawing.count(letter) for letter in "Tpd"] == [1, 1, 1]
-    assert "R" in Game(Settings("delivery", boxes=1)).drawing
+    assert "R" in Game(GameSettings("delivery", boxes=1)).drawing
 
 
-def test_changes_are_told_in_words() -> None:
-    game = Game(Settings("delivery", boxes=1, seed=0))
+def test_changes_are_described_in_words() -> None:
+    game = Game(GameSettings("delivery", boxes=1, seed=0))
     (box,) = game.state.of_class("Box")
     moved = game.state.replace("robot", x=game.state["robot"].x + 1)
-    assert changes_in_words(game.state, moved) == "robot.x += 1"
-    assert changes_in_words(game.state, game.state) == "nothing changes"
-    assert changes_in_words(game.state, game.state.replace(box.name, in_bot=True)) == f"{box.name}.in_bot := True"
-    assert changes_in_words(game.state, game.state.without(box.name)) == f"{box.name} leaves"
+    assert describe_changes(game.state, moved) == "robot.x += 1"
+    assert describe_changes(game.state, game.state) == "nothing changes"
+    assert describe_changes(game.state, game.state.replace(box.name, in_bot=True)) == f"{box.name}.in_bot := True"
+    assert describe_changes(game.state, game.state.without(box.name)) == f"{box.name} leaves"
 
 
 @pytest.mark.parametrize(
     ("settings", "source"),
     [
-        (Settings("chess"), "DOMAIN"),
-        (Settings("taxi", size=7), "--size"),
-        (Settings("taxi", learner="oracle"), "--learner"),
-        (Settings("delivery", world="nowhere"), "nowhere"),
-        (Settings("taxi", rules=Path("gone.json")), "gone.json"),
+        (GameSettings("chess"), "DOMAIN"),
+        (GameSettings("taxi", size=7), "--size"),
+        (GameSettings("taxi", learner="oracle"), "--learner"),
+        (GameSettings("delivery", world="nowhere"), "nowhere"),
+        (GameSettings("taxi", rules=Path("gone.json")), "gone.json"),
     ],
 )
-def test_what_there_is_not_is_refused(settings: Settings, source: str) -> None:
+def test_unknown_domains_sizes_learners_worlds_and_rules_are_refused(settings: GameSettings, source: str) -> None:
     with pytest.raises(InputError) as caught:
         Game(settings)
     assert caught.value.source == source

@@ -1,4 +1,4 @@
-"""The published protocol: what it measures, and that the learners do as well as is claimed."""
+"""The published learning experiment: its protocol, and the number of steps that the learners need."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from itertools import pairwise
 import pytest
 
 from wherry.errors import InputError
-from wherry.learning.bayes import BayesianLearner
-from wherry.learning.doormax import Doormax
-from wherry.pipelines.grids.learning import LEARNERS, Arena, Result, Settings, TaxiExperiment, solved_at_once
+from wherry.learning.registry import RULE_LEARNERS, Job
+from wherry.pipelines.grids.arenas import Arena
+from wherry.pipelines.grids.learners import LEARNERS
+from wherry.pipelines.grids.learning import LearningExperiment, LearningResult, LearningSettings, solved_at_once
 
 
-def run(learner: str, size: int, repetitions: int, seed: int = 0) -> Result:
-    experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=repetitions, seed=seed))
+def run(learner: str, size: int, repetitions: int, seed: int = 0) -> LearningResult:
+    experiment = LearningExperiment(LearningSettings(size=size, learner=learner, repetitions=repetitions, seed=seed))
     for _ in experiment.repetitions():
         pass
     return experiment.result()
@@ -29,7 +30,7 @@ def test_the_probes_are_the_published_ones(size: int, lengths: list[int]) -> Non
 @pytest.mark.parametrize(
     ("learner", "repetitions", "mean"), [("doormax", 20, 450), ("doormax-near-miss", 10, 220), ("bayes", 10, 80)]
 )
-def test_all_converge_on_the_small_grid_and_fast(learner: str, repetitions: int, mean: float) -> None:
+def test_rule_learners_converge_quickly_on_the_small_grid(learner: str, repetitions: int, mean: float) -> None:
     result = run(learner, 5, repetitions)
     assert result.converged == repetitions
     assert result.steps_mean is not None
@@ -37,7 +38,7 @@ def test_all_converge_on_the_small_grid_and_fast(learner: str, repetitions: int,
 
 
 @pytest.mark.parametrize(("learner", "mean"), [("doormax", 1000), ("doormax-near-miss", 320), ("bayes", 110)])
-def test_all_converge_on_the_large_grid(learner: str, mean: float) -> None:
+def test_rule_learners_converge_quickly_on_the_large_grid(learner: str, mean: float) -> None:
     result = run(learner, 10, 5)
     assert result.converged == 5
     assert result.steps_mean is not None
@@ -56,7 +57,7 @@ def test_all_converge_on_the_large_grid(learner: str, mean: float) -> None:
         ("bayes", 10, 110, 200),
     ],
 )
-def test_a_hundred_repetitions_are_as_good_as_is_claimed(learner: str, size: int, mean: float, p95: float) -> None:
+def test_a_hundred_repetitions_need_few_steps(learner: str, size: int, mean: float, p95: float) -> None:
     result = run(learner, size, 100)
     assert result.converged == 100
     assert result.steps_mean is not None
@@ -66,7 +67,7 @@ def test_a_hundred_repetitions_are_as_good_as_is_claimed(learner: str, size: int
 
 
 @pytest.mark.parametrize("learner", ["rmax", "factored-rmax", "q-learning", "q-learning-optimistic"])
-def test_the_baselines_converge_later(learner: str) -> None:
+def test_baselines_converge_after_more_steps(learner: str) -> None:
     result = run(learner, 5, 1)
     assert result.converged == 1
     assert result.steps_mean is not None
@@ -74,15 +75,15 @@ def test_the_baselines_converge_later(learner: str) -> None:
 
 
 @pytest.mark.parametrize("learner", ["bayes", "doormax"])
-def test_what_was_learnt_on_the_small_grid_solves_the_large_one(learner: str) -> None:
+def test_rules_learnt_on_the_small_grid_solve_the_large_one(learner: str) -> None:
     large = Arena.of_size(10)
-    experiment = TaxiExperiment(Settings(size=5, learner=learner, repetitions=5))
+    experiment = LearningExperiment(LearningSettings(size=5, learner=learner, repetitions=5))
     for _ in experiment.repetitions():
-        assert isinstance(experiment.learner, Doormax | BayesianLearner)
+        assert experiment.learner is not None
         assert solved_at_once(experiment.learner, large) == 6
 
 
-def test_the_theorem_holds_in_the_experiment() -> None:
+def test_unknown_answers_stay_below_the_bound_in_the_experiment() -> None:
     result = run("doormax", 5, 2)
     assert result.unknown_answers is not None
     assert result.unknown_answers_bound == 17
@@ -101,13 +102,14 @@ def test_a_curve_ends_with_all_probes_solved() -> None:
 
 
 def test_the_result_is_plain_data() -> None:
-    figures = json.loads(json.dumps(run("bayes", 5, 2).as_json(), allow_nan=False))
-    assert {"steps_mean", "steps_sd", "steps_p95", "converged", "repetitions", "ms_per_step"} <= figures.keys()
-    assert figures["repetitions"] == figures["converged"] == 2
+    statistics = json.loads(json.dumps(run("bayes", 5, 2).as_json(), allow_nan=False))
+    assert {"steps_mean", "steps_sd", "steps_p95", "converged", "repetitions", "ms_per_step"} <= statistics.keys()
+    assert statistics["repetitions"] == statistics["converged"] == 2
 
 
-def test_the_last_learner_is_kept_with_its_rules() -> None:
-    experiment = TaxiExperiment(Settings(learner="bayes", repetitions=1))
+@pytest.mark.parametrize("name", RULE_LEARNERS)
+def test_every_rule_learner_is_kept_with_its_rules(name: str) -> None:
+    experiment = LearningExperiment(LearningSettings(learner=name, repetitions=1))
     list(experiment.repetitions())
     assert experiment.learner is not None
     assert "N: if not touch_N(taxi, wall): taxi.y += 1" in experiment.learner.sentences()
@@ -116,16 +118,17 @@ def test_the_last_learner_is_kept_with_its_rules() -> None:
 @pytest.mark.parametrize(
     ("settings", "source"),
     [
-        (Settings(size=7), "--size"),
-        (Settings(learner="oracle"), "--learner"),
-        (Settings(repetitions=0), "--repetitions"),
+        (LearningSettings(size=7), "--size"),
+        (LearningSettings(learner="oracle"), "--learner"),
+        (LearningSettings(repetitions=0), "--repetitions"),
     ],
 )
-def test_what_there_is_not_is_refused(settings: Settings, source: str) -> None:
+def test_unknown_sizes_learners_and_no_repetitions_are_refused(settings: LearningSettings, source: str) -> None:
     with pytest.raises(InputError) as caught:
-        TaxiExperiment(settings)
+        LearningExperiment(settings)
     assert caught.value.source == source
 
 
-def test_every_learner_has_a_name_people_use() -> None:
+def test_all_learners_can_be_compared() -> None:
     assert {"bayes", "doormax", "rmax", "factored-rmax", "q-learning"} <= set(LEARNERS)
+    assert all(Job.COMPARISON in entry.jobs for entry in LEARNERS.values())

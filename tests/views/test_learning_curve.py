@@ -1,21 +1,21 @@
-"""What the pictures of learning show, read back from their drawings."""
+"""The figures of learning, read back from what was drawn."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from wherry.pipelines.grids.learning import LEARNERS
-from wherry.views.learning_curve import Needed, as_bytes, learning_curves, solved_by, steps_needed
+from wherry.pipelines.grids.learners import LEARNERS
+from wherry.views.learning_curve import StepsNeeded, as_bytes, learning_curves, solved_by, steps_needed
 
 RUNS = {"quick": [[(10, 0), (20, 6)], [(12, 3), (30, 6)]], "slow": [[(100, 1), (5000, 6)]]}
 
 
-def test_a_curve_counts_what_was_solved_by_then() -> None:
+def test_a_curve_counts_the_probes_solved_so_far() -> None:
     steps = np.array([0.0, 9.0, 10.0, 19.9, 20.0, 500.0])
     assert solved_by([(10, 2), (20, 6)], steps).tolist() == [0, 0, 2, 2, 6, 6]
 
 
-def test_a_line_rises_to_all_probes_and_ends_there() -> None:
+def test_a_line_ends_where_all_probes_are_solved() -> None:
     (axes,) = learning_curves(RUNS, 6, "Two learners").axes
     lines = {str(line.get_label()): line.get_xydata() for line in axes.get_lines()}
     quick = np.asarray(lines["quick"])
@@ -26,28 +26,36 @@ def test_a_line_rises_to_all_probes_and_ends_there() -> None:
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("steps in the environment", "probes solved optimally, of 6")
 
 
-def test_no_learner_is_left_out_and_all_of_taxis_have_their_own_colour() -> None:
+def test_every_learner_has_a_line_of_its_own_colour_and_style() -> None:
     runs = dict.fromkeys(LEARNERS, RUNS["quick"])
     (axes,) = learning_curves(runs, 6, "All").axes
-    lines = {str(line.get_label()): str(line.get_color()) for line in axes.get_lines() if line.get_marker() == "None"}
+    lines = {
+        str(line.get_label()): (line.get_color(), line.get_linestyle())
+        for line in axes.get_lines()
+        if line.get_marker() == "None"
+    }
     assert set(lines) == set(LEARNERS)
     assert len(set(lines.values())) == len(LEARNERS)
 
 
-def test_curves_of_like_length_share_a_linear_axis() -> None:
+def test_curves_of_similar_length_share_a_linear_axis() -> None:
     (axes,) = learning_curves({"quick": RUNS["quick"]}, 6, "One").axes
     assert axes.get_xscale() == "linear"
 
 
-def test_a_row_shows_the_median_and_what_was_published() -> None:
-    rows = [Needed("ours", [10, 20, 30]), Needed("ours", [50], published=True), Needed("people", [7], published=True)]
+def test_a_row_shows_the_median_and_the_published_mean() -> None:
+    rows = [
+        StepsNeeded("ours", [10, 20, 30]),
+        StepsNeeded("ours", [50], published=True),
+        StepsNeeded("people", [7], published=True),
+    ]
     (axes,) = steps_needed({"5×5": rows}, "Taxi").axes
     points = [tuple(map(float, line.get_xydata()[0])) for line in axes.get_lines() if line.get_marker() == "o"]  # type: ignore[index, union-attr]
     assert sorted(points) == [(7, 1), (20, 0), (50, 0)]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["ours", "people"]
 
 
-def test_the_same_figure_is_the_same_file() -> None:
+def test_equal_figures_are_equal_files() -> None:
     first, second = (as_bytes(learning_curves(RUNS, 6, "Twice"), "svg") for _ in range(2))
     assert first == second
     assert first.startswith(b"<?xml")

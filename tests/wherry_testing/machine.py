@@ -1,4 +1,4 @@
-"""A machine with some switches and a counter: a domain in which every condition can be set up by hand."""
+"""A machine with switches and a counter: a domain in which every condition can be set up by hand."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PRESS, PULL = Action("PRESS"), Action("PULL")
 
 
 def machine_domain(switches: int, *, removable: bool = False) -> Domain:
-    """Terms s0, s1, … are the switches; the counter and the lamp are what actions change."""
+    """Return a domain whose terms are the switches s0, s1, …; its actions change the counter and the lamp."""
     names = [f"s{at}" for at in range(switches)]
     machine = ObjectClass(
         "Machine",
@@ -24,7 +24,7 @@ def machine_domain(switches: int, *, removable: bool = False) -> Domain:
 
 
 def state_of(domain: Domain, switches: str, counter: int = 0, lamp: bool = False, name: str = "machine") -> State:
-    """One machine with its switches as in a condition: "101"."""
+    """Return one machine with its switches given as a condition: "101"."""
     values = {f"s{at}": sign == "1" for at, sign in enumerate(switches)}
     return State((domain.classes[0](name, counter=counter, lamp=lamp, **values),))
 
@@ -38,18 +38,18 @@ def teach(
     reward: float = 0.0,
     terminated: bool = False,
 ) -> None:
-    """Show the learner that the counter, and the lamp, went from one value to another."""
+    """Give the learner one example in which the counter and the lamp went from one value to another."""
     before = state_of(learner.domain, switches, counter[0], lamp[0])
     after = state_of(learner.domain, switches, counter[1], lamp[1])
     learner.add_experience(Transition(before, action, after, reward, terminated))
 
 
 def ask(learner: Learner, switches: str, counter: int = 0, lamp: bool = False, action: Action = PRESS) -> Prediction:
-    """What the learner predicts."""
+    """Return what the learner predicts."""
     return learner.predict(state_of(learner.domain, switches, counter, lamp), action)
 
 
 def counter_of(prediction: Prediction) -> int:
-    """The counter that is predicted."""
+    """Return the predicted counter."""
     assert prediction.most_likely.next_state is not None
     return int(prediction.most_likely.next_state["machine"].counter)

@@ -1,42 +1,31 @@
-"""Factored R-max (Guestrin, Patrascu and Schuurmans 2002) for deterministic MDPs: the structure is given, not learnt.
+"""Factored R-max (Guestrin, Patrascu and Schuurmans 2002) for deterministic MDPs whose structure is given.
 
-For every action a dynamic Bayesian network says on which attributes an attribute's next value depends, and on which the
-reward and the episode's end do. What is learnt is one table for each of them; a step is known when all its tables are.
+For every action a dynamic Bayesian network (`wherry.baselines.network`) gives the attributes that an attribute's next
+value, the reward and the end of the episode depend on. One table is learnt for each of them; a step is known when all
+its tables have an entry.
+
+This is the plain implementation on objects, which works with any planner. `wherry.baselines.compiled.rmax` is tested
+against it step by step, and is what experiments run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
-from typing import Any, cast
+from collections.abc import Hashable, Iterator
+from typing import Any
 
+from wherry.baselines.network import GONE, REWARD_AND_END, Parents, Variable, attributes_of, name_of, parent_value
 from wherry.baselines.rmax import NOT_KNOWN
-from wherry.oomdp.attributes import Value
 from wherry.oomdp.conditional_models import ConditionalPrediction, ModelOutcome
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, Outcome, Prediction, Transition
 from wherry.oomdp.objects import Object, State
-
-Variable = tuple[str, str]
-"""An attribute of an object, by the object's name and the attribute's."""
-
-WORTH: Variable = ("", "reward and end")
-"""The variable for what a step is worth and whether it ends the episode."""
-
-GONE = ("gone",)
-"""For all attributes of an object that has left; no attribute has such a value."""
-
-Parent = Variable | Callable[[State], Hashable]
-"""A variable, or something that is worked out from several of them: where a passenger is, on the street or inside."""
-
-Parents = Callable[[str, Variable], tuple[Parent, ...]]
-"""What a variable's next value depends on, for an action's name: the network, which is given."""
 
 
 class FactoredRmax:
     """Remembers what every action did to every variable, by the values of the variable's parents.
 
     Args:
-        domain: What states are described with.
+        domain: Domain whose states and actions are learnt about.
         parents: The dynamic Bayesian network.
     """
 
@@ -51,13 +40,13 @@ class FactoredRmax:
 
     @property
     def violations(self) -> tuple[str, ...]:
-        """Which variables depend on more than the network says."""
+        """The variables that were found to depend on more than the network says, in words."""
         return tuple(self._violations)
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """What the tables say, or unknown where one of them has a gap."""
-        worth = self._look_up(state, action, WORTH)
-        if worth is None:
+        """Return what the tables say, or unknown where one of them has no entry."""
+        reward_and_end = self._look_up(state, action, REWARD_AND_END)
+        if reward_and_end is None:
             return UNKNOWN
         objects = []
         for item in state.objects:
@@ -69,22 +58,20 @@ class FactoredRmax:
             if GONE in values:
                 continue
             objects.append(Object(item.object_class, item.name, tuple(values)))
-        return Prediction((Outcome(state.with_objects(objects), *worth),))
+        return Prediction((Outcome(state.with_objects(objects), *reward_and_end),))
 
     def state_key(self, state: State) -> Hashable:
-        """The state itself."""
+        """Return the state itself: states share no predictions."""
         return state
 
     def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
-        """What the tables say, or unknown where one of them has a gap."""
+        """Return what the tables say, or unknown where one of them has no entry."""
         return ConditionalPrediction(((ModelOutcome(self), 1.0),)) if self._knows(state, action) else NOT_KNOWN
 
     def _knows(self, state: State, action: Action) -> bool:
-        """Whether no table has a gap."""
-        variables = [
-            (item.name, attribute.name) for item in state.objects for attribute in item.object_class.attributes
-        ]
-        return all(self._look_up(state, action, variable) is not None for variable in (WORTH, *variables))
+        """Return whether every table has an entry for the step."""
+        variables = (REWARD_AND_END, *attributes_of(state))
+        return all(self._look_up(state, action, variable) is not None for variable in variables)
 
     def _look_up(self, state: State, action: Action, variable: Variable) -> Any:
         return self._tables.get((action, variable), {}).get(self._parent_values(state, action, variable))
@@ -93,7 +80,7 @@ class FactoredRmax:
         return tuple(parent_value(state, parent) for parent in self.parents(action.name, variable))
 
     def add_experience(self, transition: Transition) -> None:
-        """Remember one experience in all tables."""
+        """Enter one transition in all tables."""
         for variable, value in _next_values(transition):
             table = self._tables.setdefault((transition.action, variable), {})
             key = self._parent_values(transition.state, transition.action, variable)
@@ -101,22 +88,12 @@ class FactoredRmax:
                 table[key] = value
                 self.revisions[transition.action.name] += 1
             elif table[key] != value:
-                name = ".".join(filter(None, variable))
-                self._violations[f"{transition.action}, {name}: depends on more than the network says"] = None
-
-
-def parent_value(state: State, parent: Parent) -> Hashable:
-    """What a parent is in a state; `GONE` for an attribute of an object that has left."""
-    if callable(parent):
-        return parent(state)
-    name, attribute = parent
-    item = state.get(name)
-    return GONE if item is None else cast("Value", getattr(item, attribute))
+                violation = f"{transition.action}, {name_of(variable)}: depends on more than the network says"
+                self._violations[violation] = None
 
 
 def _next_values(transition: Transition) -> Iterator[tuple[Variable, Hashable]]:
-    yield WORTH, (transition.reward, transition.terminated)
-    for item in transition.state.objects:
-        for attribute in item.object_class.attributes:
-            variable = item.name, attribute.name
-            yield variable, parent_value(transition.next_state, variable)
+    """Yield every variable with its value after a transition."""
+    yield REWARD_AND_END, (transition.reward, transition.terminated)
+    for variable in attributes_of(transition.state):
+        yield variable, parent_value(transition.next_state, variable)

@@ -1,10 +1,14 @@
-"""Q-learning (Watkins 1989): no model at all, one value for every state and action.
+"""Q-learning (Watkins 1989): no model, one value for every state and action.
 
-The baseline that most people know. It learns with one-step backups and explores ε-greedily, or by optimistic first
-values.
+It learns with one-step backups and explores ε-greedily, or by optimistic initial values.
+
+This is the plain implementation on objects. `wherry.baselines.compiled.q_learning` is tested against it step by step,
+and is what experiments run.
 """
 
 from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
 
@@ -13,44 +17,39 @@ from wherry.oomdp.mdp import UNKNOWN, Prediction, Transition
 from wherry.oomdp.objects import State
 
 
+@dataclass(eq=False)
 class QLearning:
     """A table of action values; learner and planner in one.
 
-    Args:
-        domain: What states are described with.
-        rng: Where the randomness of exploring comes from.
+    Attributes:
+        domain: Domain whose states and actions are learnt about.
+        rng: Source of randomness for exploration.
         discount: γ.
-        learning_rate: α, how far a value moves to what was seen; 1 suits a world where nothing is random.
-        exploration: ε, how often a random action is taken.
-        first_value: Q of what was never tried; optimistic where it is more than anything can be worth.
+        learning_rate: α, how far a value moves towards its target; 1 suits a deterministic world.
+        exploration: ε, probability of a random action.
+        initial_value: Q of pairs never tried; optimistic where no return can be larger.
     """
 
-    violations: tuple[str, ...] = ()
+    domain: Domain
+    rng: np.random.Generator
+    _: KW_ONLY
+    discount: float = 0.95
+    learning_rate: float = 1.0
+    exploration: float = 0.1
+    initial_value: float = 0.0
+    _values: dict[State, dict[Action, float]] = field(init=False, default_factory=dict, repr=False)
 
-    def __init__(
-        self,
-        domain: Domain,
-        rng: np.random.Generator,
-        *,
-        discount: float = 0.95,
-        learning_rate: float = 1.0,
-        exploration: float = 0.1,
-        first_value: float = 0.0,
-    ) -> None:
-        self.domain = domain
-        self.rng = rng
-        self.discount = discount
-        self.learning_rate = learning_rate
-        self.exploration = exploration
-        self.first_value = first_value
-        self._values: dict[State, dict[Action, float]] = {}
+    @property
+    def violations(self) -> tuple[str, ...]:
+        """Empty: Q-learning makes no assumptions that experience could contradict."""
+        return ()
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """Nothing: it has no model."""
+        """Return unknown: Q-learning has no model."""
         return UNKNOWN
 
     def policy(self, state: State) -> Action:
-        """The action to learn with: the best, or now and then any."""
+        """Return the ε-greedy action."""
         if self.rng.random() < self.exploration:
             actions = self.domain.ground_actions(state)
             return actions[self.rng.integers(len(actions))]
@@ -61,7 +60,7 @@ class QLearning:
         return max(self._values_of(state).values())
 
     def best(self, state: State) -> Action:
-        """The action of the highest value; of equals the first."""
+        """Return the greedy action; of equally good ones the first."""
         values = self._values_of(state)
         return max(values, key=values.__getitem__)
 
@@ -76,5 +75,5 @@ class QLearning:
     def _values_of(self, state: State) -> dict[Action, float]:
         values = self._values.get(state)
         if values is None:
-            values = self._values[state] = dict.fromkeys(self.domain.ground_actions(state), self.first_value)
+            values = self._values[state] = dict.fromkeys(self.domain.ground_actions(state), self.initial_value)
         return values

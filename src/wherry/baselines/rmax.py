@@ -1,6 +1,9 @@
-"""R-max (Brafman and Tennenholtz 2002) for deterministic MDPs: every state and action is learnt by itself, once.
+"""R-max (Brafman and Tennenholtz 2002) for deterministic MDPs: every state and action is learnt separately.
 
-The baseline that knows nothing of objects. One visit is enough where nothing is random (m = 1).
+The baseline that uses no structure of the state. One visit suffices where nothing is random (m = 1).
+
+This is the plain implementation on objects, which works with any planner. `wherry.baselines.compiled.rmax` is tested
+against it step by step, and is what experiments run.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ class Rmax:
     """Remembers what every action did in every state the first time.
 
     Args:
-        domain: What states are described with.
+        domain: Domain whose states and actions are learnt about.
     """
 
     has_disagreement = False
@@ -32,23 +35,23 @@ class Rmax:
 
     @property
     def violations(self) -> tuple[str, ...]:
-        """Which actions did different things in the same state."""
+        """The actions that had different outcomes in the same state, in words."""
         return tuple(self._violations)
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """What the action did in this state, or unknown."""
+        """Return what the action did in this state, or unknown."""
         return self._known.get((state, action), UNKNOWN)
 
     def state_key(self, state: State) -> Hashable:
-        """The state itself."""
+        """Return the state itself: states share no predictions."""
         return state
 
     def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
-        """What the action did in this state, or unknown."""
+        """Return what the action did in this state, or unknown."""
         return ConditionalPrediction(((ModelOutcome(self), 1.0),)) if (state, action) in self._known else NOT_KNOWN
 
     def add_experience(self, transition: Transition) -> None:
-        """Remember one experience."""
+        """Remember one transition."""
         tried = transition.state, transition.action
         seen = Prediction((Outcome(transition.next_state, transition.reward, transition.terminated),))
         if self._known.setdefault(tried, seen) is seen:

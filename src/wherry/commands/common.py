@@ -6,13 +6,23 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from wherry.learning.registry import RULE_LEARNERS, Job, LearnerEntry, learners_for
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress, Task
+
+
+def learner_completion(learners: Mapping[str, LearnerEntry[Any]]) -> Callable[[str], list[tuple[str, str]]]:
+    """A function that completes a word on the command line with the name of a learner, beside its summary."""
+    return lambda incomplete: [(name, entry.summary) for name, entry in learners.items() if name.startswith(incomplete)]
+
+
+DELIVERY_LEARNERS = learners_for(Job.DELIVERY, RULE_LEARNERS)
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, as the last line.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors, and what --json prints.")]
@@ -22,7 +32,12 @@ WorldArgument = Annotated[str, typer.Argument(help="A built-in world's name, or 
 BoxesOption = Annotated[int | None, typer.Option(help="Number of boxes; by default as the world file says.")]
 MapOption = Annotated[Path | None, typer.Option("--map", help="A map.yaml to use instead of exploring.")]
 RulesOption = Annotated[Path | None, typer.Option(help="Learnt rules to start with, as saved by an earlier run.")]
-LearnerOption = Annotated[str, typer.Option(help="The learner: bayes or doormax.")]
+LearnerOption = Annotated[
+    str,
+    typer.Option(
+        help=f"The learner: {' or '.join(DELIVERY_LEARNERS)}.", autocompletion=learner_completion(DELIVERY_LEARNERS)
+    ),
+]
 LogArgument = Annotated[
     Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped, or a ROS bag.")
 ]

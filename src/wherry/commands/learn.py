@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from wherry.commands.common import (
     OutputOptions,
     SeedOption,
+    learner_completion,
     one_of,
     print_json,
     progress_bar,
@@ -18,19 +19,16 @@ from wherry.commands.common import (
 from wherry.commands.option_groups import with_option_groups
 from wherry.commands.watching import PageOptions, trace_sink
 from wherry.errors import InputError
+from wherry.pipelines.grids.learners import LEARNERS
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from wherry.pipelines.grids.learning import LearningExperiment
 
 DOMAINS = ("taxi", "delivery", "gymnasium-taxi")
-LEARNERS = (
-    "bayes",
-    "doormax",
-    "doormax-letter",
-    "factored-rmax",
-    "factored-rmax-minimal",
-    "rmax",
-    "q-learning",
-    "q-learning-optimistic",
-)
-INFERENCES = ("memorise", "near-miss")
+INFERENCES = {"memorise": "doormax", "near-miss": "doormax-near-miss"}  # by --inference: the registered learner
+OFFERED = {name: entry for name, entry in LEARNERS.items() if name == "doormax" or name not in INFERENCES.values()}
 
 
 @with_option_groups
@@ -38,7 +36,9 @@ def learn(
     domain: Annotated[str, typer.Argument(help=f"{', '.join(DOMAINS)}.", autocompletion=one_of(DOMAINS))],
     size: Annotated[int, typer.Option(help="The Taxi grid's side: 5 or 10.")] = 5,
     world: Annotated[str, typer.Option(help="Where to deliver: a built-in world's name, or a world file.")] = "small",
-    learner: Annotated[str, typer.Option(help=f"{', '.join(LEARNERS)}.", autocompletion=one_of(LEARNERS))] = "doormax",
+    learner: Annotated[
+        str, typer.Option(help=f"{', '.join(OFFERED)}.", autocompletion=learner_completion(OFFERED))
+    ] = "doormax",
     inference: Annotated[
         str | None,
         typer.Option(
@@ -59,48 +59,73 @@ def learn(
     if out is not None and out.suffix not in (".png", ".svg"):
         raise InputError("--out", str(out), "must end in .png or .svg")
     chosen = _learner(learner, inference)
-    from wherry.files import write_atomically
-    from wherry.learning.rule_files.files import save_rules
-    from wherry.pipelines.grids.learning import Settings, TaxiExperiment
-    from wherry.views.metrics_tables import LEARNING_METRICS
-    from wherry.views.terminal import print_metrics, print_rules
+    if rules_out is not None and chosen in LEARNERS and not LEARNERS[chosen].has_rules:
+        raise InputError("--rules-out", str(rules_out), f"{chosen} learns no rules that could be saved")
+    from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 
-    experiment = TaxiExperiment(
-        Settings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
+    experiment = LearningExperiment(
+        LearningSettings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
     )
     console = output.console()
     with trace_sink("wherry: learning", None, console, page) as sink:
         experiment.watch = sink if page.view else None
-        with progress_bar(console, "repetitions") as progress:
-            task = progress.add_task(f"{chosen}: {experiment.arena.title}", total=repetitions)
-            for _ in experiment.repetitions():
-                progress.advance(task)
+        _run(experiment, console)
     result = experiment.result()
-    if experiment.learner is not None:
-        print_rules(console, experiment.learner.sentences())
-        if rules_out is not None:
-            save_rules(experiment.learner, rules_out)
-    figures = result.as_json()
-    print_metrics(console, experiment.arena.title, figures, LEARNING_METRICS)
+    _report_rules(experiment, console, rules_out)
+    _report_statistics(experiment, console)
     if out is not None:
-        from wherry.views.learning_curve import as_bytes, learning_curves
-
-        figure = learning_curves(
-            {chosen: [run.curve for run in result.runs]}, len(experiment.arena.probes), experiment.arena.title
-        )
-        write_atomically(out, as_bytes(figure, "svg" if out.suffix == ".svg" else "png"))
+        _draw_curve(experiment, out)
         say(console, f"Learning curve: {out}")
     if output.as_json:
-        print_json(figures)
+        print_json(result.as_json())
     raise typer.Exit(0 if result.converged == result.repetitions else 1)
 
 
 def _learner(learner: str, inference: str | None) -> str:
-    """The experiment's name for a learner with a way to infer."""
+    """Return the registered name of a learner with a way to infer failures."""
     if inference is None:
         return learner
     if inference not in INFERENCES:
         raise InputError("--inference", inference, f"is none of {', '.join(INFERENCES)}")
     if learner != "doormax":
         raise InputError("--inference", inference, f"is DOORMAX's, not of {learner}")
-    return "doormax-near-miss" if inference == "near-miss" else learner
+    return INFERENCES[inference]
+
+
+def _run(experiment: LearningExperiment, console: Console) -> None:
+    """Run all repetitions and show their progress."""
+    settings = experiment.settings
+    with progress_bar(console, "repetitions") as progress:
+        task = progress.add_task(f"{settings.learner}: {experiment.arena.title}", total=settings.repetitions)
+        for _ in experiment.repetitions():
+            progress.advance(task)
+
+
+def _report_rules(experiment: LearningExperiment, console: Console, rules_out: Path | None) -> None:
+    """Print the rules of the last learner, and save them if a file is given."""
+    if experiment.learner is None:
+        return
+    from wherry.learning.rule_files.files import save_rules
+    from wherry.views.terminal import print_rules
+
+    print_rules(console, experiment.learner.sentences())
+    if rules_out is not None:
+        save_rules(experiment.learner, rules_out)
+
+
+def _report_statistics(experiment: LearningExperiment, console: Console) -> None:
+    """Print the statistics of all repetitions."""
+    from wherry.views.metrics_tables import LEARNING_METRICS
+    from wherry.views.terminal import print_metrics
+
+    print_metrics(console, experiment.arena.title, experiment.result().as_json(), LEARNING_METRICS)
+
+
+def _draw_curve(experiment: LearningExperiment, out: Path) -> None:
+    """Draw the learning curve of all repetitions to a file."""
+    from wherry.files import write_atomically
+    from wherry.views.learning_curve import as_bytes, learning_curves
+
+    arena, curves = experiment.arena, [run.curve for run in experiment.result().runs]
+    figure = learning_curves({experiment.settings.learner: curves}, len(arena.probes), arena.title)
+    write_atomically(out, as_bytes(figure, "svg" if out.suffix == ".svg" else "png"))

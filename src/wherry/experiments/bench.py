@@ -27,7 +27,7 @@ from wherry.floorplan.world_files import find_world
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
 from wherry.oomdp.conditional_models import PerStateModel
-from wherry.pipelines.grids.learning import Settings, TaxiExperiment
+from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 from wherry.planning.prediction_cache import PredictionCache
 from wherry.planning.search import a_star
 from wherry.planning.state_space import StateSpace
@@ -111,7 +111,7 @@ def learning(settings: BenchSettings, progress: Progress) -> list[Timing]:
         task = f"a step of Taxi {size}×{size}"
         for learner in ("doormax", "doormax-near-miss", "bayes"):
             progress(f"{learner}, {task}")
-            experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=5))
+            experiment = LearningExperiment(LearningSettings(size=size, learner=learner, repetitions=5))
             list(experiment.repetitions())
             timings.append(Timing(task, f"wherry, {learner}", experiment.result().ms_per_step))
         others = {name: Timing(task, name, milliseconds, PUBLISHED) for name, milliseconds in published.items()}
@@ -147,7 +147,7 @@ def _efficient_rl(interpreter: Path) -> float:
 def planning(settings: BenchSettings, progress: Progress) -> list[Timing]:
     """Optimal policies for all states of the large Taxi grid, and the plan of a whole delivery."""
     progress("value iteration")
-    experiment = TaxiExperiment(Settings(learner="bayes", repetitions=1))
+    experiment = LearningExperiment(LearningSettings(learner="bayes", repetitions=1))
     list(experiment.repetitions())
     learner = experiment.learner
     if learner is None:

@@ -1,1 +1,5 @@
-"""Learners: they turn experience into a model, one file each (paper, sections 4 and 6)."""
+"""Learners: they turn experience into a model of what actions do, one file each (paper, sections 4 and 6)."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,13 +1,14 @@
-"""Beliefs about one concept: a conjunction of terms that is to be found from examples.
+"""The posterior over one concept: a conjunction of terms that is inferred from examples.
 
-Every conjunction h ∈ {0, 1, *}ⁿ is a hypothesis; each term that it fixes makes it less likely beforehand by a constant
-factor (Occam). An example where the concept held refutes all hypotheses that do not cover it, an example where it did
-not hold those that do. The probability that it holds elsewhere is the share of the surviving weight that covers it.
+Every conjunction h ∈ {0, 1, *}ⁿ is a hypothesis. Its prior is proportional to q to the power of the number of its fixed
+terms, so that short conjunctions are preferred (Occam's razor). A positive example rules out all hypotheses that do
+not cover it, a negative example those that do. The probability that the concept holds elsewhere is the weight of the
+remaining hypotheses that cover the place, divided by the weight of all remaining ones.
 
-The 3ⁿ hypotheses are counted and not listed. A hypothesis is a set of literals (a term, or its negation). Let L be the
-literals that all positive examples share. The sets that survive are the subsets of L that are not part of any negative
-example: the weight of all subsets of L, less the weight of those that are part of some negative example. The former is
-(1 + q)^|L|, and the latter is `union_weight`, in which only the largest of the negative examples' parts in L matter.
+The 3ⁿ hypotheses are counted without listing them. A hypothesis is a set of literals (a term, or its negation). Let L
+be the literals that all positive examples share. The remaining hypotheses are the subsets of L that are not contained
+in any negative example. Their weight is (1 + q)^|L|, the weight of all subsets of L, minus `union_weight`, the weight
+of those contained in some negative example, for which only the maximal intersections of L with negative examples count.
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ from itertools import combinations
 from wherry.oomdp.conditions import Condition
 
 Literals = int
-"""A set of literals as bits: bit i says that term i holds, bit n + i that it does not."""
+"""A set of literals as bits: bit i stands for term i, bit n + i for its negation."""
 
 
 def literals_of(terms: int, size: int) -> Literals:
-    """All literals that are true where exactly these of n terms hold."""
+    """Return all literals that are true where exactly these of n terms hold."""
     return terms | (~terms & (1 << size) - 1) << size
 
 
 def condition_of(literals: Literals, size: int) -> Condition:
-    """A set of literals as a condition."""
+    """Return a set of literals as a condition."""
     value, negated = literals & (1 << size) - 1, literals >> size
     return Condition(size, value | negated, value)
 
 
 def largest(parts: Iterable[Literals]) -> frozenset[Literals]:
-    """The sets that are not part of another one."""
+    """Return the maximal sets: those that are not contained in another one."""
     kept: list[Literals] = []
     for part in sorted(set(parts), key=int.bit_count, reverse=True):
         if all(part & ~other for other in kept):
@@ -45,13 +46,13 @@ def largest(parts: Iterable[Literals]) -> frozenset[Literals]:
 
 @lru_cache(maxsize=100_000)
 def union_weight(parts: frozenset[Literals], factor: float) -> float:
-    """The weight of all sets of literals that are part of at least one of some sets.
+    """Return the weight of all sets of literals that are contained in at least one of some sets.
 
-    A set of k literals weighs ``factor`` to the power of k. By inclusion and exclusion, one set at a time: those within
-    the first, and those within any other, less those within the first and another.
+    A set of k literals weighs ``factor`` to the power of k. Inclusion and exclusion adds one set at a time: the subsets
+    of the first, plus those of all others, minus those of the first and another.
 
     Args:
-        parts: Sets of which none is part of another.
+        parts: Sets of which none is contained in another.
         factor: q, the weight of one literal.
     """
     if not parts:
@@ -72,13 +73,14 @@ def union_weight(parts: frozenset[Literals], factor: float) -> float:
 
 @dataclass(frozen=True)
 class Concept:
-    """What is believed about one conjunction.
+    """The posterior over one conjunction.
 
     Attributes:
         size: n, the number of terms.
-        factor: q, by how much a fixed term makes a hypothesis less likely.
-        shared: The literals that all positive examples share; None before the first one.
-        refuted: The largest parts that negative examples have in these.
+        factor: q, prior odds of each literal of a conjunction.
+        shared: Literals that all positive examples share; None before the first one.
+        refuted: Maximal intersections of the shared literals with negative examples.
+        weight: Weight of all hypotheses that no example rules out.
     """
 
     size: int
@@ -88,16 +90,16 @@ class Concept:
     weight: float = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
-        everything = (
-            (1 + 2 * self.factor) ** self.size  # a term is fixed to 1, to 0, or not at all
+        prior_weight = (
+            (1 + 2 * self.factor) ** self.size  # each term is fixed to 1, to 0, or not at all
             if self.shared is None
             else (1 + self.factor) ** self.shared.bit_count()
         )
-        object.__setattr__(self, "weight", everything - union_weight(self.refuted, self.factor))
+        object.__setattr__(self, "weight", prior_weight - union_weight(self.refuted, self.factor))
 
     @classmethod
     def of(cls, size: int, factor: float, positives: Iterable[int], negatives: Iterable[int]) -> Concept:
-        """The belief after some examples, given as the terms that held in them."""
+        """Return the posterior after some examples, given as the terms that held in them (bits)."""
         shared: Literals | None = None
         for terms in positives:
             literals = literals_of(terms, size)
@@ -106,16 +108,16 @@ class Concept:
         return cls(size, factor, shared, largest(parts))
 
     @property
-    def consistent(self) -> bool:
+    def is_consistent(self) -> bool:
         """Whether some conjunction agrees with all examples."""
         return self.shared is None or self.shared not in self.refuted
 
     def covers(self, terms: int) -> bool:
-        """Whether every surviving hypothesis covers these terms: all that positive examples share is there."""
+        """Return whether all remaining hypotheses cover these terms: the literals that positives share are all true."""
         return self.shared is not None and not self.shared & ~literals_of(terms, self.size)
 
     def probability(self, terms: int) -> float:
-        """How likely the concept holds where exactly these terms do."""
+        """Return the probability that the concept holds where exactly these terms hold."""
         literals = literals_of(terms, self.size)
         if self.shared is not None:
             literals &= self.shared
@@ -127,13 +129,12 @@ class Concept:
 
     @cached_property
     def simplest(self) -> tuple[Literals, ...]:
-        """The simplest hypotheses that survive: the fewest literals that hit everything that was refuted.
+        """The remaining hypotheses with the fewest literals: the smallest sets not contained in any negative example.
 
-        While there are no negative examples these are all single literals. That nothing at all is needed is believed
-        only when nothing else is left, since most actions fail somewhere. Before the first positive example there are
-        none.
+        Without negative examples these are all single literals. The empty conjunction counts only when no other
+        hypothesis is left, since most actions fail somewhere. Before the first positive example there are none.
         """
-        if self.shared is None or not self.consistent:
+        if self.shared is None or not self.is_consistent:
             return ()
         choices = [1 << bit for bit in range(2 * self.size) if self.shared >> bit & 1]
         for count in range(1, len(choices) + 1):
@@ -144,7 +145,7 @@ class Concept:
         return (0,)
 
     def disagreement(self, terms: int) -> float:
-        """How evenly the simplest hypotheses disagree about these terms: 1 is half against half, 0 is agreement."""
+        """Return how evenly the simplest hypotheses disagree about these terms: 1 is half against half, 0 agreement."""
         if not self.simplest:
             return 0.0
         literals = literals_of(terms, self.size)

@@ -1,12 +1,12 @@
-"""Near misses: failures that follow from other failures, beyond what the paper memorises.
+"""Near misses (Winston 1970): failures inferred from other failures, where the paper memorises each failure.
 
 Assumption: every action has one conjunctive condition for changing anything at all. (The paper's A2 allows several,
 one for each effect.) Let M be the merged condition of all of the action's successes; the true condition covers M. If
-the true condition covered a new condition c as well, it would cover M ⊕ c; so where M ⊕ c covers a condition that the
-action failed under, c fails, too. In particular, a failure that differs from M in a single fixed term, a near miss,
-proves that term necessary.
+the true condition covered a new condition c as well, it would cover M ⊕ c. So where M ⊕ c covers a condition that the
+action failed under, the action fails under c, too. In particular, a failure that differs from M in a single fixed term,
+a near miss, proves that the term is necessary.
 
-A success that contradicts the assumption revokes all that was inferred of the action, for good.
+A success that contradicts the assumption revokes all inferences about the action permanently.
 """
 
 from __future__ import annotations
@@ -15,10 +15,15 @@ from wherry.oomdp.conditions import Condition
 
 
 class NearMisses:
-    """What follows for every action from its successes and failures.
+    """Infers failures of every action from its successes and failures.
 
     Args:
         size: n, the number of terms.
+
+    Attributes:
+        successes: Merged condition of all successes, by action.
+        failures: Conditions of all failures as bits, by action.
+        revoked: Why nothing is inferred about an action any more, by action.
     """
 
     def __init__(self, size: int) -> None:
@@ -29,28 +34,28 @@ class NearMisses:
 
     @property
     def violations(self) -> tuple[str, ...]:
-        """Where the assumption did not hold, in words."""
+        """The actions for which the assumption did not hold, in words."""
         return tuple(f"{action}: {reason}" for action, reason in self.revoked.items())
 
     def fails(self, action: str, terms: int) -> bool:
-        """Whether it follows that an action fails under a condition, given as bits."""
+        """Return whether it follows that an action fails under a condition, given as bits."""
         merged = self.successes.get(action)
         if merged is None or action in self.revoked:
             return False
         return self._covers_failure(action, merged.merge(Condition.of(self.size, terms)))
 
     def add(self, action: str, terms: int, *, succeeded: bool) -> bool:
-        """Learn from what an action did under a condition; return whether inferences may have changed."""
+        """Add the result of an action under a condition; return whether inferences may have changed."""
         condition = Condition.of(self.size, terms)
         if succeeded:
             before = self.successes.get(action)
             merged = self.successes[action] = condition if before is None else before.merge(condition)
-            news = merged != before
+            is_news = merged != before
         else:
             failures = self.failures.setdefault(action, set())
-            news = terms not in failures
+            is_news = terms not in failures
             failures.add(terms)
-        if action in self.revoked or not news:
+        if action in self.revoked or not is_news:
             return False
         if action in self.successes and self._covers_failure(action, self.successes[action]):
             self.revoked[action] = "no single conjunction tells its successes from its failures"

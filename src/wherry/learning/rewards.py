@@ -1,8 +1,8 @@
-"""Rewards and the ends of episodes, learnt as conditions.
+"""Rewards and ends of episodes, learnt as conditions.
 
-A reward belongs to an action and to what the action changed: to move, to bump into a wall, to pick up, and to close the
-fork on nothing are worth different things. Where one change brought different rewards, conditions tell them apart:
-conditions of equal rewards are merged as DOORMAX's are, and where merged conditions overlap they are memorised instead.
+A reward depends on the action and on the attributes that it changed: moving, bumping into a wall and picking up have
+different rewards. Where the same change brought different rewards, conditions distinguish them: the conditions of equal
+rewards are merged as in DOORMAX, and where merged conditions overlap, all conditions are memorised instead.
 """
 
 from __future__ import annotations
@@ -13,28 +13,28 @@ from dataclasses import dataclass, field
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.effects_outcome import ChangedAttributes, StepReward
 
-Value = tuple[float, bool]
+RewardAndEnd = tuple[float, bool]
 """A reward, and whether the episode ended."""
 
 
 @dataclass
-class _Cases:
-    """What one action's one change was worth.
+class RewardCases:
+    """The rewards of one action that changed certain attributes.
 
     Attributes:
-        merged: The merged condition of every value; None once they overlap.
-        seen: The value under every condition that was met, as bits.
+        merged: Merged condition of every reward; None once these overlap.
+        seen: Reward under every condition that was met, as bits.
     """
 
-    merged: dict[Value, Condition] | None = field(default_factory=dict)
-    seen: dict[int, Value] = field(default_factory=dict)
+    merged: dict[RewardAndEnd, Condition] | None = field(default_factory=dict)
+    seen: dict[int, RewardAndEnd] = field(default_factory=dict)
 
-    def contradicts(self, terms: int, value: Value) -> bool:
-        """Whether another value was seen under the same condition."""
+    def contradicts(self, terms: int, value: RewardAndEnd) -> bool:
+        """Return whether another reward was seen under the same condition."""
         return self.seen.get(terms, value) != value
 
-    def add(self, condition: Condition, value: Value) -> bool:
-        """Take in what was seen; return whether that may change `value`. Where values contradict, the last counts."""
+    def add(self, condition: Condition, value: RewardAndEnd) -> bool:
+        """Add a reward; return whether that may change `value`. Of contradictory rewards the last counts."""
         if self.seen.get(condition.value) == value:
             return False
         contradicted = self.contradicts(condition.value, value)
@@ -50,8 +50,8 @@ class _Cases:
                 self.merged = None
         return True
 
-    def value(self, terms: int, *, generalize: bool) -> Value | None:
-        """The value under a condition, or None where it is not known."""
+    def value(self, terms: int, *, generalize: bool) -> RewardAndEnd | None:
+        """Return the reward under a condition; None where it is not known."""
         if self.merged is None:
             return self.seen.get(terms)
         if generalize and len(self.merged) == 1:
@@ -60,29 +60,33 @@ class _Cases:
 
 
 def _overlap(first: Condition, second: Condition) -> bool:
-    """Whether some full condition is covered by both."""
+    """Return whether both cover some condition without *."""
     return not (first.value ^ second.value) & first.mask & second.mask
 
 
 class Rewards:
-    """What steps were worth, by action and change.
+    """The rewards of all actions, by the attributes that a step changes.
 
     Args:
         size: n, the number of terms.
-        generalize: Whether a change that has always been worth the same is taken to be worth that under conditions
-            never met, too. Without it, such a step's worth is unknown (as KWIK learning demands).
+        generalize: Whether a reward that has been the same under all conditions is predicted under conditions never
+            met, too. Otherwise it is unknown there, as KWIK learning demands.
+
+    Attributes:
+        cases: Rewards that were seen, by action and changed attributes.
+        end_seen: Whether some step ended an episode.
     """
 
     def __init__(self, size: int, *, generalize: bool = False) -> None:
         self.size = size
         self.generalize = generalize
-        self.cases: dict[str, dict[ChangedAttributes, _Cases]] = {}
-        self.end_seen = False  # whether some step ended an episode
+        self.cases: dict[str, dict[ChangedAttributes, RewardCases]] = {}
+        self.end_seen = False
         self._contradictions: dict[tuple[str, int], None] = {}
 
     def add(self, action: str, terms: int, case: StepReward) -> bool:
-        """Learn what a step was worth; return whether predictions may have changed."""
-        cases = self.cases.setdefault(action, {}).setdefault(case.changed, _Cases())
+        """Learn the reward of a step; return whether predictions may have changed."""
+        cases = self.cases.setdefault(action, {}).setdefault(case.changed, RewardCases())
         self.end_seen |= case.terminated
         value = case.reward, case.terminated
         if cases.contradicts(terms, value):
@@ -90,7 +94,7 @@ class Rewards:
         return cases.add(Condition.of(self.size, terms), value)
 
     def violations(self, term_names: Sequence[str]) -> tuple[str, ...]:
-        """Where the same step under the same condition was worth different things, in words: terms are missing."""
+        """Return in words where equal steps under equal conditions had different rewards: the domain lacks a term."""
         return tuple(
             f"{action}: the reward, or whether the episode ended, was not the same each time "
             f"(where {Condition.of(self.size, terms).describe(term_names)})"
@@ -98,7 +102,7 @@ class Rewards:
         )
 
     def step_rewards(self, action: str, terms: int) -> tuple[StepReward, ...]:
-        """What is known of an action's worth under a condition, given as bits."""
+        """Return the rewards known for an action under a condition, given as bits."""
         known = []
         for changed, cases in self.cases.get(action, {}).items():
             value = cases.value(terms, generalize=self.generalize)

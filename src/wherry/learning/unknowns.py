@@ -1,4 +1,4 @@
-"""How much a learner cannot tell yet: the number that people watch falling."""
+"""The number of condition–action pairs that a learner cannot predict yet, which shows its progress."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from wherry.oomdp.objects import State
 
 
 class UnknownPairs:
-    """Pairs of a condition that was met and an action that a model cannot predict there.
+    """Counts the pairs of a condition that was met and an action that the model cannot predict there.
 
     Args:
-        model: What tells what actions do.
+        model: The model that is asked.
     """
 
     def __init__(self, model: ConditionalModel) -> None:
@@ -23,14 +23,14 @@ class UnknownPairs:
         self._counted_at: dict[str, int] = {}
 
     def meet(self, state: State) -> None:
-        """Take note of a state's conditions."""
+        """Add a state's conditions."""
         key = self.model.state_key(state)
         if key not in self._met:
             self._met[key] = state
             self._counted_at.clear()
 
     def count(self) -> int:
-        """How many pairs there are; counted again only for actions that the model has learnt about since."""
+        """Return the number of pairs, counted again only for actions that the model has learnt about since."""
         stale = {name for name, revision in self.model.revisions.items() if self._counted_at.get(name) != revision}
         if stale:
             for name in stale:

@@ -1,11 +1,11 @@
-"""Learning curves and steps compared, as pictures for documents: light, labelled, readable without colours."""
+"""Learning curves and comparisons of steps as figures for documents: light, labelled, readable without colours."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import cycle
+from itertools import cycle, product
 from typing import Any, Literal
 
 import matplotlib as mpl
@@ -17,29 +17,36 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from wherry.space.pose import Floats
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#6a6a6a", "#56b4e9", "#b8860b", "#000000", "#7b3294")
-"""Those that most colour-blind people can tell apart, after Okabe and Ito; in the order in which learners are given."""
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#6a6a6a", "#56b4e9", "#b8860b", "#000000", "#7b3294")
+"""Line colours in the order of the learners, distinguishable for most colour-blind people (Okabe and Ito)."""
 
-BAND = (10, 90)  # percentiles
-POINTS = 400  # of a curve
+LINE_STYLES = ("solid", "dashed", "dotted")
+"""Styles that tell learners apart once all colours are used."""
+
+BAND = (10, 90)  # percentiles between which the band of a curve lies
+CURVE_POINTS = 400  # points at which a curve is sampled
+MAX_LINEAR_RATIO = 30  # ratio of the learners' steps above which the axis is logarithmic
 OURS = "#0072b2"
 RING: Mapping[str, Any] = {
-    "marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#d55e00",
-}  # fmt: skip
+    "marker": "o",
+    "linestyle": "none",
+    "markerfacecolor": "white",
+    "markeredgecolor": "#d55e00",
+}
 INK, FAINT = "#222222", "#d9d9d9"
 
 Run = Sequence[tuple[int, int]]
-"""One learner's life: after every episode the steps so far, and how many probes were solved then."""
+"""One run of a learner: after every episode the steps so far, and the number of probes solved then."""
 
 
 @dataclass(frozen=True, slots=True)
-class Needed:
-    """How many steps a learner needed, over some repetitions.
+class StepsNeeded:
+    """The steps that a learner needed, over some repetitions.
 
     Attributes:
-        name: The learner.
-        steps: [R] of every repetition; one that is known by its mean alone has one.
-        published: Whether others have measured it.
+        name: Name of the learner.
+        steps: [R] steps of every repetition; a single mean where only that was published.
+        published: Whether the steps were published by others.
     """
 
     name: str
@@ -48,30 +55,28 @@ class Needed:
 
 
 def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) -> Figure:
-    """Probes solved against steps: the median of the repetitions, and the band from 10 to 90 %.
+    """Draw probes solved against steps: the median of the repetitions, and the band from 10 to 90 %.
 
     Args:
-        runs: The repetitions of every learner, by its name; at least one each.
-        probes: How many probes there are.
-        title: What was learnt.
+        runs: Repetitions of every learner, by its name; at least one each.
+        probes: Number of probes.
+        title: Title of the figure.
 
     Returns:
-        The figure; its axis of steps is logarithmic where learners differ by more than a factor of 30.
+        The figure; its axis of steps is logarithmic where learners differ by more than `MAX_LINEAR_RATIO`.
     """
-    figure, axes = _paper(7.2, 4.2)
-    ends = {name: max(run[-1][0] for run in lives) for name, lives in runs.items()}
-    last = max(ends.values())
-    logarithmic = last > 30 * min(ends.values())
-    first = min(run[0][0] for lives in runs.values() for run in lives)
-    steps = np.geomspace(max(1, first / 2), last, POINTS) if logarithmic else np.linspace(0, last, POINTS)
-    for (name, lives), colour in zip(runs.items(), cycle(COLOURS), strict=False):
-        solved = np.array([solved_by(run, steps) for run in lives])
-        low, median, high = np.percentile(solved, [BAND[0], 50, BAND[1]], axis=0)
-        axes.fill_between(steps, low, high, color=colour, alpha=0.16, linewidth=0, step="post")
-        until = np.searchsorted(median, probes) + 1  # from then on there is nothing more to see
-        axes.plot(steps[:until], median[:until], color=colour, linewidth=2, drawstyle="steps-post", label=name)
-        axes.plot(steps[:until][-1:], median[:until][-1:], "o", color=colour, clip_on=False)
-    if logarithmic:
+    figure, axes = _figure(7.2, 4.2)
+    ends = [max(run[-1][0] for run in repetitions) for repetitions in runs.values()]
+    first, last = min(run[0][0] for repetitions in runs.values() for run in repetitions), max(ends)
+    is_logarithmic = last > MAX_LINEAR_RATIO * min(ends)
+    steps = (
+        np.geomspace(max(1, first / 2), last, CURVE_POINTS) if is_logarithmic else np.linspace(0, last, CURVE_POINTS)
+    )
+    lines = cycle(product(LINE_STYLES, PALETTE))
+    for (name, repetitions), (style, colour) in zip(runs.items(), lines, strict=False):
+        solved = np.array([solved_by(run, steps) for run in repetitions])
+        _draw_curve(axes, steps, solved, probes, color=colour, linestyle=style, label=name)
+    if is_logarithmic:
         _logarithmic(axes)
     axes.set_xlim(steps[0], last)
     axes.set_ylim(-0.15, probes + 0.25)
@@ -79,43 +84,84 @@ def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) 
     axes.set_xlabel("steps in the environment")
     axes.set_ylabel(f"probes solved optimally, of {probes}")
     axes.set_title(title, loc="left", fontsize=12, color=INK)
-    counts = sorted({len(lives) for lives in runs.values()})
-    count = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    note = f"median of {count} repetitions, and the band from {BAND[0]} to {BAND[1]} %"
-    if counts == [1]:
-        note = "one repetition"
     figure.legend(
-        loc="outside lower center", ncols=min(4, len(runs)), frameon=False, fontsize=9, title=note, title_fontsize=8.5
+        loc="outside lower center",
+        ncols=min(4, len(runs)),
+        frameon=False,
+        fontsize=9,
+        title=_repetitions_note(runs),
+        title_fontsize=8.5,
     )
     return figure
 
 
+def _draw_curve(
+    axes: Axes, steps: Floats, solved: Floats, probes: int, *, color: str, linestyle: str, label: str
+) -> None:
+    """Draw one learner's median and band, up to where the median solves all probes.
+
+    Args:
+        axes: Where to draw.
+        steps: [N] numbers of steps.
+        solved: [R, N] probes solved by every repetition.
+        probes: Number of probes.
+        color: Colour of line and band.
+        linestyle: Style of the line.
+        label: Name of the learner.
+    """
+    low, median, high = np.percentile(solved, [BAND[0], 50, BAND[1]], axis=0)
+    axes.fill_between(steps, low, high, color=color, alpha=0.16, linewidth=0, step="post")
+    until = np.searchsorted(median, probes) + 1  # the curve is constant from then on
+    axes.plot(
+        steps[:until],
+        median[:until],
+        color=color,
+        linewidth=2,
+        linestyle=linestyle,
+        drawstyle="steps-post",
+        label=label,
+    )
+    axes.plot(steps[:until][-1:], median[:until][-1:], "o", color=color, clip_on=False)
+
+
+def _repetitions_note(runs: Mapping[str, Sequence[Run]]) -> str:
+    """Return what curves and bands stand for, in words."""
+    counts = sorted({len(repetitions) for repetitions in runs.values()})
+    if counts == [1]:
+        return "one repetition"
+    count = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    return f"median of {count} repetitions, and the band from {BAND[0]} to {BAND[1]} %"
+
+
 def solved_by(run: Run, steps: Floats) -> Floats:
-    """How many probes a run had solved by some numbers of steps; after its last episode as many as then.
+    """Return how many probes a run had solved after some numbers of steps, constant after its last episode.
 
     Args:
         run: The run.
         steps: [N] numbers of steps, ascending.
+
+    Returns:
+        [N] numbers of probes.
     """
     at, solved = np.array([(0, 0), *run]).T
     counts: Floats = solved[np.searchsorted(at, steps, side="right") - 1].astype(float)
     return counts
 
 
-def steps_needed(panels: Mapping[str, Sequence[Needed]], title: str) -> Figure:
-    """Steps to the optimum, a row for each learner: a dot for the median, a bar from 10 to 90 %, a ring if published.
+def steps_needed(panels: Mapping[str, Sequence[StepsNeeded]], title: str) -> Figure:
+    """Draw the steps to the optimum in rows: the median as dot, 10 to 90 % as bar, published means as rings.
 
     Args:
-        panels: The learners by the panel's heading; every panel has a row for all names of all panels.
-        title: What was learnt.
+        panels: Learners by the heading of their panel; every panel has a row for each name of all panels.
+        title: Title of the figure.
     """
     names = list(dict.fromkeys(row.name for rows in panels.values() for row in rows))
     figure = Figure(figsize=(9.0, 0.42 * len(names) + 1.5), layout="constrained", facecolor="white")
-    every = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
-    for axes, (heading, rows) in zip(every, panels.items(), strict=True):
+    all_axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, (heading, rows) in zip(all_axes, panels.items(), strict=True):
         _style(axes)
         for row in rows:
-            _needed(axes, names.index(row.name), row)
+            _draw_row(axes, names.index(row.name), row)
         _logarithmic(axes)
         axes.set_title(heading, loc="left", fontsize=11, color=INK)
         axes.set_xlabel("steps until all six probes are solved optimally")
@@ -128,8 +174,8 @@ def steps_needed(panels: Mapping[str, Sequence[Needed]], title: str) -> Figure:
     return figure
 
 
-def _needed(axes: Axes, at: int, row: Needed) -> None:
-    """One row: others' mean as a ring, our repetitions as a bar with a dot; the figure beside it."""
+def _draw_row(axes: Axes, at: int, row: StepsNeeded) -> None:
+    """Draw one row: a published mean as a ring; our repetitions as a bar with a labelled dot."""
     if row.published:
         axes.plot(row.steps, [at] * len(row.steps), **RING, zorder=5)
         return
@@ -140,15 +186,15 @@ def _needed(axes: Axes, at: int, row: Needed) -> None:
 
 
 def as_bytes(figure: Figure, kind: Literal["png", "svg"]) -> bytes:
-    """A figure as a file's content, the same bytes every time."""
+    """Return a figure as the content of a file, the same bytes every time."""
     buffer = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "wherry"}):
         figure.savefig(buffer, format=kind, dpi=160, metadata={"Date": None} if kind == "svg" else {"Software": None})
     return buffer.getvalue()
 
 
-def _paper(width: float, height: float) -> tuple[Figure, Axes]:
-    """An empty picture with one pair of axes; sides in inches."""
+def _figure(width: float, height: float) -> tuple[Figure, Axes]:
+    """Return an empty figure with one pair of axes; its sides are in inches."""
     figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
     axes = figure.subplots()
     _style(axes)
@@ -156,14 +202,14 @@ def _paper(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def _logarithmic(axes: Axes) -> None:
-    """A logarithmic axis of steps, with numbers short enough to stand side by side."""
+    """Make the axis of steps logarithmic, with short numbers."""
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda steps, _: _short(steps)))
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _short(steps: float) -> str:
-    """A number of steps as people write it on an axis: 100, 10k, 1M."""
+    """Return a number of steps as written on an axis: 100, 10k, 1M."""
     for unit, name in ((1_000_000, "M"), (1_000, "k")):
         if steps >= unit:
             return f"{steps / unit:g}{name}"
@@ -171,6 +217,7 @@ def _short(steps: float) -> str:
 
 
 def _style(axes: Axes) -> None:
+    """Draw on white, with a faint grid and without a frame."""
     axes.set_facecolor("white")
     axes.grid(visible=True, color=FAINT, linewidth=0.6)
     axes.set_axisbelow(True)

@@ -1,4 +1,4 @@
-"""A game in the terminal: the world, the condition with its names, what is foretold, and the rules learnt so far."""
+"""A game in the terminal: the world, the terms that hold, the learner's predictions, and the rules learnt so far."""
 
 from __future__ import annotations
 
@@ -9,68 +9,70 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-BESIDE = 36  # columns that the terms need beside the drawing
+TERMS_WIDTH = 36  # columns that the terms need to the right of the drawing
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """What is foretold of an action.
+class PredictionRow:
+    """A learner's prediction for one action.
 
     Attributes:
-        key: The key that does it.
-        action: Its name.
-        words: What it would change.
-        worth: Its reward, in words.
-        probability: How sure that is; None where nothing is said.
+        key: Key that does the action.
+        action: Name of the action.
+        changes: Predicted changes in words; "UNKNOWN" where the learner cannot tell.
+        reward: Predicted reward in words.
+        probability: Probability of the prediction; None where none is shown.
     """
 
     key: str
     action: str
-    words: str
-    worth: str
+    changes: str
+    reward: str
     probability: float | None
 
 
 @dataclass(frozen=True, slots=True)
-class Screen:
+class GameScreen:
     """Everything that is shown at a time.
 
     Attributes:
-        title: What is played, and how far.
+        title: Name and progress of the game.
         drawing: The world as text.
-        condition: The terms' names, and whether they hold.
-        rows: What is foretold of every action.
-        rules: The rules, in words.
-        new_rules: Those that were not there before the last step.
-        told: What happened last.
-        keys: Further keys, in words.
+        condition: Names of the terms, each with whether it holds.
+        rows: Prediction for every action.
+        rules: Learnt rules, in words.
+        new_rules: Rules that were learnt in the last step.
+        message: What happened last, in words.
+        keys: What the keys are for, in words.
     """
 
     title: str
     drawing: str
     condition: Sequence[tuple[str, bool]]
-    rows: Sequence[Row]
+    rows: Sequence[PredictionRow]
     rules: Sequence[str]
     new_rules: frozenset[str]
-    told: str
+    message: str
     keys: str
 
 
-def render(screen: Screen, width: int) -> RenderableType:
-    """The screen for a terminal of some width, in columns."""
+def render(screen: GameScreen, width: int) -> RenderableType:
+    """Return the screen for a terminal of a width in columns."""
     drawing = Text(screen.drawing.rstrip("\n"))
-    across = max(map(len, screen.drawing.splitlines()))
+    drawing_width = max(map(len, screen.drawing.splitlines()))
     beside = Table.grid(padding=(0, 3))
     beside.add_row(drawing, _condition(screen.condition))
-    world: RenderableType = beside if across + BESIDE <= width else Group(drawing, _condition(screen.condition))
+    world: RenderableType = (
+        beside if drawing_width + TERMS_WIDTH <= width else Group(drawing, _condition(screen.condition))
+    )
     return Group(
         Text(screen.title, style="bold"),
         world,
-        Text(screen.told, style="bold cyan"),
+        Text(screen.message, style="bold cyan"),
         Text(),
-        _foretold(screen.rows),
+        _prediction_table(screen.rows),
         Text(),
-        Text(f"What was learnt ({len(screen.rules)} rules)", style="bold"),
+        Text(f"Learnt rules ({len(screen.rules)})", style="bold"),
         *(
             Text(
                 f"{'+' if rule in screen.new_rules else ' '} {rule}", style="green" if rule in screen.new_rules else ""
@@ -82,19 +84,19 @@ def render(screen: Screen, width: int) -> RenderableType:
 
 
 def _condition(condition: Sequence[tuple[str, bool]]) -> Text:
-    """cond(s) as signs, and every term on a line of its own."""
+    """Return cond(s) as bits, and every term on a line of its own."""
     text = Text("cond(s) = " + "".join("1" if holds else "0" for _, holds in condition) + "\n")
     for name, holds in condition:
         text.append(f"{'●' if holds else '○'} {name}\n", style="bold green" if holds else "dim")
     return text
 
 
-def _foretold(rows: Sequence[Row]) -> Table:
+def _prediction_table(rows: Sequence[PredictionRow]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for heading in ("key", "action", "the learner foretells", "reward", "sure"):
+    for heading in ("key", "action", "the learner predicts", "reward", "probability"):
         table.add_column(heading)
     for row in rows:
-        sure = "" if row.probability is None else f"{row.probability:.0%}"
-        style = "yellow" if row.words == "UNKNOWN" else ""
-        table.add_row(row.key, row.action, Text(row.words, style=style), row.worth, sure)
+        probability = "" if row.probability is None else f"{row.probability:.0%}"
+        style = "yellow" if row.changes == "UNKNOWN" else ""
+        table.add_row(row.key, row.action, Text(row.changes, style=style), row.reward, probability)
     return table

@@ -1,7 +1,4 @@
-"""Q-learning's experiment on numbered states, compiled.
-
-It is `wherry.baselines.q_learning` under the same protocol as the other learners, but for its speed.
-"""
+"""Q-learning on numbered states, compiled; tested against `wherry.baselines.q_learning` step by step."""
 
 from __future__ import annotations
 
@@ -11,67 +8,85 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wherry.baselines.compiled.tables import Block, Booleans, Floats, Integers, Tables, TabularLearner
+from wherry.baselines.compiled.tabular import Booleans, EpisodeBatch, Floats, Integers, TabularLearner, TabularMdp
 from wherry.kernels import kernel
 
-BLOCK = 64  # episodes whose random numbers are drawn at once
+BATCH_SIZE = 64  # episodes whose random numbers are drawn at once
 
 
 @dataclass(frozen=True, slots=True)
 class TabularQLearning(TabularLearner):
-    """Q-learning (Watkins 1989) with one-step backups; see `wherry.baselines.q_learning.QLearning`.
+    """Q-learning (Watkins 1989) with one-step backups.
 
     Attributes:
         discount: γ.
         learning_rate: α.
-        exploration: ε, how often a random action is taken.
-        first_value: Q of what was never tried.
+        exploration: ε, probability of a random action.
+        initial_value: Q of pairs never tried.
     """
 
     discount: float = 0.95
     learning_rate: float = 1.0
     exploration: float = 0.1
-    first_value: float = 0.0
+    initial_value: float = 0.0
 
-    def blocks(self, tables: Tables, tests: Integers, rng: np.random.Generator, *, longest: int) -> Iterator[Block]:
-        """As `TabularLearner.blocks`; a block ends early when all probes are solved."""
-        values = np.full(tables.successor.shape, self.first_value)
+    def batches(
+        self, mdp: TabularMdp, probes: Integers, rng: np.random.Generator, *, max_episode_steps: int
+    ) -> Iterator[EpisodeBatch]:
+        """Learn as `TabularLearner.batches` says; a batch ends early when all probes are solved."""
+        values = np.full(mdp.successor.shape, self.initial_value)
         while True:
-            starts = rng.integers(tables.starts, size=BLOCK, dtype=np.int32)
-            draws = rng.random((BLOCK, longest, 2))
+            starts = rng.integers(mdp.start_count, size=BATCH_SIZE, dtype=np.int32)
+            draws = rng.random((BATCH_SIZE, max_episode_steps, 2))
             began = time.thread_time()
-            lengths, found = _episodes(
-                starts, draws, tables.successor, tables.reward, tables.ends, values, tests,
-                self.discount, self.learning_rate, self.exploration,
-            )  # fmt: skip
+            lengths, solved = _run_episodes(
+                starts,
+                draws,
+                mdp.successor,
+                mdp.reward,
+                mdp.terminates,
+                values,
+                probes,
+                self.discount,
+                self.learning_rate,
+                self.exploration,
+            )
             seconds = time.thread_time() - began
-            yield list(zip(lengths.tolist(), found.tolist(), strict=True)), seconds
+            yield list(zip(lengths.tolist(), solved.tolist(), strict=True)), seconds
 
 
 @kernel
-def _episodes(
-    starts: Integers, draws: Floats, successor: Integers, reward: Floats, ends: Booleans, values: Floats,
-    tests: Integers, discount: float, learning_rate: float, exploration: float,
-) -> tuple[Integers, Integers]:  # fmt: skip
-    """Some episodes, each followed by the test, until all probes are solved.
+def _run_episodes(
+    starts: Integers,
+    draws: Floats,
+    successor: Integers,
+    reward: Floats,
+    terminates: Booleans,
+    values: Floats,
+    probes: Integers,
+    discount: float,
+    learning_rate: float,
+    exploration: float,
+) -> tuple[Integers, Integers]:
+    """Run episodes, each followed by a test from all probes, until all probes are solved.
 
     Args:
-        starts: [E] first states.
+        starts: [E] numbers of the start states.
         draws: [E, L, 2] uniform in [0, 1): whether a step explores, and which action it then takes.
-        successor: [S, A].
-        reward: [S, A].
-        ends: [S, A].
-        values: [S, A] Q, overwritten.
-        tests: [P, 2] the probes' states and fewest steps.
+        successor: [S, A] number of s'.
+        reward: [S, A] r.
+        terminates: [S, A] whether the step ends the episode.
+        values: [S, A] Q, updated in place.
+        probes: [P, 2] numbers of the probes' states, and their fewest steps.
         discount: γ.
         learning_rate: α.
         exploration: ε.
 
     Returns:
-        [D] steps of the episodes that were run; [D] how many probes were solved after each.
+        [D] steps of the D episodes that were run; [D] number of probes solved after each.
     """
     actions = successor.shape[1]
-    lengths, found = np.zeros(len(starts), np.int32), np.zeros(len(starts), np.int32)
+    lengths, solved = np.zeros(len(starts), np.int32), np.zeros(len(starts), np.int32)
     done = 0
     while done < len(starts):
         state = starts[done]
@@ -82,22 +97,30 @@ def _episodes(
                 action = int(np.argmax(values[state]))
             after = successor[state, action]
             target = reward[state, action]
-            if not ends[state, action]:
+            if not terminates[state, action]:
                 target += discount * values[after].max()
             values[state, action] += learning_rate * (target - values[state, action])
             lengths[done] += 1
-            if ends[state, action]:
+            if terminates[state, action]:
                 break
             state = after
-        for probe in range(len(tests)):
-            state = tests[probe, 0]
-            for step in range(1, tests[probe, 1] + 1):
-                action = int(np.argmax(values[state]))
-                if ends[state, action]:
-                    found[done] += step == tests[probe, 1]
-                    break
-                state = successor[state, action]
+        solved[done] = _count_solved(probes, successor, terminates, values)
         done += 1
-        if found[done - 1] == len(tests):
+        if solved[done - 1] == len(probes):
             break
-    return lengths[:done], found[:done]
+    return lengths[:done], solved[:done]
+
+
+@kernel
+def _count_solved(probes: Integers, successor: Integers, terminates: Booleans, values: Floats) -> int:
+    """Return how many of the probes [P, 2] the greedy policy solves in the fewest steps."""
+    solved = 0
+    for probe in range(len(probes)):
+        state = probes[probe, 0]
+        for step in range(1, probes[probe, 1] + 1):
+            action = int(np.argmax(values[state]))
+            if terminates[state, action]:
+                solved += step == probes[probe, 1]
+                break
+            state = successor[state, action]
+    return solved

@@ -1,8 +1,8 @@
-"""A learning step of efficient_rl's DOORMAX on Taxi 5×5, ms; `wherry bench learning` runs it beside ours.
+"""Measures a learning step of efficient_rl's DOORMAX on Taxi 5×5, ms; `wherry bench learning` runs it beside ours.
 
 This is a script for another interpreter, in whose environment efficient_rl is installed (1.0.1, with gym 0.25 and numpy
-1), and it uses nothing of wherry. Learner, settings and protocol are those of efficient_rl's own `paper_script`; times
-are a core's, as ours are.
+1), so it imports nothing from wherry. Learner, settings and protocol are those of efficient_rl's own `paper_script`.
+Times are processor times, as ours are.
 """
 
 from __future__ import annotations
@@ -17,14 +17,21 @@ from efficient_rl.environment import TaxiEnvironment
 
 
 def milliseconds_per_step() -> float:
-    """Learn once until the policy is optimal from the six probes; return what a step took on average, ms."""
-    RmaxBaseClass.time = SimpleNamespace(time=time.thread_time)  # what else the machine does does not count
+    """Learn once until the policy is optimal from the six probes; return the mean time of a step, ms."""
+    RmaxBaseClass.time = SimpleNamespace(time=time.thread_time)  # processor time of this thread
     environment = TaxiEnvironment(grid_size=5, mode="OO MDP")
     learner = DOORmax(
-        nS=environment.nS, nA=environment.nA, r_max=environment.r_max, gamma=0.95, delta=0.1, k=5,
-        eff_types=["assignment", "addition"], num_atts=environment.num_atts, oo_mdp_dict=environment.oo_mdp_dict,
+        nS=environment.nS,
+        nA=environment.nA,
+        r_max=environment.r_max,
+        gamma=0.95,
+        delta=0.1,
+        k=5,
+        eff_types=["assignment", "addition"],
+        num_atts=environment.num_atts,
+        oo_mdp_dict=environment.oo_mdp_dict,
         env_name="Taxi",
-    )  # fmt: skip
+    )
     _, seconds = learner.train(environment, max_episodes=100_000, max_steps=100, show_intermediate=False)
     return 1e3 * float(np.mean(seconds))
 

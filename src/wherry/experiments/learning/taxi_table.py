@@ -1,4 +1,4 @@
-"""The published Taxi table beside our own: every learner, both sizes."""
+"""The published Taxi table beside our own: every learner, on both sizes of the grid."""
 
 from __future__ import annotations
 
@@ -9,31 +9,30 @@ from pathlib import Path
 from wherry.experiments.machine import machine_load
 from wherry.experiments.results import markdown_table, write_picture
 from wherry.pipelines.grids.arenas import Arena
+from wherry.pipelines.grids.learners import LEARNERS
 from wherry.pipelines.grids.learning import (
-    LEARNERS,
-    LESS_PATIENCE,
-    LETTER,
-    Result,
-    Settings,
-    TaxiExperiment,
+    MAX_STEPS_WITHOUT_CONVERGENCE,
+    LearningExperiment,
+    LearningResult,
+    LearningSettings,
     solved_at_once,
 )
-from wherry.views.learning_curve import Needed, as_bytes, learning_curves, steps_needed
+from wherry.views.learning_curve import StepsNeeded, as_bytes, learning_curves, steps_needed
 
 SIZES = (5, 10)
-SHORTEST = 0.001  # ms; what takes less is not told to the digit
+MIN_MS_SHOWN = 0.001  # ms; shorter times are shown as less than this
 
 
 @dataclass(frozen=True, slots=True)
-class Published:
-    """What others have measured.
+class PublishedResult:
+    """A measurement by others.
 
     Attributes:
-        name: Who learns: a key of `LEARNERS` where we have the same.
-        size: The grid's side.
+        name: The learner: a key of `LEARNERS` where we have the same.
+        size: Side of the grid, cells.
         steps: Mean steps until all probes are solved.
-        ms_per_step: Time for a step, on the machines of the time; None where it is not told.
-        source: Where it stands.
+        ms_per_step: Time of a step, ms, on the machines of the time; None where it was not published.
+        source: The publication.
     """
 
     name: str
@@ -44,76 +43,75 @@ class Published:
 
 
 PUBLISHED = (
-    Published("doormax", 5, 529, 13.88, "ICML 2008"),
-    Published("doormax", 10, 821, 293.72, "ICML 2008"),
-    Published("factored-rmax", 5, 1676, 43.59, "ICML 2008"),
-    Published("factored-rmax", 10, 19866, 306.71, "ICML 2008"),
-    Published("rmax", 5, 4151, 74.0, "Diuk 2010"),
-    Published("q-learning", 5, 106859, None, "Diuk 2010"),
-    Published("q-learning-optimistic", 5, 29350, None, "Diuk 2010"),
-    Published("people", 5, 101, None, "Diuk 2010"),
-    Published("people who play games", 5, 48.8, None, "Diuk 2010"),
+    PublishedResult("doormax", 5, 529, 13.88, "ICML 2008"),
+    PublishedResult("doormax", 10, 821, 293.72, "ICML 2008"),
+    PublishedResult("factored-rmax", 5, 1676, 43.59, "ICML 2008"),
+    PublishedResult("factored-rmax", 10, 19866, 306.71, "ICML 2008"),
+    PublishedResult("rmax", 5, 4151, 74.0, "Diuk 2010"),
+    PublishedResult("q-learning", 5, 106859, None, "Diuk 2010"),
+    PublishedResult("q-learning-optimistic", 5, 29350, None, "Diuk 2010"),
+    PublishedResult("people", 5, 101, None, "Diuk 2010"),
+    PublishedResult("people who play games", 5, 48.8, None, "Diuk 2010"),
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Extent:
-    """How much is run; the defaults are what the results file shows.
+class TaxiRepetitions:
+    """Number of repetitions of every learner; the defaults are those of the results file.
 
     Attributes:
-        repetitions: Of every learner on every size.
-        fewer: Of some learners only so many, by learner and size; 0 leaves one out.
+        default: Repetitions of every learner on every size.
+        fewer: Smaller numbers for some learners and sizes; 0 leaves one out.
     """
 
-    repetitions: int = 100
+    default: int = 100
     fewer: Mapping[tuple[str, int], int] = field(default_factory=dict)
 
     def of(self, learner: str, size: int) -> int:
-        """How many repetitions a learner has on a grid."""
-        return min(self.repetitions, self.fewer.get((learner, size), self.repetitions))
+        """Return the repetitions of a learner on a grid."""
+        return min(self.default, self.fewer.get((learner, size), self.default))
 
     def total(self) -> int:
-        """How many repetitions there are in all."""
+        """Return the number of all repetitions."""
         return sum(self.of(learner, size) for learner in LEARNERS for size in SIZES)
 
 
-def reproduce(images: Path, progress: Callable[[int, int], None], extent: Extent | None = None) -> str:
+def reproduce(images: Path, progress: Callable[[int, int], None], repetitions: TaxiRepetitions | None = None) -> str:
     """Run every learner on both sizes and return the tables as Markdown.
 
     Args:
-        images: The folder for pictures, beside the results file.
-        progress: Told how many repetitions are done, of how many.
-        extent: How much to run; all of it by default.
+        images: Folder for pictures, beside the results file.
+        progress: Called with the number of repetitions that are done, and of all.
+        repetitions: Number of repetitions; those of the results file by default.
     """
-    chosen = extent or Extent()
+    chosen = repetitions or TaxiRepetitions()
     large, done = Arena.of_size(10), 0
-    results: dict[int, dict[str, Result]] = {size: {} for size in SIZES}
+    results: dict[int, dict[str, LearningResult]] = {size: {} for size in SIZES}
     transfers = []
-    for learner in LEARNERS:
+    for learner, entry in LEARNERS.items():
         for size in SIZES:
-            repetitions = chosen.of(learner, size)
-            if not repetitions:
+            if not chosen.of(learner, size):
                 continue
-            experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=repetitions))
-            taken = [0, 0]
+            settings = LearningSettings(size=size, learner=learner, repetitions=chosen.of(learner, size))
+            experiment = LearningExperiment(settings)
+            transferred = []
             for _ in experiment.repetitions():
                 done += 1
                 progress(done, chosen.total())
-                if size == 5 and experiment.learner is not None and learner != LETTER:
-                    taken[0] += solved_at_once(experiment.learner, large) == len(large.probes)
-                    taken[1] += 1
+                if size == 5 and experiment.learner is not None and entry.converges:
+                    transferred.append(solved_at_once(experiment.learner, large) == len(large.probes))
             results[size][learner] = experiment.result()
-            if taken[1]:
-                transfers.append(f"{learner} in {taken[0]} of {taken[1]}")
+            if transferred:
+                transfers.append(f"{learner} in {sum(transferred)} of {len(transferred)}")
     return markdown(results, transfers, _pictures(results, images))
 
 
-def _pictures(results: Mapping[int, Mapping[str, Result]], images: Path) -> str:
-    """Steps needed by all, and what was known when; as Markdown."""
+def _pictures(results: Mapping[int, Mapping[str, LearningResult]], images: Path) -> str:
+    """Draw the steps needed and the learning curves; return the pictures as Markdown."""
     panels = {
         f"{size}×{size}": [
-            *(Needed(name, [run.steps for run in result.runs]) for name, result in results[size].items()),
-            *(Needed(row.name, [row.steps], published=True) for row in PUBLISHED if row.size == size),
+            *(StepsNeeded(name, [run.steps for run in result.runs]) for name, result in results[size].items()),
+            *(StepsNeeded(row.name, [row.steps], published=True) for row in PUBLISHED if row.size == size),
         ]
         for size in SIZES
     }
@@ -136,17 +134,19 @@ def _pictures(results: Mapping[int, Mapping[str, Result]], images: Path) -> str:
     return "\n\n".join(written)
 
 
-def markdown(results: Mapping[int, Mapping[str, Result]], transfers: list[str], pictures: str) -> str:
-    """A table for every size, ours beside what was published."""
+def markdown(results: Mapping[int, Mapping[str, LearningResult]], transfers: list[str], pictures: str) -> str:
+    """Return a table for every size, our results beside the published ones."""
+    not_converging = ", ".join(name for name, entry in LEARNERS.items() if not entry.converges)
     parts = [
         "## Taxi\nSteps until the policy is optimal from six probes: mean ± standard deviation, and the 95th "
         "percentile, over as many repetitions as the last column says; rewards and ends of episodes learnt. Times are "
         "a core's, for a whole step (predict, learn, plan), medians of the repetitions, on a machine with a "
         f"{machine_load()}; the published ones are from the machines of their time. Q-learning, R-max "
-        "and Factored R-max are compiled together with the grid. Factored R-max is told what depends on what in terms "
-        "of the taxi's cell, the passenger's location and the destination; factored-rmax-minimal is told that, once "
-        f"the passenger is in the taxi, it does not matter where that was. Of {LETTER} a repetition that has not "
-        f"converged is ended after {LESS_PATIENCE[LETTER]:,} steps, and does not count in its mean.",
+        "and Factored R-max are compiled together with the grid. Factored R-max is given the dependencies between "
+        "the taxi's cell, the passenger's location and the destination; factored-rmax-minimal knows that, once the "
+        f"passenger is in the taxi, it does not matter where the passenger waited. Of {not_converging} a "
+        f"repetition that has not converged is ended after {MAX_STEPS_WITHOUT_CONVERGENCE:,} steps, and does not count "
+        "in its mean.",
         pictures,
     ]
     header = ["learner", "published steps", "steps", "95 %", "published ms/step", "ms/step", "converged"]
@@ -163,8 +163,8 @@ def markdown(results: Mapping[int, Mapping[str, Result]], transfers: list[str], 
     return "\n\n".join(parts) + "\n"
 
 
-def _unknown_answers(results: Mapping[int, Mapping[str, Result]]) -> str | None:
-    """How many "I don't know" there were and the bound allows, in words; None where none were counted."""
+def _unknown_answers(results: Mapping[int, Mapping[str, LearningResult]]) -> str | None:
+    """Return the counts of "I don't know" and their bounds in words; None where none were counted."""
     counted = [
         f"{result.unknown_answers} by {name} on {size}×{size} ({result.unknown_answers_bound})"
         for size, learners in results.items()
@@ -179,11 +179,11 @@ def _unknown_answers(results: Mapping[int, Mapping[str, Result]]) -> str | None:
     )
 
 
-def _names(size: int, learners: Mapping[str, Result]) -> list[str]:
+def _names(size: int, learners: Mapping[str, LearningResult]) -> list[str]:
     return list(dict.fromkeys([*learners, *(row.name for row in PUBLISHED if row.size == size)]))
 
 
-def _row(name: str, size: int, result: Result | None) -> list[str]:
+def _row(name: str, size: int, result: LearningResult | None) -> list[str]:
     published = next((row for row in PUBLISHED if (row.name, row.size) == (name, size)), None)
     steps = "–" if published is None else f"{published.steps:,g} ({published.source})"
     speed = "–" if published is None or published.ms_per_step is None else f"{published.ms_per_step:g}"
@@ -197,4 +197,4 @@ def _row(name: str, size: int, result: Result | None) -> list[str]:
 
 
 def _milliseconds(value: float) -> str:
-    return f"{value:.2g}" if value >= SHORTEST else f"< {SHORTEST:g}"
+    return f"{value:.2g}" if value >= MIN_MS_SHOWN else f"< {MIN_MS_SHOWN:g}"

@@ -23,8 +23,9 @@ from wherry.domains.delivery import (
 )
 from wherry.episodes import GoalAgent, Step, run_episode
 from wherry.errors import InputError
-from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.learning.registry import RULE_LEARNERS, Job, learners_for
 from wherry.learning.rule_files.files import load_rules
+from wherry.learning.rules import RuleLearner
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.objects import State
 from wherry.realization.mission import Ready
@@ -51,18 +52,19 @@ def delivery_learner(name: str, rules_file: Path | None = None) -> RuleLearner:
     """Return a learner of the delivery domain that knows nothing, or what a rules file says.
 
     Args:
-        name: A key of `LEARNERS`; the learner in a rules file outranks it.
+        name: A registered learner that can deliver; the learner in a rules file outranks it.
         rules_file: Learnt rules to begin with.
 
     Raises:
         InputError: There is no such learner, or the file cannot be used.
     """
-    if name not in LEARNERS:
-        raise InputError("--learner", name, f"is none of {', '.join(LEARNERS)}")
+    learners = learners_for(Job.DELIVERY, RULE_LEARNERS)
+    if name not in learners:
+        raise InputError("--learner", name, f"is none of {', '.join(learners)}")
     domain = delivery_domain(ANYWHERE, ANYWHERE)
     if rules_file is not None:
         return load_rules(rules_file, domain, reward=delivery_reward, terminated=all_delivered)
-    return LEARNERS[name](domain, reward=delivery_reward, terminated=all_delivered)
+    return learners[name].factory(domain, reward=delivery_reward, terminated=all_delivered)
 
 
 def beginning(world: str, learner: RuleLearner, body: Body) -> RunStarted:

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.learning.learners import RuleLearner
 from wherry.learning.rule_files.files import save_rules
+from wherry.learning.rules import RuleLearner
 from wherry.pipelines.delivery.agent import Delivery, beginning
 from wherry.realization.mission import Mission, Order, Ready
 from wherry.ros.encoding import encode_header, encode_pose

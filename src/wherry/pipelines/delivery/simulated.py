@@ -22,8 +22,8 @@ from wherry.evaluation import align, position_errors, root_mean_square
 from wherry.files import make_folder, write_atomically
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import find_world
-from wherry.learning.learners import RuleLearner
 from wherry.learning.rule_files.files import save_rules
+from wherry.learning.rules import RuleLearner
 from wherry.pipelines.delivery.agent import Delivery, beginning, delivery_learner
 from wherry.pipelines.delivery.page import page, pictures_of
 from wherry.pipelines.delivery.score import Result, shortest_delivery
@@ -53,7 +53,7 @@ class Settings:
         seed: Of everything that is random.
         map_file: A map.yaml to use instead of exploring.
         rules_file: Learnt rules to begin with.
-        learner: A key of `LEARNERS`.
+        learner: A registered learner that can deliver.
         out: The folder for report, map and rules; None for runs/WORLD-seedN.
     """
 

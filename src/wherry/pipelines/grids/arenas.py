@@ -1,7 +1,7 @@
-"""Where learners compete: a world to act in, the truth about it, and probes to test a policy from.
+"""The worlds that learners are compared in: an environment, its true model, and probes to test a policy from.
 
-The Taxi grids and their probes are the published ones (Diuk et al. 2008, section 5). Delivery, of one box, and
-Gymnasium's own Taxi have been given six probes of the same kind, drawn once and for all.
+The Taxi grids and their probes are the published ones (Diuk et al. 2008, section 5). For deliveries of one box and for
+Gymnasium's Taxi, six probes of the same kind are drawn with a fixed seed.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 
 from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi
-from wherry.baselines.compiled.rmax import Entries
-from wherry.baselines.compiled.tables import Tables
-from wherry.baselines.factored_rmax import Parents
+from wherry.baselines.compiled.model_entries import ModelEntries
+from wherry.baselines.compiled.tabular import TabularMdp
+from wherry.baselines.network import Parents
 from wherry.domains.delivery import BoxState, DeliveryHeuristic, DeliverySite, delivery_grid, delivery_transition
 from wherry.domains.taxi import PROBES, SIZES, minimal_parents, published_parents, taxi_grid
 from wherry.errors import InputError
@@ -31,25 +31,24 @@ from wherry.oomdp.objects import State
 from wherry.planning.state_space import StateSpace
 from wherry.planning.value_iteration import ValueIteration
 
-LONGEST_EPISODE = 100  # steps
+MAX_EPISODE_STEPS = 100  # steps after which an episode is cut off
 PROBE_SEED = 2008
 TAXI_NETWORKS: Mapping[str, Parents] = {"published": published_parents, "minimal": minimal_parents}
 
 
 @dataclass(frozen=True)
 class Arena:
-    """A world for all repetitions of an experiment; tables that say nothing of what was learnt are shared by them.
+    """A world for all repetitions of an experiment, with the tables that they share because they hold no knowledge.
 
     Attributes:
-        title: What to call it.
-        environment: What learners act in.
-        truth: What is true of it; used for tests alone.
-        probes: The states to test from, each with the fewest steps that solve it.
+        title: Name of the world, for people.
+        environment: The world that learners act in.
+        truth: True model of the world, used for tests only.
+        probes: States to test from, each with the fewest steps to the end of the episode.
         starts: All states in which an episode may begin.
-        networks: What depends on what, which Factored R-max is given: one way to say it or more, or none where nobody
-            has written that down.
-        acting: States as planners number them for acting.
-        testing: The same for testing.
+        networks: Dynamic Bayesian networks that Factored R-max can be given, by name; empty where none is known.
+        acting: State numbers of the planners that act.
+        testing: State numbers of the planners that are tested.
     """
 
     title: str
@@ -63,10 +62,10 @@ class Arena:
 
     @classmethod
     def of_size(cls, size: int) -> Arena:
-        """A published Taxi grid.
+        """Return a published Taxi grid.
 
         Raises:
-            InputError: There is none of that size.
+            InputError: No grid of that size was published.
         """
         if size not in SIZES:
             raise InputError("--size", str(size), f"is none of {', '.join(map(str, SIZES))}")
@@ -81,7 +80,7 @@ class Arena:
 
     @classmethod
     def of_world(cls, world: str) -> Arena:
-        """The delivery of one box in a world; robot and box begin anywhere.
+        """Return the delivery of one box in a world; robot and box begin anywhere.
 
         Raises:
             InputError: There is no such world, or it has no robot, no warehouse or no room for a box.
@@ -92,11 +91,11 @@ class Arena:
         states = (site.state(robot, [BoxState("box1", cell)]) for robot, cell in permutations(on_floor, 2))
         starts = [state for state in states if possible(state) > 0]
         truth = DeterministicMdp(grid.domain, delivery_transition, lambda rng: starts[rng.integers(len(starts))])
-        return cls(f"Delivery in {plan.name}", truth, truth, _with_lengths(truth, _drawn(starts)), tuple(starts))
+        return cls(f"Delivery in {plan.name}", truth, truth, _with_lengths(truth, _draw_probes(starts)), tuple(starts))
 
     @classmethod
     def of_gymnasium_taxi(cls) -> Arena:
-        """Gymnasium's own Taxi, as it is; the truth is its table of transitions."""
+        """Return Gymnasium's Taxi unchanged; its table of transitions is the true model."""
         environment = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
         taxi = cast("TaxiEnv", environment.environment.unwrapped)
         states = [environment.state(number) for number in range(len(taxi.P))]
@@ -108,23 +107,27 @@ class Arena:
 
         starts = [states[number] for number in np.flatnonzero(taxi.initial_state_distrib)]
         mdp = DeterministicMdp(environment.domain, truth, lambda rng: starts[rng.integers(len(starts))])
-        probes = _with_lengths(mdp, _drawn(starts))
+        probes = _with_lengths(mdp, _draw_probes(starts))
         return cls("Gymnasium's Taxi", environment, mdp, probes, tuple(starts))
 
     @cached_property
-    def tables(self) -> Tables:
-        """The states as numbers, for learners that need very many steps."""
-        return Tables.of(self.truth, list(self.starts))
+    def tables(self) -> TabularMdp:
+        """The world on numbered states, for learners that need very many steps."""
+        return TabularMdp.of(self.truth, list(self.starts))
 
     @cached_property
-    def entries(self) -> Mapping[str, Entries]:
-        """What there is to learn for R-max, and for Factored R-max with every network."""
+    def step_entries(self) -> ModelEntries:
+        """The table entries that R-max learns."""
+        return ModelEntries.of_steps(self.tables)
+
+    @cached_property
+    def network_entries(self) -> Mapping[str, ModelEntries]:
+        """The table entries that Factored R-max learns, by the name of the network."""
         domain = self.truth.domain
-        factored = {name: Entries.of_network(self.tables, domain, parents) for name, parents in self.networks.items()}
-        return {"rmax": Entries.of_steps(self.tables), **factored}
+        return {name: ModelEntries.of_network(self.tables, domain, parents) for name, parents in self.networks.items()}
 
     def solved(self, policy: Callable[[State], Action]) -> int:
-        """How many of the probes a policy solves in the fewest steps."""
+        """Return how many of the probes a policy solves in the fewest steps."""
         return sum(_steps_to_end(self.truth, policy, probe, fewest) == fewest for probe, fewest in self.probes)
 
 
@@ -133,22 +136,22 @@ ARENAS: Mapping[str, Callable[[int, str], Arena]] = {
     "delivery": lambda size, world: Arena.of_world(world),
     "gymnasium-taxi": lambda size, world: Arena.of_gymnasium_taxi(),
 }
-"""Each takes the size of the grid and the name of the world; what has no meaning for it, it leaves aside."""
+"""Makers of the arenas by domain; each takes the size of the grid and the name of the world, and uses what applies."""
 
 
-def _drawn(starts: list[State]) -> list[State]:
-    """Six different first states, always the same."""
+def _draw_probes(starts: list[State]) -> list[State]:
+    """Return six different start states, always the same."""
     return [starts[at] for at in np.random.default_rng(PROBE_SEED).choice(len(starts), len(PROBES), replace=False)]
 
 
 def _with_lengths(truth: DeterministicMdp, probes: list[State]) -> tuple[tuple[State, int], ...]:
-    """Every probe with the fewest steps that solve it."""
+    """Return every probe with the fewest steps to the end of the episode."""
     optimal = ValueIteration(PerStateModel(truth.domain, truth), optimistic=False)
-    return tuple((probe, _steps_to_end(truth, optimal.policy, probe, LONGEST_EPISODE)) for probe in probes)
+    return tuple((probe, _steps_to_end(truth, optimal.policy, probe, MAX_EPISODE_STEPS)) for probe in probes)
 
 
 def _steps_to_end(truth: DeterministicMdp, policy: Callable[[State], Action], start: State, limit: int) -> int:
-    """How many steps a policy takes to end the episode; more than the limit where it does not within that."""
+    """Return the steps that a policy takes to end the episode; limit + 1 where it needs more than the limit."""
     state = start
     for number in range(1, limit + 1):
         done = truth.transition(state, policy(state))

@@ -1,54 +1,44 @@
-"""The published Taxi experiment: steps until six probes are all solved optimally (Diuk et al. 2008, section 5).
+"""The published learning experiment: steps until six probes are solved optimally (Diuk et al. 2008, section 5).
 
-Episodes begin at random. After every episode the greedy policy is tested from six probes, without learning. What
-counts is the steps taken in the environment, those of the tests excluded, until it solves all six in the fewest steps
-possible. Other domains are run under the same protocol (`wherry.pipelines.grids.arenas`).
+Episodes begin at random. After every episode the greedy policy is tested from six probes, without learning. What counts
+is the number of steps in the environment, those of the tests excluded, until it solves all six in the fewest possible
+steps. The published experiment is on Taxi; `wherry.pipelines.grids.arenas` has further domains.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
-from wherry.baselines.compiled.q_learning import TabularQLearning
-from wherry.baselines.compiled.rmax import TabularRmax
-from wherry.baselines.compiled.tables import TabularLearner
-from wherry.episodes import Decision, PolicyAgent, run_episode
+from wherry.baselines.registry import BASELINES
+from wherry.episodes import run_episode
 from wherry.errors import InputError
-from wherry.learning.bayes import BayesianLearner
-from wherry.learning.bounds import UnknownAnswers
-from wherry.learning.doormax import Doormax
-from wherry.learning.learners import RuleLearner
-from wherry.oomdp.domain import Action
-from wherry.oomdp.mdp import Transition
-from wherry.oomdp.objects import State
-from wherry.pipelines.grids.arenas import ARENAS, LONGEST_EPISODE, Arena
+from wherry.learning.registry import RULE_LEARNERS
+from wherry.learning.rules import RuleLearner
+from wherry.pipelines.grids.agents import TestedAgent, TimedAgent
+from wherry.pipelines.grids.arenas import ARENAS, MAX_EPISODE_STEPS, Arena
+from wherry.pipelines.grids.learners import LEARNERS
 from wherry.pipelines.grids.trace import GridTrace
 from wherry.planning.value_iteration import ValueIteration
 from wherry.trace.records import Sink
 
-CURIOSITY = 8.0  # what it is worth to the Bayesian learner to settle a doubt; a delivery is worth 20
-OPTIMISTIC_VALUE = 20.0  # Q-learning's first values where they are to be optimistic: nothing is worth more
-PATIENCE = 20_000_000  # steps after which a learner is said not to converge
-LETTER = "doormax-letter"
-LESS_PATIENCE: Mapping[str, int] = {LETTER: 20_000}  # without refutation, some repetitions never converge
+MAX_STEPS = 20_000_000  # steps after which a repetition counts as not converged
+MAX_STEPS_WITHOUT_CONVERGENCE = 20_000  # the same for learners of which some repetitions never converge
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class LearningSettings:
     """What to run.
 
     Attributes:
-        size: The grid's side, 5 or 10, for Taxi.
+        size: Side of the Taxi grid, cells: 5 or 10.
         learner: A key of `LEARNERS`.
-        repetitions: How often, each time with other random numbers.
-        seed: Of all that is random.
+        repetitions: Number of repetitions, each with its own random numbers.
+        seed: Seed of all random numbers.
         domain: A key of `ARENAS`.
-        world: The world to deliver in, for deliveries.
+        world: World to deliver in, for deliveries.
     """
 
     size: int = 5
@@ -61,41 +51,44 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Repetition:
-    """One learner's life.
+    """One run of a learner that began with no knowledge.
 
     Attributes:
-        steps: Steps in the environment until all probes were solved, or until patience ended.
+        steps: Steps in the environment until all probes were solved, or until the step limit.
         converged: Whether all probes were solved.
-        seconds: Time that deciding and learning took on one core; what else the machine does does not count.
-        curve: After every episode the steps so far, and how many of the probes were solved then.
-        unknown_answers: DOORMAX's most "I don't know" for an action, attribute and type of effect; None for others.
+        seconds: Processor time of deciding and learning, s.
+        curve: After every episode the number of steps so far, and the number of probes solved.
+        unknown_answers: DOORMAX's largest count of "I don't know" for an action, attribute and type of effect; None for
+            learners that have no bound on it.
+        unknown_answers_bound: Bound of that count, nk + k + 1; None for the same learners.
     """
 
     steps: int
     converged: bool
     seconds: float
     curve: tuple[tuple[int, int], ...]
-    unknown_answers: int | None
+    unknown_answers: int | None = None
+    unknown_answers_bound: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """What came of it.
+class LearningResult:
+    """Statistics of all repetitions.
 
     Attributes:
         settings: What was run.
         runs: All repetitions, in their order.
-        repetitions: How many.
-        converged: How many of them solved all probes.
-        steps_mean: Steps of those that did, on average; None where there were none.
-        steps_sd: Their standard deviation.
-        steps_p95: Their 95th percentile.
-        ms_per_step: Time to decide and to learn, planning included: the median of the repetitions' averages, ms.
-        unknown_answers: The most of all repetitions' `Repetition.unknown_answers`.
-        unknown_answers_bound: What the theorem says that they cannot exceed, nk + k + 1.
+        repetitions: Number of repetitions.
+        converged: Number of repetitions that solved all probes.
+        steps_mean: Mean steps of the converged repetitions; None where none converged.
+        steps_sd: Standard deviation of their steps.
+        steps_p95: 95th percentile of their steps.
+        ms_per_step: Time to decide and to learn, planning included, ms: the median of the repetitions' means.
+        unknown_answers: Largest `Repetition.unknown_answers`.
+        unknown_answers_bound: Bound that it cannot exceed in theory, nk + k + 1.
     """
 
-    settings: Settings
+    settings: LearningSettings
     runs: tuple[Repetition, ...]
     repetitions: int
     converged: int
@@ -107,8 +100,8 @@ class Result:
     unknown_answers_bound: int | None
 
     @classmethod
-    def of(cls, settings: Settings, runs: Sequence[Repetition], bound: int | None) -> Result:
-        """The figures of some repetitions, at least one."""
+    def of(cls, settings: LearningSettings, runs: Sequence[Repetition]) -> LearningResult:
+        """Return the statistics of at least one repetition."""
         unknown = [run.unknown_answers for run in runs if run.unknown_answers is not None]
         steps = np.array([run.steps for run in runs if run.converged])
         return cls(
@@ -121,91 +114,17 @@ class Result:
             steps_p95=float(np.percentile(steps, 95)) if len(steps) else None,
             ms_per_step=float(np.median([1000 * run.seconds / run.steps for run in runs])),
             unknown_answers=max(unknown, default=None),
-            unknown_answers_bound=bound,
+            unknown_answers_bound=runs[-1].unknown_answers_bound,
         )
 
     def as_json(self) -> dict[str, float | int | str | None]:
-        """The figures as plain data."""
-        figures = {field.name: getattr(self, field.name) for field in fields(self)[2:]}
+        """Return the statistics as plain data."""
+        statistics = {field.name: getattr(self, field.name) for field in fields(self)[2:]}
         settings = {name: getattr(self.settings, name) for name in ("domain", "size", "learner", "seed")}
-        return {**settings, **figures}
+        return {**settings, **statistics}
 
 
-@dataclass(frozen=True, slots=True)
-class Contender:
-    """A learner that is ready to begin.
-
-    Attributes:
-        agent: Acts and learns.
-        best: Its greedy policy, which is tested.
-    """
-
-    agent: PolicyAgent
-    best: Callable[[State], Action]
-
-
-def _doormax(arena: Arena, rng: np.random.Generator, **options: Any) -> Contender:
-    learner = Doormax(arena.environment.domain, **options)
-    planner = ValueIteration(learner, space=arena.acting)
-    return Contender(PolicyAgent(learner, planner), planner.policy)
-
-
-def _near_miss(arena: Arena, rng: np.random.Generator) -> Contender:
-    return _doormax(arena, rng, inference="near-miss")
-
-
-def _letter(arena: Arena, rng: np.random.Generator) -> Contender:
-    return _doormax(arena, rng, refutation=False)
-
-
-def _bayes(arena: Arena, rng: np.random.Generator) -> Contender:
-    learner = BayesianLearner(arena.environment.domain)
-    planner = ValueIteration(learner, curiosity=CURIOSITY, space=arena.acting)
-    return Contender(
-        PolicyAgent(learner, planner), ValueIteration(learner, optimistic=False, space=arena.testing).policy
-    )
-
-
-def _rmax(arena: Arena, rng: np.random.Generator) -> TabularRmax:
-    return TabularRmax(arena.entries["rmax"])
-
-
-def _factored_rmax(arena: Arena, rng: np.random.Generator, network: str = "published") -> TabularRmax:
-    if network not in arena.networks:
-        raise InputError("--learner", "factored-rmax", f"needs to be told what depends on what in {arena.title}")
-    return TabularRmax(arena.entries[network])
-
-
-def _minimal_factored_rmax(arena: Arena, rng: np.random.Generator) -> TabularRmax:
-    return _factored_rmax(arena, rng, "minimal")
-
-
-def _q_learning(arena: Arena, rng: np.random.Generator) -> TabularQLearning:
-    return TabularQLearning()
-
-
-def _optimistic_q_learning(arena: Arena, rng: np.random.Generator) -> TabularQLearning:
-    return TabularQLearning(exploration=0.0, first_value=OPTIMISTIC_VALUE)
-
-
-LEARNERS: Mapping[str, Callable[[Arena, np.random.Generator], Contender | TabularLearner]] = {
-    "bayes": _bayes,
-    "doormax": _doormax,
-    "doormax-near-miss": _near_miss,
-    LETTER: _letter,
-    "factored-rmax": _factored_rmax,
-    "factored-rmax-minimal": _minimal_factored_rmax,
-    "rmax": _rmax,
-    "q-learning": _q_learning,
-    "q-learning-optimistic": _optimistic_q_learning,
-}
-"""The learners that can be compared.
-
-doormax-letter is the paper's own, without refutation; factored-rmax-minimal is given the smallest network that is true.
-"""
-
-
-class TaxiExperiment:
+class LearningExperiment:
     """The experiment, one repetition after the other.
 
     Args:
@@ -213,9 +132,14 @@ class TaxiExperiment:
 
     Raises:
         InputError: There is no such domain, grid, world or learner, or there is nothing to repeat.
+
+    Attributes:
+        arena: The world, its truth and the probes.
+        learner: Learner of the last repetition, if it learns rules.
+        watch: Sink that is called with the records of the first repetition.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: LearningSettings) -> None:
         if settings.domain not in ARENAS:
             raise InputError("DOMAIN", settings.domain, f"is none of {', '.join(ARENAS)}")
         if settings.learner not in LEARNERS:
@@ -224,82 +148,64 @@ class TaxiExperiment:
             raise InputError("--repetitions", str(settings.repetitions), "must be at least 1")
         self.settings = settings
         self.arena = ARENAS[settings.domain](settings.size, settings.world)
-        self.learner: RuleLearner | None = None  # the last repetition's, if it learns rules
-        self.watch: Sink | None = None  # told of the first repetition
+        self.learner: RuleLearner | None = None
+        self.watch: Sink | None = None
         self._runs: list[Repetition] = []
-        self._bound: int | None = None
 
     def repetitions(self) -> Iterator[Repetition]:
-        """Run them all; each is given out when it is over."""
-        arena = self.arena
+        """Run all repetitions, yielding each when it is over."""
         warm_up, *streams = np.random.default_rng(self.settings.seed).spawn(self.settings.repetitions + 1)
-        self._repeat(arena, warm_up, patience=1)  # compiles the kernels, so that no repetition is charged for that
-        patience = LESS_PATIENCE.get(self.settings.learner, PATIENCE)
+        self._repeat(warm_up, max_steps=1)  # compiles the kernels, so that no repetition is charged for that
+        converges = LEARNERS[self.settings.learner].converges
+        max_steps = MAX_STEPS if converges else MAX_STEPS_WITHOUT_CONVERGENCE
         for rng in streams:
-            self._runs.append(self._repeat(arena, rng, patience))
+            self._runs.append(self._repeat(rng, max_steps, None if self._runs else self.watch))
             yield self._runs[-1]
 
-    def result(self) -> Result:
-        """The figures of the repetitions that are over, at least one."""
-        return Result.of(self.settings, self._runs, self._bound)
+    def result(self) -> LearningResult:
+        """Return the statistics of the repetitions that are over, at least one."""
+        return LearningResult.of(self.settings, self._runs)
 
-    def _repeat(self, arena: Arena, rng: np.random.Generator, patience: int) -> Repetition:
-        """Let a contender learn until it solves all probes, or patience ends."""
-        contender = LEARNERS[self.settings.learner](arena, rng)
-        if not isinstance(contender, Contender):
-            curve, seconds = contender.learn(
-                arena.tables, arena.probes, rng, longest=LONGEST_EPISODE, patience=patience
-            )
-            steps, solved = curve[-1]
-            return Repetition(steps, solved == len(arena.probes), seconds, curve, unknown_answers=None)
-        agent = _Stopwatch(contender.agent)
-        self.learner = agent.learner if isinstance(agent.learner, Doormax | BayesianLearner) else None
-        trace = None
-        if self.watch is not None and self.learner is not None and patience > 1 and not self._runs:
-            trace = GridTrace(arena.title, self.learner, self.watch)
-        steps, solved, points = 0, 0, list[tuple[int, int]]()
-        while solved < len(arena.probes) and steps < patience:
-            for step in run_episode(arena.environment, agent, rng, max_steps=LONGEST_EPISODE):
+    def _repeat(self, rng: np.random.Generator, max_steps: int, sink: Sink | None = None) -> Repetition:
+        """Let a new learner learn until it solves all probes, or the step limit is reached."""
+        if self.settings.learner in BASELINES:
+            return self._repeat_on_tables(rng, max_steps)
+        return self._repeat_on_objects(rng, max_steps, sink)
+
+    def _repeat_on_tables(self, rng: np.random.Generator, max_steps: int) -> Repetition:
+        arena = self.arena
+        learner = BASELINES[self.settings.learner].factory(arena)
+        curve, seconds = learner.learn(
+            arena.tables, arena.probes, rng, max_episode_steps=MAX_EPISODE_STEPS, max_steps=max_steps
+        )
+        steps, solved = curve[-1]
+        return Repetition(steps, solved == len(arena.probes), seconds, curve)
+
+    def _repeat_on_objects(self, rng: np.random.Generator, max_steps: int, sink: Sink | None) -> Repetition:
+        arena, entry = self.arena, RULE_LEARNERS[self.settings.learner]
+        learner = self.learner = entry.factory(arena.environment.domain)
+        tested = TestedAgent.of(entry, learner, arena)
+        unknown = entry.count_unknown_answers(learner)
+        agent = TimedAgent(tested.agent, unknown)
+        trace = None if sink is None else GridTrace(arena.title, learner, sink)
+        steps, solved, curve = 0, 0, list[tuple[int, int]]()
+        while solved < len(arena.probes) and steps < max_steps:
+            for step in run_episode(arena.environment, agent, rng, max_steps=MAX_EPISODE_STEPS):
                 steps += 1
                 if trace is not None:
                     trace.step(step)
-            solved = arena.solved(contender.best)
+            solved = arena.solved(tested.greedy_policy)
             if trace is not None:
                 trace.episode_ended(solved, len(arena.probes))
-            points.append((steps, solved))
-        answers = agent.unknown_answers
-        self._bound = None if answers is None else answers.bound
-        most = None if answers is None else answers.most
-        return Repetition(steps, solved == len(arena.probes), agent.seconds, tuple(points), most)
+            curve.append((steps, solved))
+        most, bound = (None, None) if unknown is None else (unknown.most, unknown.bound)
+        return Repetition(steps, solved == len(arena.probes), agent.seconds, tuple(curve), most, bound)
 
 
 def solved_at_once(learner: RuleLearner, arena: Arena) -> int:
-    """How many of a grid's probes are solved in the fewest steps by what was learnt elsewhere, with no further step.
+    """Return how many of an arena's probes are solved in the fewest steps by rules learnt elsewhere.
 
-    DOORMAX is settled for that (`Doormax.settle`).
+    The learner is settled for that and takes no further step.
     """
-    if isinstance(learner, Doormax):
-        learner.settle()
+    learner.settle()
     return arena.solved(ValueIteration(learner, optimistic=False, space=arena.testing).policy)
-
-
-class _Stopwatch(PolicyAgent):
-    """An agent whose deciding and learning is timed, and whose "I don't know" is counted."""
-
-    def __init__(self, agent: PolicyAgent) -> None:
-        super().__init__(agent.learner, agent.planner)
-        self.seconds = 0.0
-        self.unknown_answers = UnknownAnswers(agent.learner) if isinstance(agent.learner, Doormax) else None
-
-    def decide(self, state: State) -> Decision:
-        began = time.thread_time()
-        decision = super().decide(state)
-        self.seconds += time.thread_time() - began
-        return decision
-
-    def learn(self, transition: Transition) -> None:
-        if self.unknown_answers is not None:
-            self.unknown_answers.observe(transition)
-        began = time.thread_time()
-        super().learn(transition)
-        self.seconds += time.thread_time() - began

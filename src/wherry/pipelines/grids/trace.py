@@ -1,11 +1,11 @@
-"""What those who watch are told while a learner acts in a grid, where an action takes a second."""
+"""The trace of a learner that acts on a grid, where every action takes a second."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from wherry.episodes import Step
-from wherry.learning.learners import RuleLearner
+from wherry.learning.rules import RuleLearner
 from wherry.learning.unknowns import UnknownPairs
 from wherry.oomdp.objects import State
 from wherry.pipelines.delivery.agent import learnt, perceived
@@ -17,34 +17,33 @@ NO_PLAN = np.empty((0, 2), np.float32)
 
 
 class GridTrace:
-    """Tells a sink of one learner's way from knowing nothing, episode by episode.
+    """Calls a sink with the records of one learner, from its first episode on.
 
     Args:
-        title: What to call the world.
-        learner: What it learns with.
-        sink: Who is told.
+        title: Name of the world, for people.
+        learner: The learner.
+        sink: Called with every record.
     """
 
     def __init__(self, title: str, learner: RuleLearner, sink: Sink) -> None:
         self._learner = learner
         self._sink = sink
         self._unknown = UnknownPairs(learner)
-        self._told: dict[str, int] | None = None
+        self._recorded_revisions: dict[str, int] | None = None
         self._time = 0.0
-        self._ended = 0
+        self._episodes = 0
         domain = learner.domain
         sink(RunStarted("learn", title, type(learner).__name__, domain.term_names, tuple(domain.actions)))
 
     def step(self, step: Step) -> None:
-        """Tell of one action."""
+        """Record one action."""
         state, after = step.transition.state, step.transition.next_state
-        if self._told is None:
+        if self._recorded_revisions is None:
             self._sink(_cells_of(state))
             self._say("I know nothing of what my actions do.")
         self._time += 1.0
         self._unknown.meet(state)
-        done = step.transition.terminated
-        self._ended += done
+        self._episodes += step.transition.terminated
         self._sink(
             StepTaken(
                 time=self._time,
@@ -53,19 +52,19 @@ class GridTrace:
                 is_learning=step.is_learning,
                 has_effect=not step.transition.failed,
                 unknown_pairs=self._unknown.count(),
-                delivered=self._ended,
+                delivered=self._episodes,
                 remaining=0,
                 plan=NO_PLAN,
             )
         )
         self._sink(perceived(self._learner.domain, after, self._time))
-        if self._learner.revisions != self._told:
-            self._told = dict(self._learner.revisions)
+        if self._learner.revisions != self._recorded_revisions:
+            self._recorded_revisions = dict(self._learner.revisions)
             self._sink(learnt(self._learner, self._time))
 
     def episode_ended(self, solved: int, probes: int) -> None:
-        """Tell how many probes the policy solves in the fewest steps by now."""
-        self._say(f"By what I know now I solve {solved} of {probes} probes in the fewest steps.")
+        """Record how many probes the policy now solves in the fewest steps."""
+        self._say(f"With what I know now I solve {solved} of {probes} probes in the fewest steps.")
         if solved == probes:
             self._sink(Narration(self._time, Phase.DONE, "My policy is optimal from every probe."))
 
@@ -74,7 +73,7 @@ class GridTrace:
 
 
 def _cells_of(state: State) -> CellLayout:
-    """The walls, and the cells where things are to go, of a state's scene."""
+    """Return the walls and the goal cells of a state's scene."""
     walls = [(wall.x, wall.y, wall.north) for wall in state.scene.of_class("Wall")]
     goals = [(cell.x, cell.y) for cell in state.scene.of_class("Warehouse")]
     frame = CellFrame(Pose(), 1.0)

@@ -1,4 +1,4 @@
-"""Rules survive being saved: the same predictions, in this world and in others; broken files are named."""
+"""Rules files: saved learners predict and learn as before, in any world of the domain; broken files are refused."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ from wherry.domains.delivery import DeliverySite, all_delivered, delivery_grid, 
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
+from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
-from wherry.learning.learners import LEARNERS, RuleLearner
-from wherry.learning.predictions import Subject
+from wherry.learning.effect_rules import Subject
+from wherry.learning.registry import RULE_LEARNERS
 from wherry.learning.rule_files.files import load_rules, save_rules
+from wherry.learning.rules import RuleLearner
 from wherry.oomdp.effects import EFFECT_TYPES
 from wherry.oomdp.mdp import DeterministicMdp, Prediction
 from wherry.oomdp.objects import State
@@ -48,14 +50,13 @@ def answers(learner: RuleLearner, states: list[State]) -> list[Prediction]:
 
 
 MAKERS: dict[str, Callable[..., RuleLearner]] = {
-    **LEARNERS,
-    "near-miss": partial(Doormax, inference="near-miss"),
+    **{name: entry.factory for name, entry in RULE_LEARNERS.items()},
     "by attribute": partial(Doormax, failure_scope="attribute"),
 }
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_the_same_predictions_after_loading(name: str, tmp_path: Path) -> None:
+def test_a_loaded_learner_makes_the_same_predictions(name: str, tmp_path: Path) -> None:
     environment = taxi_grid(5)
     learner = MAKERS[name](environment.domain)
     states = wander(environment, learner, 600)
@@ -67,7 +68,7 @@ def test_the_same_predictions_after_loading(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_learning_goes_on_as_if_nothing_had_happened(name: str, tmp_path: Path) -> None:
+def test_a_loaded_learner_goes_on_learning_the_same_way(name: str, tmp_path: Path) -> None:
     environment = delivery_grid(find_world("small"))
     given = {"reward": delivery_reward, "terminated": all_delivered}
     learner = MAKERS[name](environment.domain, **given)
@@ -79,7 +80,7 @@ def test_learning_goes_on_as_if_nothing_had_happened(name: str, tmp_path: Path) 
     assert answers(loaded, states) == answers(learner, states)
 
 
-def test_what_was_revoked_stays_revoked(tmp_path: Path) -> None:
+def test_revoked_inferences_stay_revoked(tmp_path: Path) -> None:
     learner = Doormax(machine_domain(3), inference="near-miss")
     for switches, after in [("000", 0), ("100", 1), ("010", 1)]:
         teach(learner, switches, (0, after))
@@ -93,15 +94,15 @@ def test_what_was_revoked_stays_revoked(tmp_path: Path) -> None:
     assert loaded.near_misses.successes == learner.near_misses.successes
 
 
-def test_an_attribute_that_is_learnt_anew_stays_so(tmp_path: Path) -> None:
+def test_an_attribute_learnt_from_its_changes_alone_stays_so(tmp_path: Path) -> None:
     learner = Doormax(machine_domain(3), max_effects=1)
     for switches, after in [("100", 5), ("010", 9)]:
         teach(learner, switches, (0, after))
-    subject = next(subject for subject in learner.failures if isinstance(subject, Subject))
+    subject = next(subject for subject in learner.failures.conditions if isinstance(subject, Subject))
     save_rules(learner, tmp_path / "rules.json")
     loaded = load_rules(tmp_path / "rules.json", learner.domain)
     assert isinstance(loaded, Doormax)
-    assert loaded.from_changes_alone(subject)
+    assert loaded.learns_from_changes_alone(subject)
     assert ask(loaded, "010") == ask(learner, "010")
 
 
@@ -114,13 +115,13 @@ def test_near_misses_of_single_attributes_are_refused(tmp_path: Path) -> None:
         load_rules(tmp_path / "rules.json", machine_domain(3))
 
 
-def test_rules_of_one_world_hold_in_another(tmp_path: Path) -> None:
-    learner = LEARNERS["bayes"](taxi_grid(5).domain)
+def test_rules_learnt_in_one_world_hold_in_another(tmp_path: Path) -> None:
+    learner = BayesianLearner(taxi_grid(5).domain)
     wander(taxi_grid(5), learner, 1500)
     save_rules(learner, tmp_path / "rules.json")
     large = taxi_grid(10)
     loaded = load_rules(tmp_path / "rules.json", large.domain)
-    for state in wander(large, LEARNERS["bayes"](large.domain), 100):
+    for state in wander(large, BayesianLearner(large.domain), 100):
         for action in large.domain.ground_actions(state):
             assert (
                 loaded.predict(state, action).most_likely.next_state
@@ -128,22 +129,22 @@ def test_rules_of_one_world_hold_in_another(tmp_path: Path) -> None:
             )
 
 
-def test_fractions_and_removed_types_survive(tmp_path: Path) -> None:
+def test_fractions_and_removed_types_are_saved(tmp_path: Path) -> None:
     doormax = Doormax(machine_domain(2), effect_types=EFFECT_TYPES)
     teach(doormax, "10", (6, 2))
     teach(doormax, "11", (9, 3))
     save_rules(doormax, tmp_path / "rules.json")
     loaded = load_rules(tmp_path / "rules.json", doormax.domain)
     assert isinstance(loaded, Doormax)
-    assert loaded.predictions.models == doormax.predictions.models
-    assert loaded.predictions.removed == doormax.predictions.removed
+    assert loaded.effect_rules.models == doormax.effect_rules.models
+    assert loaded.effect_rules.removed == doormax.effect_rules.removed
     prediction = ask(loaded, "10", counter=6)
     assert prediction.most_likely.next_state is not None
     assert prediction.most_likely.next_state["machine"].counter == 2
 
 
 def test_a_file_begins_with_sentences(tmp_path: Path) -> None:
-    learner = LEARNERS["bayes"](taxi_grid(5).domain)
+    learner = BayesianLearner(taxi_grid(5).domain)
     wander(taxi_grid(5), learner, 300)
     save_rules(learner, tmp_path / "rules.json")
     document = json.loads((tmp_path / "rules.json").read_text("utf-8"))
@@ -156,10 +157,10 @@ def test_a_learner_without_rules_is_refused(tmp_path: Path) -> None:
         save_rules(QLearning(taxi_grid(5).domain, np.random.default_rng(0)), tmp_path / "q.json")  # type: ignore[arg-type]
 
 
-@pytest.fixture(scope="module", params=list(LEARNERS))
+@pytest.fixture(scope="module", params=list(RULE_LEARNERS))
 def document(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     path = tmp_path_factory.mktemp("rules") / "rules.json"
-    learner = LEARNERS[request.param](taxi_grid(5).domain)
+    learner = RULE_LEARNERS[request.param].factory(taxi_grid(5).domain)
     wander(taxi_grid(5), learner, 300)
     save_rules(learner, path)
     content: dict[str, Any] = json.loads(path.read_text("utf-8"))
@@ -175,7 +176,7 @@ def refusal(document: object, path: Path) -> InputError:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", "12", "{" * 100_000, '{"format": "wherry-rules"}', "\x00"])
-def test_what_is_no_rules_file_is_refused(text: str, tmp_path: Path) -> None:
+def test_a_file_without_rules_is_refused(text: str, tmp_path: Path) -> None:
     assert refusal(text, tmp_path / "rules.json").reason
 
 
@@ -208,7 +209,7 @@ def test_a_missing_an_oversized_and_a_binary_file_are_refused(tmp_path: Path) ->
         (["extra"], 1, "extra"),
     ],
 )
-def test_a_broken_field_is_named(
+def test_the_error_names_the_broken_field(
     document: dict[str, Any], path: list[str | int], value: object, field: str, tmp_path: Path
 ) -> None:
     broken = json.loads(json.dumps(document))
@@ -220,7 +221,7 @@ def test_a_broken_field_is_named(
 
 
 @pytest.mark.parametrize("value", ["NaN", "1e999", '"1"', "null"])
-def test_numbers_that_are_none_are_refused(document: dict[str, Any], value: str, tmp_path: Path) -> None:
+def test_rewards_that_are_no_finite_numbers_are_refused(document: dict[str, Any], value: str, tmp_path: Path) -> None:
     broken = json.loads(json.dumps(document))
     broken["knowledge"]["rewards"][0]["worth"] = {"0000000": ["HERE", False]}
     text = json.dumps(broken).replace('"HERE"', value)
@@ -239,20 +240,18 @@ while True:
 """
 
 
-def test_a_killed_save_leaves_a_whole_file(tmp_path: Path) -> None:
+def test_a_killed_save_leaves_a_complete_file(tmp_path: Path) -> None:
     path = tmp_path / "rules.json"
-    save_rules(LEARNERS["bayes"](taxi_grid(5).domain), path)
+    save_rules(BayesianLearner(taxi_grid(5).domain), path)
     for delay in (0.0, 0.013, 0.029):
         with subprocess.Popen([sys.executable, "-c", SAVING, str(path)], stdout=subprocess.PIPE) as process:
             assert process.stdout is not None
             process.stdout.readline()
             time.sleep(delay)
             os.kill(process.pid, signal.SIGKILL)
-        assert isinstance(load_rules(path, taxi_grid(5).domain), LEARNERS["bayes"])  # type: ignore[arg-type]
+        assert isinstance(load_rules(path, taxi_grid(5).domain), BayesianLearner)
 
 
-def test_the_folder_has_to_exist(tmp_path: Path) -> None:
+def test_saving_into_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"):
-        save_rules(
-            LEARNERS["bayes"](DeliverySite.of_plan(find_world("small")).domain), tmp_path / "none" / "rules.json"
-        )
+        save_rules(BayesianLearner(DeliverySite.of_plan(find_world("small")).domain), tmp_path / "none" / "rules.json")

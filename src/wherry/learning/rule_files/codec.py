@@ -1,0 +1,108 @@
+"""What a learner's codec is, and the checks against the domain that all codecs use when they read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from wherry.errors import InputError
+from wherry.learning.effect_rules import Subject
+from wherry.learning.rewards import Rewards
+from wherry.learning.rule_files.entries import DomainSchema, Part, RewardEntry
+from wherry.learning.rules import RuleLearner
+from wherry.oomdp.conditions import Condition
+from wherry.oomdp.domain import Domain
+from wherry.oomdp.effects import EffectType
+from wherry.oomdp.effects_outcome import StepReward, Task
+
+LearnerT = TypeVar("LearnerT", bound=RuleLearner)
+KnowledgeT = TypeVar("KnowledgeT", bound=Part)
+
+
+@dataclass(frozen=True, slots=True)
+class RuleCodec(Generic[LearnerT, KnowledgeT]):
+    """Turns what one type of learner knows into a part of a rules file, and back.
+
+    Attributes:
+        learner: Type of the learner.
+        knowledge: Type of the part; its field ``learner`` names the learner.
+        encode: Returns what a learner knows.
+        decode: Makes a learner that knows what a file says; raises InputError where that cannot be.
+    """
+
+    learner: type[LearnerT]
+    knowledge: type[KnowledgeT]
+    encode: Callable[[LearnerT], KnowledgeT]
+    decode: Callable[[KnowledgeT, KnowledgeReader], LearnerT]
+
+
+class KnowledgeReader:
+    """Reads names, conditions and rewards from a rules file and checks that they belong to the domain.
+
+    Args:
+        source: The file, for errors.
+        domain: Domain of the learner that is made.
+        effect_types: Effect types that the file may name.
+        task: Reward and termination functions that are given.
+    """
+
+    def __init__(self, source: str, domain: Domain, effect_types: Mapping[str, EffectType], task: Task) -> None:
+        self.source = source
+        self.domain = domain
+        self.task = task
+        self._effect_types = effect_types
+
+    def refusal(self, field: str, reason: str) -> InputError:
+        """Return the error that a field of the file cannot be used."""
+        return InputError(self.source, field, reason)
+
+    def check_schema(self, schema: DomainSchema) -> None:
+        """Refuse rules of another domain.
+
+        Raises:
+            InputError: The file's schema is not the domain's.
+        """
+        ours = DomainSchema.of(self.domain)
+        for field in ("name", "classes", "terms", "actions"):
+            if getattr(schema, field) != getattr(ours, field):
+                raise self.refusal(f"domain.{field}", f"these are rules for another domain than {ours.name}")
+
+    def effect_types(self, names: list[str]) -> Mapping[str, EffectType]:
+        """Return the effect types of some names."""
+        if unknown := [name for name in names if name not in self._effect_types]:
+            raise self.refusal("knowledge.effect_types", f"{unknown[0]!r} is not one of them")
+        return {name: self._effect_types[name] for name in names}
+
+    def action(self, name: str, field: str) -> str:
+        """Return the name of an action of the domain."""
+        if name not in self.domain.actions:
+            raise self.refusal(field, f"{name!r} is no action of {self.domain.name}")
+        return name
+
+    def subject(self, action: str, attribute: str, field: str) -> Subject:
+        """Return the subject that an action and ``Class.attribute`` name."""
+        class_name, _, name = attribute.partition(".")
+        object_class = self.domain.classes_by_name.get(class_name)
+        if object_class is None or object_class.static or name not in (item.name for item in object_class.changeable):
+            raise self.refusal(field, f"{attribute!r} is no attribute of {self.domain.name}")
+        return Subject(self.action(action, field), class_name, name)
+
+    def condition(self, text: str, field: str) -> Condition:
+        """Return the condition that a text over 0, 1 and * stands for."""
+        if len(text) != self.domain.size:
+            raise self.refusal(field, f"{text!r} does not have {self.domain.size} signs")
+        return Condition.parse(text)
+
+    def terms(self, text: str, field: str) -> int:
+        """Return the bits of the terms that hold under a condition without *."""
+        return self.condition(text, field).value
+
+    def add_rewards(self, rewards: Rewards, entries: list[RewardEntry]) -> None:
+        """Add the rewards of a file to those of a learner."""
+        for at, entry in enumerate(entries):
+            field = f"knowledge.rewards.{at}"
+            subjects = [self.subject(entry.action, name, field) for name in entry.changed]
+            changed = frozenset((subject.class_name, subject.attribute) for subject in subjects)
+            for text, (reward, terminated) in entry.worth.items():
+                rewards.add(entry.action, self.terms(text, field), StepReward(changed, reward, terminated))

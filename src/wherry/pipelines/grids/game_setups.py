@@ -1,0 +1,93 @@
+"""What a game is played on in each domain: the grid, its drawing, and the learner that watches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wherry.domains.delivery import DeliveryHeuristic, all_delivered, boxes_left, delivery_grid, delivery_reward
+from wherry.domains.taxi import SIZES, taxi_grid
+from wherry.environments.grids import SpritesOf, delivery_sprites, taxi_sprites
+from wherry.episodes import Agent, GoalAgent, PolicyAgent
+from wherry.errors import InputError
+from wherry.floorplan.plan import FloorPlan
+from wherry.floorplan.world_files import find_world
+from wherry.learning.registry import RULE_LEARNERS, Job, LearnerEntry, RuleLearnerFactory, learners_for
+from wherry.learning.rule_files.files import load_rules
+from wherry.learning.rules import RuleLearner
+from wherry.oomdp.mdp import DeterministicMdp
+from wherry.pipelines.grids.agents import curiosity_of
+from wherry.planning.value_iteration import ValueIteration
+
+PLAY_LEARNERS: Mapping[str, LearnerEntry[RuleLearnerFactory]] = learners_for(Job.PLAY, RULE_LEARNERS)
+"""The learners that can watch a game, by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class GameSettings:
+    """What to play.
+
+    Attributes:
+        domain: A key of `GAME_SETUPS`.
+        size: Side of the Taxi grid, cells: 5 or 10.
+        world: World to deliver in: a built-in world's name or a world file.
+        boxes: Number of boxes to deliver; None for the world's own.
+        seed: Seed of the start states.
+        learner: A key of `PLAY_LEARNERS`.
+        rules: Rules file that the learner begins with; None to begin without knowledge.
+    """
+
+    domain: str
+    size: int = 5
+    world: str = "small"
+    boxes: int | None = None
+    seed: int = 0
+    learner: str = "bayes"
+    rules: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GameSetup:
+    """The parts of a game.
+
+    Attributes:
+        mdp: The grid.
+        plan: Floor plan that is drawn.
+        sprites: Returns what is drawn on the plan in a state.
+        learner: Learner that watches.
+        agent: Agent that acts with the learner when the player asks for it.
+    """
+
+    mdp: DeterministicMdp
+    plan: FloorPlan
+    sprites: SpritesOf
+    learner: RuleLearner
+    agent: Agent
+
+
+def _taxi(settings: GameSettings) -> GameSetup:
+    if settings.size not in SIZES:
+        raise InputError("--size", str(settings.size), f"is none of {', '.join(map(str, SIZES))}")
+    grid = taxi_grid(settings.size)
+    learner = _learner(settings, grid)
+    planner = ValueIteration(learner, curiosity=curiosity_of(PLAY_LEARNERS[settings.learner]))
+    return GameSetup(grid, grid.plan, taxi_sprites, learner, PolicyAgent(learner, planner))
+
+
+def _delivery(settings: GameSettings) -> GameSetup:
+    plan = find_world(settings.world)
+    grid = delivery_grid(plan, settings.boxes)
+    learner = _learner(settings, grid, reward=delivery_reward, terminated=all_delivered)
+    return GameSetup(grid, plan, delivery_sprites, learner, GoalAgent(learner, boxes_left, DeliveryHeuristic()))
+
+
+GAME_SETUPS: Mapping[str, Callable[[GameSettings], GameSetup]] = {"taxi": _taxi, "delivery": _delivery}
+"""The domains that can be played."""
+
+
+def _learner(settings: GameSettings, grid: DeterministicMdp, **given: Any) -> RuleLearner:
+    if settings.rules is None:
+        return PLAY_LEARNERS[settings.learner].factory(grid.domain, **given)
+    return load_rules(settings.rules, grid.domain, **given)

@@ -1,0 +1,12 @@
+"""All learners that users can choose on grids: those of rules, and the baselines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from wherry.baselines.registry import BASELINES
+from wherry.learning.registry import RULE_LEARNERS, LearnerEntry
+
+LEARNERS: Mapping[str, LearnerEntry[Any]] = {**RULE_LEARNERS, **BASELINES}
+"""The learners that can be compared, by name."""
