@@ -29,7 +29,7 @@ def free_domain() -> int:
 class Bus:
     """A ROS system: its nodes, and all messages published so far by topic."""
 
-    heard: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
+    published: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
     callbacks: dict[tuple[str, type], list[Callable[[Any], None]]] = field(default_factory=lambda: defaultdict(list))
     latched: dict[tuple[str, type], Any] = field(default_factory=dict)
     publishers: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
@@ -39,9 +39,9 @@ class Bus:
         self.nodes.append(BusTransport(self, ros_version))
         return self.nodes[-1]
 
-    def say(self, topic: Topic[Any], message: Any) -> None:
+    def publish(self, topic: Topic[Any], message: Any) -> None:
         """Publish as an external node that is not counted as a publisher."""
-        self.heard[topic.name].append(message)
+        self.published[topic.name].append(message)
         if topic.qos is QosProfile.LATCHED:
             self.latched[topic.name, topic.message_type] = message
         for callback in tuple(self.callbacks[topic.name, topic.message_type]):
@@ -67,7 +67,7 @@ class BusTransport:
     def publish(self, topic: Topic[Any], message: Any) -> None:
         assert isinstance(message, topic.message_type)
         self.advertise(topic)
-        self.bus.say(topic, message)
+        self.bus.publish(topic, message)
 
     def subscribe(self, topic: Topic[Any], callback: Callable[[Any], None]) -> None:
         key = topic.name, topic.message_type
@@ -96,7 +96,7 @@ class BusTransport:
 
 
 class DdsBus(Bus):
-    """The same over real DDS; ``say`` and the nodes' ``publish`` return once the message has arrived."""
+    """The same over real DDS; ``publish`` and the nodes' ``publish`` return once the message has arrived."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -104,10 +104,10 @@ class DdsBus(Bus):
         self.arrived: Counter[tuple[str, type]] = Counter()
         self.opened: list[Ros2Transport] = [self.external]
         for topic in (TOPICS.cmd_vel, TOPICS.cmd_vel_stamped, TOPICS.latch_command):
-            self.external.subscribe(topic, partial(self._hear, topic))
+            self.external.subscribe(topic, partial(self._deliver, topic))
 
-    def _hear(self, topic: Topic[Any], message: Any) -> None:
-        self.heard[topic.name].append(message)
+    def _deliver(self, topic: Topic[Any], message: Any) -> None:
+        self.published[topic.name].append(message)
         for callback in tuple(self.callbacks[topic.name, topic.message_type]):
             callback(message)
 
@@ -116,7 +116,7 @@ class DdsBus(Bus):
         self.opened.append(node)
         return node
 
-    def say(self, topic: Topic[Any], message: Any) -> None:
+    def publish(self, topic: Topic[Any], message: Any) -> None:
         key = topic.name, topic.message_type
         before = self.arrived[key]
         wait_for(lambda: bool(self.external._writer(topic).get_matched_subscriptions()))
@@ -143,10 +143,10 @@ class DdsNode(Ros2Transport):
         super().subscribe(topic, call_and_count)
 
     def publish(self, topic: Topic[Any], message: Any) -> None:
-        before = len(self._bus.heard[topic.name])
+        before = len(self._bus.published[topic.name])
         wait_for(lambda: bool(self._writer(topic).get_matched_subscriptions()))
         super().publish(topic, message)
-        wait_for(lambda: len(self._bus.heard[topic.name]) > before)
+        wait_for(lambda: len(self._bus.published[topic.name]) > before)
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
