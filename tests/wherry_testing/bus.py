@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import os
+import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Self
+from pathlib import Path
+from typing import IO, Any, Self
 
 from wherry.ros.messages import String
 from wherry.ros.names import load_names
@@ -17,12 +20,27 @@ from wherry.ros.topics import QosProfile, Topic
 from wherry.ros.transports.ros2 import Ros2Transport
 
 TOPICS = load_names().topics
-NUMBERS = itertools.count()
+MAX_DOMAIN = 101  # beyond it, the ports of DDS overlap with those that the system hands out
+COUNTER = itertools.count()
+LOCKS: list[IO[str]] = []  # held until the process ends
 
 
 def free_domain() -> int:
-    """A ROS_DOMAIN_ID that other test files and processes are unlikely to use; above 101, ports collide."""
-    return 1 + (13 * os.getpid() + next(NUMBERS)) % 101
+    """A ROS_DOMAIN_ID that no other test file and no other test process uses.
+
+    Test processes lock the numbers that they use. Where none is left, processes may share one.
+    """
+    numbers = [1 + (13 * os.getpid() + next(COUNTER)) % MAX_DOMAIN for _ in range(MAX_DOMAIN)]
+    for number in numbers:
+        lock = (Path(tempfile.gettempdir()) / f"wherry-test-domain-{number}.lock").open("w")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+        else:
+            LOCKS.append(lock)
+            return number
+    return numbers[0]
 
 
 @dataclass
