@@ -73,7 +73,7 @@ def test_the_end_is_told() -> None:
 
 def test_who_gives_up_says_why() -> None:
     assert last_words(broken=True) == (
-        "I give up: I cannot deliver 1 of the boxes (1 left to do, and no way to do it is known or can be found out)."
+        "I give up: I cannot deliver 1 of the boxes (1 left to do, and no plan for it is known or can be learnt)."
     )
 
 

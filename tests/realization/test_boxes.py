@@ -24,7 +24,7 @@ from wherry.robot import Scan
 from wherry.simulation.model import BODY
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry_testing.perfect_worlds import Eye, centre, frame_of, perfect_map
+from wherry_testing.perfect_worlds import MovableLidar, centre, frame_of, perfect_map
 
 RADIUS = BODY.box_radius
 HALL = parse_world(
@@ -40,12 +40,12 @@ HALL = parse_world(
     + "+---+---+---+---+---+---+---+---+\n",
     source="hall",
 )
-EXACT, NOISY = Eye(HALL), Eye(HALL, noise=0.01)
+EXACT, NOISY = MovableLidar(HALL), MovableLidar(HALL, noise=0.01)
 PLACES = [(2.1, 0.35), (2.4, 0.9), (1.9, 0.3), (2.9, 0.6), (0.3, 0.9)]
 HEADINGS = [0.0, 1.0, 2.5, -2.0]
 
 
-def found(eye: Eye, base: Pose, boxes: Floats) -> Floats:
+def found(eye: MovableLidar, base: Pose, boxes: Floats) -> Floats:
     """[K, 2] m, world frame."""
     return (base @ BODY.lidar).transform(round_things(eye.scan(base, boxes), RADIUS))
 
@@ -90,7 +90,7 @@ def test_a_box_that_beam_0_hits_is_found_whole() -> None:
 def test_walls_jambs_and_obstacles_seldom_look_round_and_never_become_boxes(name: str) -> None:
     plan = find_world(name)
     plan = plan.with_boxes(())
-    eye, rng = Eye(plan, noise=0.01), np.random.default_rng(1)
+    eye, rng = MovableLidar(plan, noise=0.01), np.random.default_rng(1)
     grid = perfect_map(plan)
     boxes: tuple[Box, ...] = ()
     cells = sorted(plan.cells())[:: max(1, len(list(plan.cells())) // 60)]
@@ -119,7 +119,7 @@ def test_what_is_flat_in_full_view_is_no_box_for_long() -> None:
 
 @pytest.mark.parametrize("place", PLACES)
 def test_a_box_in_full_view_is_not_overlooked(place: tuple[float, float]) -> None:
-    eye, boxes = Eye(HALL, noise=0.01), tuple[Box, ...]()
+    eye, boxes = MovableLidar(HALL, noise=0.01), tuple[Box, ...]()
     for heading in np.linspace(-3.0, 3.0, 60):
         pose = Pose(1.2, 0.9, heading)
         boxes = look_for_boxes(boxes, eye.scan(pose, np.array([place])), pose, BODY)
@@ -149,7 +149,7 @@ def test_too_far_a_box_is_not_guessed_at() -> None:
     assert found(EXACT, base, np.array([[4.3, 0.5]])).shape == (0, 2)
 
 
-def looks(eye: Eye, base: Pose, boxes: Floats, times: int, before: tuple[Box, ...] = ()) -> tuple[Box, ...]:
+def looks(eye: MovableLidar, base: Pose, boxes: Floats, times: int, before: tuple[Box, ...] = ()) -> tuple[Box, ...]:
     """What is believed after some scans."""
     for _ in range(times):
         before = look_for_boxes(before, eye.scan(base, boxes), base, BODY)

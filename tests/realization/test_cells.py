@@ -15,7 +15,7 @@ from wherry.simulation.model import BODY
 from wherry.space.frame import CellFrame, lay_cells
 from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
-from wherry_testing.perfect_worlds import Eye, centre, frame_of, perfect_map
+from wherry_testing.perfect_worlds import MovableLidar, centre, frame_of, perfect_map
 
 NOTHING = np.empty((0, 2))
 ROOMS = find_world("rooms").with_boxes(())
@@ -86,7 +86,7 @@ def test_a_thing_in_the_middle_of_a_cell_is_noticed_and_walls_are_not() -> None:
 @pytest.mark.parametrize("heading", [-math.pi / 2, 0.0, math.pi / 2, math.pi])
 @pytest.mark.parametrize("with_box", [False, True], ids=["empty fork", "box in the fork"])
 def test_an_exact_scan_shows_the_ways_out_of_every_cell(heading: float, with_box: bool) -> None:
-    eye, frame = Eye(ROOMS), frame_of(ROOMS)
+    eye, frame = MovableLidar(ROOMS), frame_of(ROOMS)
     cells = sorted(ROOMS.distances(ROOMS.start))
     missing = 0
     for cell in cells:
@@ -102,7 +102,7 @@ def test_an_exact_scan_shows_the_ways_out_of_every_cell(heading: float, with_box
 
 @pytest.mark.parametrize("with_box", [False, True], ids=["empty fork", "box in the fork"])
 def test_noise_and_an_inexact_pose_do_not_change_what_is_seen(with_box: bool) -> None:
-    eye, frame, rng = Eye(ROOMS, noise=0.01), frame_of(ROOMS), np.random.default_rng(11)
+    eye, frame, rng = MovableLidar(ROOMS, noise=0.01), frame_of(ROOMS), np.random.default_rng(11)
     looks = wrong = 0
     for cell in sorted(ROOMS.distances(ROOMS.start)):
         x, y = centre(ROOMS, cell) + rng.uniform(-0.02, 0.02, 2)
@@ -119,7 +119,7 @@ def test_noise_and_an_inexact_pose_do_not_change_what_is_seen(with_box: bool) ->
 def test_a_box_in_the_next_cell_is_no_wall() -> None:
     plan, cell = find_world("small").with_boxes(()), Cell(2, 3)
     assert not any(plan.is_blocked(cell, way) for way in Direction)
-    eye, frame = Eye(plan), frame_of(plan)
+    eye, frame = MovableLidar(plan), frame_of(plan)
     pose = Pose(*centre(plan, cell), 0.0)
     boxes = np.array([centre(plan, cell.neighbour(Direction.NORTH))])
     scan = eye.scan(pose, boxes)
@@ -130,7 +130,7 @@ def test_a_box_in_the_next_cell_is_no_wall() -> None:
 
 
 def test_a_blind_lidar_shows_nothing() -> None:
-    eye = Eye(ROOMS)
+    eye = MovableLidar(ROOMS)
     pose = Pose(*centre(ROOMS, ROOMS.start), 0.0)
     scan = eye.scan(pose)
     scan.ranges[:] = math.nan

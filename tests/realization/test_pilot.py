@@ -16,7 +16,7 @@ from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
 from wherry.trace.records import Record, RobotSnapshot
 from wherry_testing.kinematic import KinematicRobot, Odometric
-from wherry_testing.perfect_worlds import Eye
+from wherry_testing.perfect_worlds import MovableLidar
 
 SMALL = find_world("small").with_boxes(())  # 4.8 × 3.6 m, the robot at (0.3, 3.3) looking east
 START = Pose(0.3, 3.3, 0.0)
@@ -164,7 +164,7 @@ def test_another_tracker_goes_on_where_it_is_told() -> None:
 
 @pytest.mark.parametrize("offset", [0.0, 0.03])
 def test_a_box_in_the_fork_is_known_as_the_load(offset: float) -> None:
-    eye = Eye(SMALL)
+    eye = MovableLidar(SMALL)
     empty, loaded = eye.scan(START), eye.scan(START, np.array([[START.x + offset, START.y]]))
     assert not shows_load(empty, BODY)
     assert without_load(empty, BODY) is empty

@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wherry.commands.common import (
-    JsonOption,
     LenientOption,
     LogArgument,
-    QuietOption,
+    OutputOptions,
     SeedOption,
-    console_for,
     print_json,
     progress_bar,
     say,
 )
+from wherry.commands.option_groups import with_option_groups
 from wherry.commands.recording import RecordOption, recorded_log
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
+from wherry.commands.watching import PageOptions, trace_sink
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,6 +33,7 @@ MAPS_SHOWN, MAPS_RECORDED = 60, 20  # times that the growing map is drawn, which
 FIRST_MAP = 10  # scans after which it is drawn for the first time
 
 
+@with_option_groups
 def map_log(
     log: LogArgument,
     odometry: Annotated[
@@ -55,18 +55,16 @@ def map_log(
         bool, typer.Option("--localize", help="With --continue: follow the robot, leave the map as it is.")
     ] = False,
     record: RecordOption = None,
-    view: ViewOption = False,
-    host: HostOption = LOOPBACK,
-    port: PortOption = PORT,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    *,
+    page: PageOptions,
+    output: OutputOptions,
 ) -> None:
     """Make a map and a trajectory of recorded scans and odometry (SLAM)."""
     from wherry.mapping.closures import refusals
     from wherry.pipelines.logs import mapping as slam
     from wherry.pipelines.logs.trace import LogTrace
-    from wherry.views.figures import MAPPING, REFUSALS
-    from wherry.views.terminal import print_figures, print_table
+    from wherry.views.metrics_tables import MAPPING_METRICS, REJECTION_LABELS
+    from wherry.views.terminal import print_metrics, print_table
 
     run = slam.prepare(
         slam.Settings(
@@ -83,10 +81,10 @@ def map_log(
             localize=localize,
         )
     )
-    console = console_for(as_json=as_json, quiet=quiet)
-    with watched(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
+    console = output.console()
+    with trace_sink(f"wherry: {log.name}", out, console, page) as sink:
         trace = LogTrace("map", log.name, run.log, sink)
-        shown_at = _map_times(run.scans, MAPS_SHOWN if view else MAPS_RECORDED if out is not None else 0)
+        shown_at = _map_times(run.scans, MAPS_SHOWN if page.view else MAPS_RECORDED if out is not None else 0)
         with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
             task = progress.add_task("mapping", total=run.scans)
             for done in run.steps():
@@ -98,20 +96,22 @@ def map_log(
                     trace.loop_closures(done - 1, _closures(run.slam))
             if recording is not None:
                 run.record(recording)
-        if view or out is not None:
+        if page.view or out is not None:
             trace.map(run.slam.grid(), run.scans - 1)
             trace.loop_closures(run.scans - 1, _closures(run.slam))
         assert run.result is not None  # noqa: S101 - steps() ends by setting it
         figures = asdict(run.result)
-        print_figures(console, f"Map of {log.name}", figures, MAPPING)
-        refused = {REFUSALS.get(gate, gate): str(number) for gate, number in refusals(_closures(run.slam)).items()}
+        print_metrics(console, f"Map of {log.name}", figures, MAPPING_METRICS)
+        refused = {
+            REJECTION_LABELS.get(gate, gate): str(number) for gate, number in refusals(_closures(run.slam)).items()
+        }
         if refused:
             print_table(console, "Loops refused because", refused)
         if out is None:
             console.print("Nothing was saved; --out DIR saves map, picture, trajectory and pose graph.")
         else:
             say(console, f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
-    if as_json:
+    if output.as_json:
         print_json(figures)
 
 

@@ -9,17 +9,17 @@ from typing import Annotated
 import typer
 
 from wherry.commands.common import (
-    JsonOption,
+    OutputOptions,
     ParamsOption,
-    QuietOption,
     SeedOption,
-    console_for,
     print_json,
     progress_bar,
     say,
 )
+from wherry.commands.option_groups import with_option_groups
 
 
+@with_option_groups
 def replay(
     bag: Annotated[Path, typer.Argument(help="A ROS 1 .bag, a ROS 2 bag's folder, or an .mcap or .db3 file.")],
     map_file: Annotated[
@@ -31,16 +31,16 @@ def replay(
     out: Annotated[Path | None, typer.Option(help="Folder of the results; by default runs/NAME-replay.")] = None,
     seed: SeedOption = 0,
     lenient: Annotated[bool, typer.Option("--lenient", help="Skip broken messages, and count them.")] = False,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    *,
+    output: OutputOptions,
 ) -> None:
     """Map a bag's scans and odometry, and then localize them on that map.
 
     The errors of localization are its distances from mapping's own trajectory.
     """
     from wherry.pipelines.logs.replay import ReplaySettings, prepare
-    from wherry.views.figures import LOCALIZATION, MAPPING
-    from wherry.views.terminal import print_figures
+    from wherry.views.metrics_tables import LOCALIZATION_METRICS, MAPPING_METRICS
+    from wherry.views.terminal import print_metrics
 
     run = prepare(
         ReplaySettings(
@@ -54,7 +54,7 @@ def replay(
             lenient=lenient,
         )
     )
-    console = console_for(as_json=as_json, quiet=quiet)
+    console = output.console()
     with progress_bar(console, "scans") as progress:
         for stage, done, total in run.steps():
             task = next((task.id for task in progress.tasks if task.description == stage), None)
@@ -63,10 +63,10 @@ def replay(
     metrics: dict[str, object] = {"bag": str(bag), "mapping": None}
     if run.mapping is not None:
         metrics["mapping"] = asdict(run.mapping)
-        print_figures(console, f"Map of {bag.name}", asdict(run.mapping), MAPPING)
+        print_metrics(console, f"Map of {bag.name}", asdict(run.mapping), MAPPING_METRICS)
     localization = run.localization.as_dict()
     metrics["localization"] = localization
-    print_figures(console, f"{bag.name} on {run.map_file.name}", localization, LOCALIZATION)
+    print_metrics(console, f"{bag.name} on {run.map_file.name}", localization, LOCALIZATION_METRICS)
     say(console, f"Written to {run.out}")
-    if as_json:
+    if output.as_json:
         print_json(metrics)

@@ -14,7 +14,7 @@ from wherry.experiments.localization import calibration, filter_comparison, kidn
 from wherry.experiments.localization.filter_comparison import FilterComparisonSettings
 from wherry.experiments.localization.kidnapping import KidnappingSettings
 from wherry.experiments.localization.reliability import Reliability, reliability_table
-from wherry.experiments.machine import load_in_words
+from wherry.experiments.machine import machine_load
 from wherry.experiments.mapping.drifting_odometry import BUILDINGS
 from wherry.experiments.results import markdown_table, write_picture
 from wherry.localization.lost import LostCalibration
@@ -64,7 +64,7 @@ def reproduce(data: Path, images: Path, progress: Progress, settings: Localizati
         InputError: A log or a map is missing or broken.
     """
     chosen = settings or LocalizationTableSettings()
-    sections = [f"## Localization\n\nTimes are processor times of one core, on a machine with a {load_in_words()}."]
+    sections = [f"## Localization\n\nTimes are processor times of one core, on a machine with a {machine_load()}."]
     progress(0, len(PARTS))
     with ProcessPoolExecutor(WORKERS, get_context("spawn")) as pool:
         running = {pool.submit(part, data, images, chosen): part for part in PARTS}

@@ -12,14 +12,14 @@ from wherry.realization.mission import Ready
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import MapUpdate, Narration, Record, RobotSnapshot, StepTaken
-from wherry.views.drawing import Scene, draw
-from wherry.views.report import Picture, Report, render
+from wherry.views.report import DeliveryReport, ReportPicture, render_report
+from wherry.views.snapshot_svg import MapBackground, draw_snapshot
 
 CLOSE_BY = 0.8  # m shown to each side of the robot in the close-up
 NO_POINTS = np.empty((0, 2))
 
 
-def page(result: Result, pictures: Sequence[Picture], rules: Sequence[str], records: Sequence[Record]) -> str:
+def page(result: Result, pictures: Sequence[ReportPicture], rules: Sequence[str], records: Sequence[Record]) -> str:
     """The page as HTML.
 
     Args:
@@ -33,21 +33,23 @@ def page(result: Result, pictures: Sequence[Picture], rules: Sequence[str], reco
         f"In the world “{result.world}” (seed {result.seed}) the robot brought {result.delivered} of {result.boxes} "
         f"boxes to the warehouse, {result.real_time_factor:.0f} times faster than real time."
     )
-    return render(
-        Report(
+    return render_report(
+        DeliveryReport(
             title="wherry: a delivery",
             verdict=result.verdict,
-            good=good,
-            lead=lead,
+            is_success=good,
+            summary=lead,
             pictures=pictures,
-            figures=result.figures,
+            metrics=result.figures,
             rules=rules,
             log=[record for record in records if isinstance(record, Narration)],
         )
     )
 
 
-def pictures_of(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_from_map: Pose | None) -> list[Picture]:
+def pictures_of(
+    records: Sequence[Record], ready: Ready, plan: FloorPlan, world_from_map: Pose | None
+) -> list[ReportPicture]:
     """The delivery at its fullest, from afar and close by; the map half made; and the moment after the last box.
 
     Args:
@@ -63,11 +65,15 @@ def pictures_of(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_
     walls = NO_POINTS.reshape(0, 2, 2) if world_from_map is None else _true_walls(plan, world_from_map.inverse)
     body = ready.environment.pilot.body
 
-    def picture(moment: RobotSnapshot, grid: OccupancyGrid, caption: str, around_robot: float | None = None) -> Picture:
-        scene = Scene(grid, warehouse, walls, body.radius, body.box_radius)
+    def picture(
+        moment: RobotSnapshot, grid: OccupancyGrid, caption: str, around_robot: float | None = None
+    ) -> ReportPicture:
+        scene = MapBackground(grid, warehouse, walls, body.radius, body.box_radius)
         driven = np.array([(record.pose.x, record.pose.y) for record in seen if record.time <= moment.time])
         goals = _plan_at(records, moment.time)
-        return Picture(draw(scene, moment, driven, goals, label=caption, around_robot=around_robot), caption)
+        return ReportPicture(
+            draw_snapshot(scene, moment, driven, goals, label=caption, around_robot=around_robot), caption
+        )
 
     pictures = []
     if localized:
