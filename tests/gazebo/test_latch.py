@@ -61,7 +61,7 @@ class Stage:
 
     @property
     def states(self) -> list[LatchState]:
-        return [decode_latch_state(message) for message in self.bus.heard[TOPICS.latch_state.name]]
+        return [decode_latch_state(message) for message in self.bus.published[TOPICS.latch_state.name]]
 
     def advance(self, seconds: float) -> None:
         end = self.gazebo.time + seconds
@@ -76,7 +76,7 @@ class Stage:
 
     def request(self, *, close: bool) -> LatchCommand:
         command = LatchCommand(float(next(self.stamps)), close)
-        self.bus.say(TOPICS.latch_command, encode_latch_command(command))
+        self.bus.publish(TOPICS.latch_command, encode_latch_command(command))
         return command
 
     def request_and_wait(self, *, close: bool) -> bool:
@@ -99,7 +99,7 @@ def test_joints_are_opened_before_the_first_state() -> None:
     assert stage.gazebo.attached == set()
     assert not stage.states
     stage.request(close=True)  # too early: the world would open the joint again
-    assert not stage.bus.heard[close_topic(0).name]
+    assert not stage.bus.published[close_topic(0).name]
     stage.advance(0.2)
     assert not stage.states[-1].has_load
     assert stage.states[-1].answered == 0.0
@@ -119,8 +119,8 @@ def test_latch_closes_around_the_box_in_the_fork_only(stage: Stage) -> None:
     stage.place(ON_THE_BOX)
     assert stage.request_and_wait(close=True)
     assert stage.gazebo.attached == {0}
-    assert len(stage.bus.heard[close_topic(0).name]) == 1
-    assert not stage.bus.heard[close_topic(1).name]
+    assert len(stage.bus.published[close_topic(0).name]) == 1
+    assert not stage.bus.published[close_topic(1).name]
 
 
 @pytest.mark.parametrize(("offset", "has_load"), [(LATCH_REACH - 0.005, True), (LATCH_REACH + 0.005, False)])
@@ -145,18 +145,18 @@ def test_repeated_command_is_carried_out_once_and_answered_again(stage: Stage) -
     stage.place(ON_THE_BOX)
     command = stage.request(close=True)
     stage.advance(0.1)
-    stage.bus.say(TOPICS.latch_command, encode_latch_command(command))
+    stage.bus.publish(TOPICS.latch_command, encode_latch_command(command))
     stage.advance(0.1)
     assert stage.states[-1].answers(command)
-    assert len(stage.bus.heard[close_topic(0).name]) == 1
+    assert len(stage.bus.published[close_topic(0).name]) == 1
 
 
 def test_answer_follows_gazebos_report(stage: Stage) -> None:
     stage.place(ON_THE_BOX)
     command = stage.request(close=True)
     assert not stage.states[-1].answers(command)
-    stage.bus.say(TOPICS.latch_command, encode_latch_command(command))  # repeated, and so is the node's request
-    assert len(stage.bus.heard[close_topic(0).name]) == 2
+    stage.bus.publish(TOPICS.latch_command, encode_latch_command(command))  # repeated, and so is the node's request
+    assert len(stage.bus.published[close_topic(0).name]) == 2
     stage.advance(0.1)
     assert stage.states[-1] == LatchState(pytest.approx(stage.gazebo.time), True, command.stamp)
     assert stage.gazebo.attached == {0}
@@ -180,9 +180,9 @@ def test_box_detached_by_another_node_is_reported_and_not_removed(stage: Stage) 
 
 def test_invalid_messages_are_rejected(stage: Stage) -> None:
     broken = ros.PoseStamped(encode_header(9.0, "world"), encode_pose(Pose(float("nan"))))
-    stage.bus.say(pose_topic("wherry"), broken)
-    stage.bus.say(state_topic(0), ros.String("unknown"))
-    stage.bus.say(TOPICS.latch_command, ros.JointState(name=("latch",), position=np.array([0.5])))
+    stage.bus.publish(pose_topic("wherry"), broken)
+    stage.bus.publish(state_topic(0), ros.String("unknown"))
+    stage.bus.publish(TOPICS.latch_command, ros.JointState(name=("latch",), position=np.array([0.5])))
     rejected = {"/model/wherry/pose": 1, "/latch/state/box_0": 1, "/latch/command": 1}
     assert stage.latch.rejected.counts == rejected
     stage.place(ON_THE_BOX)

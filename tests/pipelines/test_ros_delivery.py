@@ -73,7 +73,7 @@ class ExternalStack:
         node.subscribe(TOPICS.initialpose, self._on_initial_pose)
 
     def publish_map(self) -> None:
-        self.bus.say(TOPICS.map, encode_occupancy_grid(perfect_map(self.simulation.plan), 0.0, "map"))
+        self.bus.publish(TOPICS.map, encode_occupancy_grid(perfect_map(self.simulation.plan), 0.0, "map"))
 
     def _on_initial_pose(self, message: ros.PoseWithCovarianceStamped) -> None:
         if self.ignored_poses > 0:
@@ -88,7 +88,7 @@ class ExternalStack:
             odometry = decode_odometry(message, "odom", "base_link")
             true = self.map_frame.inverse @ self.simulation.referee.pose
             link = StampedTransform("map", "odom", odometry.time, true @ odometry.pose.inverse)
-            self.bus.say(TOPICS.tf, ros.TFMessage((encode_transform(link),)))
+            self.bus.publish(TOPICS.tf, ros.TFMessage((encode_transform(link),)))
 
 
 @pytest.fixture

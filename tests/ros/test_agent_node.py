@@ -57,7 +57,7 @@ class Stage:
         self.robot.idle_callback()
 
     def published(self, name: str) -> list[Any]:
-        return self.bus.heard[f"/{name}"]
+        return self.bus.published[f"/{name}"]
 
     def markers(self, namespace: str) -> list[ros.Marker]:
         return [marker for marker in self.published("markers")[-1].markers if marker.ns == namespace]

@@ -27,17 +27,17 @@ STILL = Odometry(1.0, Pose(1.0), Velocity())
 
 
 def publish_transform(bus: Bus, pose: Pose, time: float = 1.0) -> None:
-    bus.say(TOPICS.tf, ros.TFMessage((encode_transform(StampedTransform("map", "odom", time, pose)),)))
+    bus.publish(TOPICS.tf, ros.TFMessage((encode_transform(StampedTransform("map", "odom", time, pose)),)))
 
 
 def test_map_can_grow() -> None:
     bus = Bus()
     external = ExternalMap(bus.node(), NAMES)
-    bus.say(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))
+    bus.publish(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))
     external.wait(1.0)
     assert external.grid().shape == (4, 6)
     larger = replace(GRID, probability=np.zeros((8, 9), np.float32))
-    bus.say(TOPICS.map, encode_occupancy_grid(larger, 1.0, "map"))
+    bus.publish(TOPICS.map, encode_occupancy_grid(larger, 1.0, "map"))
     assert external.grid().shape == (8, 9)
 
 
@@ -50,7 +50,7 @@ def test_unknown_border_of_a_gmapping_map_is_cropped() -> None:
     data[2100, 1980] = 100
     corner = Pose(-100.0, -100.0, 0.3)
     info = ros.MapMetaData(resolution=0.05, width=4000, height=4000, origin=encode_pose(corner))
-    bus.say(TOPICS.map, ros.OccupancyGrid(encode_header(0.0, "map"), info, data.ravel()))
+    bus.publish(TOPICS.map, ros.OccupancyGrid(encode_header(0.0, "map"), info, data.ravel()))
     grid = external.grid()
     assert grid.shape == (101 + 40, 21 + 40)
     assert grid.free.sum() == 101 * 21 - 1
@@ -64,7 +64,7 @@ def test_map_without_known_cells_is_not_cropped() -> None:
     bus = Bus()
     external = ExternalMap(bus.node(), NAMES)
     info = ros.MapMetaData(resolution=0.05, width=3, height=2)
-    bus.say(TOPICS.map, ros.OccupancyGrid(encode_header(0.0, "map"), info, np.full(6, -1, np.int8)))
+    bus.publish(TOPICS.map, ros.OccupancyGrid(encode_header(0.0, "map"), info, np.full(6, -1, np.int8)))
     assert external.grid().shape == (2, 3)
     assert not external.grid().occupied.any()
 
@@ -81,11 +81,11 @@ def test_map_with_wrong_size_or_frame_is_rejected_and_the_last_one_kept(changes:
     bus = Bus()
     external = ExternalMap(bus.node(), NAMES)
     broken = replace(encode_occupancy_grid(GRID, 0.0, "map"), **changes)
-    bus.say(TOPICS.map, broken)
+    bus.publish(TOPICS.map, broken)
     with pytest.raises(InputError, match="/map: not received within 0 s; refused /map"):
         external.wait(0.0)
-    bus.say(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))
-    bus.say(TOPICS.map, broken)
+    bus.publish(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))
+    bus.publish(TOPICS.map, broken)
     external.wait(0.0)
     assert external.grid().shape == GRID.shape
 
@@ -105,11 +105,11 @@ def test_transforms_take_precedence_over_estimates() -> None:
     bus = Bus()
     external = ExternalPose(bus.node(), NAMES, lambda: STILL)
     estimate = ros.PoseWithCovarianceStamped(encode_header(1.0, "map"), ros.PoseWithCovariance(encode_pose(Pose(5.0))))
-    bus.say(TOPICS.amcl_pose, estimate)
+    bus.publish(TOPICS.amcl_pose, estimate)
     assert external.pose(STILL).x == pytest.approx(5.0)
     assert not external.lost
     publish_transform(bus, Pose(1.0))
-    bus.say(TOPICS.amcl_pose, estimate)
+    bus.publish(TOPICS.amcl_pose, estimate)
     assert external.pose(STILL).x == pytest.approx(2.0)
 
 
@@ -131,6 +131,6 @@ def test_invalid_poses_are_rejected(pose: Pose) -> None:
     publish_transform(bus, Pose(1.0))
     message = encode_transform(StampedTransform("map", "odom", 1.0, Pose()))
     broken = ros.Transform(ros.Vector3(pose.x), ros.Quaternion(z=pose.theta, w=1.0))
-    bus.say(TOPICS.tf, ros.TFMessage((replace(message, transform=broken),)))
+    bus.publish(TOPICS.tf, ros.TFMessage((replace(message, transform=broken),)))
     assert external.pose(STILL).x == 2.0
     assert external.rejected.counts["/tf"] == 1

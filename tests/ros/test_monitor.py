@@ -41,10 +41,10 @@ def test_missing_messages_are_counted_from_stamps(clock: WallClock) -> None:
     monitor = Monitor(bus.node(), load_names())
     for tick in range(40):
         if tick not in (7, 20, 21):
-            bus.say(TOPICS.scan, scan(tick / 10))
+            bus.publish(TOPICS.scan, scan(tick / 10))
     for tick in range(100):
         odometry = Odometry(tick / 20, Pose(), Velocity())
-        bus.say(TOPICS.odom, encode_odometry(odometry, "odom", "base_link", np.zeros(36)))
+        bus.publish(TOPICS.odom, encode_odometry(odometry, "odom", "base_link", np.zeros(36)))
     statistics = monitor.statistics()
     assert (statistics["scans"], statistics["scans missing"]) == (37, 3)
     assert (statistics["odometry"], statistics["odometry missing"]) == (100, 0)
@@ -56,13 +56,13 @@ def test_scan_is_answered_by_the_next_velocity(clock: WallClock) -> None:
     monitor = Monitor(bus.node(), load_names())
     for tick in range(100):
         clock.now = 50.0 + tick / 10
-        bus.say(TOPICS.scan, scan(tick / 10))
+        bus.publish(TOPICS.scan, scan(tick / 10))
         if tick % 10 == 9:
             continue  # not answered: the agent is planning
         clock.now += 0.002 if tick else 0.040
-        bus.say(TOPICS.cmd_vel, ros.Twist())
+        bus.publish(TOPICS.cmd_vel, ros.Twist())
         clock.now += 0.001
-        bus.say(TOPICS.cmd_vel_stamped, ros.TwistStamped())
+        bus.publish(TOPICS.cmd_vel_stamped, ros.TwistStamped())
     statistics = monitor.statistics()
     assert (statistics["scans"], statistics["scans answered"], statistics["velocities"]) == (100, 90, 180)
     assert statistics["scan to velocity, median, ms"] == pytest.approx(2.0)

@@ -41,18 +41,18 @@ class Driver:
 
     def mount(self) -> None:
         link = encode_transform(StampedTransform("base_link", "laser", self.time, Pose(-0.17)), 0.15)
-        self.bus.say(TOPICS.tf_static, ros.TFMessage((link,)))
+        self.bus.publish(TOPICS.tf_static, ros.TFMessage((link,)))
 
     def odometry(self, **changes: object) -> None:
         message = encode_odometry(Odometry(self.time, Pose(self.time), Velocity()), "odom", "base_link", COVARIANCE)
-        self.bus.say(TOPICS.odom, replace(message, **changes))
+        self.bus.publish(TOPICS.odom, replace(message, **changes))
 
     def scan(self, **changes: object) -> None:
         message = encode_laser_scan(Scan(self.time, np.ones(8), -3.0, 0.7, 0.02, 12.0), "laser")
-        self.bus.say(TOPICS.scan, replace(message, **changes))
+        self.bus.publish(TOPICS.scan, replace(message, **changes))
 
     def latch(self, has_load: bool = False, answered: float = 0.0) -> None:
-        self.bus.say(TOPICS.latch_state, encode_latch_state(LatchState(self.time, has_load, answered)))
+        self.bus.publish(TOPICS.latch_state, encode_latch_state(LatchState(self.time, has_load, answered)))
 
     def tick(self, seconds: float = 0.1) -> None:
         self.time += seconds
@@ -61,7 +61,7 @@ class Driver:
 
     @property
     def commands(self) -> list[ros.Twist]:
-        return self.bus.heard[TOPICS.cmd_vel.name]
+        return self.bus.published[TOPICS.cmd_vel.name]
 
 
 @pytest.fixture(params=["in process", "DDS"])
@@ -108,9 +108,9 @@ def test_lidar_pose_is_taken_from_static_transforms(robot: RosRobot) -> None:
 def test_chain_of_static_transforms_is_composed(bus: Bus, node: BusTransport, driver: Driver) -> None:
     robot = RosRobot(node, NAMES, load_body())
     mast = encode_transform(StampedTransform("base_link", "mast", 0.0, Pose(1.0, 0.0, math.pi / 2)))
-    bus.say(TOPICS.tf_static, ros.TFMessage((mast,)))
+    bus.publish(TOPICS.tf_static, ros.TFMessage((mast,)))
     camera = replace(mast, child_frame_id="camera", transform=ros.Transform(rotation=ros.Quaternion(1.0, w=0.0)))
-    bus.say(
+    bus.publish(
         TOPICS.tf_static, ros.TFMessage((camera, encode_transform(StampedTransform("mast", "laser", 0.0, Pose(0.5)))))
     )
     driver.odometry()
@@ -125,7 +125,7 @@ def test_tilted_lidar_is_rejected(bus: Bus, node: BusTransport, driver: Driver) 
     robot = RosRobot(node, NAMES, load_body())
     link = encode_transform(StampedTransform("base_link", "laser", 0.0, Pose()))
     tilted = replace(link, transform=ros.Transform(rotation=ros.Quaternion(1.0, 0.0, 0.0, 0.0)))
-    bus.say(TOPICS.tf_static, ros.TFMessage((tilted,)))
+    bus.publish(TOPICS.tf_static, ros.TFMessage((tilted,)))
     with pytest.raises(InputError, match="upright"):
         robot.wait_until_ready(0.1)
 
@@ -158,7 +158,7 @@ def test_velocities_can_be_stamped(bus: Bus, driver: Driver) -> None:
     robot.receive()
     robot.receive()
     robot.command(DRIVE)
-    (sent,) = bus.heard[TOPICS.cmd_vel_stamped.name]
+    (sent,) = bus.published[TOPICS.cmd_vel_stamped.name]
     assert isinstance(sent, ros.TwistStamped)
     assert sent.twist.linear.x == 0.3
     assert sent.header == ros.Header(ros.Time(10, 100_000_000), "base_link")
@@ -318,7 +318,7 @@ def test_nothing_is_sent_while_another_node_drives(
 ) -> None:
     monkeypatch.setattr(velocity_commands, "YIELD_SECONDS", 0.3)
     robot.command(DRIVE)
-    bus.say(TOPICS.cmd_vel, ros.Twist(ros.Vector3(0.11)))
+    bus.publish(TOPICS.cmd_vel, ros.Twist(ros.Vector3(0.11)))
     count = len(driver.commands)
     robot.command(DRIVE)
     assert len(driver.commands) == count
@@ -336,7 +336,7 @@ def test_echoes_of_own_commands_are_recognized(robot: RosRobot, driver: Driver) 
 
 
 def test_invalid_velocity_of_another_node_is_ignored(robot: RosRobot, driver: Driver, bus: Bus) -> None:
-    bus.say(TOPICS.cmd_vel, ros.Twist(ros.Vector3(math.nan)))
+    bus.publish(TOPICS.cmd_vel, ros.Twist(ros.Vector3(math.nan)))
     robot.command(DRIVE)
     assert driver.commands[-1].linear.x == 0.3
     assert last_rejection(robot).startswith("/cmd_vel: ")

@@ -46,10 +46,10 @@ class Stage:
         self.node.run(stopped)
 
     def published(self, topic: Topic[Any]) -> list[Any]:
-        return self.bus.heard[topic.name]
+        return self.bus.published[topic.name]
 
     def command(self, velocity: Velocity) -> Callable[[float], None]:
-        return lambda _: self.bus.say(TOPICS.cmd_vel, encode_twist(velocity))
+        return lambda _: self.bus.publish(TOPICS.cmd_vel, encode_twist(velocity))
 
     @property
     def speed(self) -> float:
@@ -61,7 +61,7 @@ class Stage:
 
     def request_latch(self, *, close: bool, stamp: float | None = None) -> LatchState:
         command = LatchCommand(self.simulation.time if stamp is None else stamp, close)
-        self.bus.say(TOPICS.latch_command, encode_latch_command(command))
+        self.bus.publish(TOPICS.latch_command, encode_latch_command(command))
         self.run(0.05)
         assert self.latch.answers(command) or stamp is not None
         return self.latch
@@ -147,10 +147,10 @@ def test_joint_states_follow_the_urdf(stage: Stage) -> None:
 def test_namespace_prefix_and_remapping_apply_to_all_topics_and_frames() -> None:
     stage = Stage(hall(), load_names(namespace="r1", frame_prefix="r1/", remappings=["scan:=front/scan"]))
     stage.run(0.2)
-    assert stage.bus.heard["/r1/front/scan"][0].header.frame_id == "r1/laser"
-    odometry = stage.bus.heard["/r1/odom"][0]
+    assert stage.bus.published["/r1/front/scan"][0].header.frame_id == "r1/laser"
+    odometry = stage.bus.published["/r1/odom"][0]
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("r1/odom", "r1/base_link")
-    assert stage.bus.heard["/tf"][0].transforms[0].child_frame_id == "r1/base_link"
+    assert stage.bus.published["/tf"][0].transforms[0].child_frame_id == "r1/base_link"
 
 
 def test_twist_and_stamped_twist_drive_the_robot(stage: Stage) -> None:
@@ -159,7 +159,7 @@ def test_twist_and_stamped_twist_drive_the_robot(stage: Stage) -> None:
 
     def stamped(now: float) -> None:
         message = ros.TwistStamped(encode_header(now, "base_link"), encode_twist(Velocity(-0.3)))
-        stage.bus.say(TOPICS.cmd_vel_stamped, message)
+        stage.bus.publish(TOPICS.cmd_vel_stamped, message)
 
     stage.run(1.0, each_tick=stamped)
     assert stage.speed == pytest.approx(-0.3, abs=0.03)
@@ -168,7 +168,7 @@ def test_twist_and_stamped_twist_drive_the_robot(stage: Stage) -> None:
 def test_outdated_stamped_velocity_is_rejected(stage: Stage) -> None:
     stage.run(1.0)
     old = ros.TwistStamped(encode_header(0.3, "base_link"), encode_twist(Velocity(0.3)))
-    stage.run(0.5, each_tick=lambda _: stage.bus.say(TOPICS.cmd_vel_stamped, old))
+    stage.run(0.5, each_tick=lambda _: stage.bus.publish(TOPICS.cmd_vel_stamped, old))
     assert abs(stage.speed) < 0.02
 
 
@@ -184,7 +184,7 @@ def test_robot_stops_half_a_second_after_the_last_velocity(stage: Stage) -> None
 @pytest.mark.parametrize("broken", [ros.Twist(ros.Vector3(math.nan)), ros.Twist(angular=ros.Vector3(z=1e9))])
 def test_invalid_velocity_stops_the_robot(broken: ros.Twist, stage: Stage) -> None:
     stage.run(1.0, each_tick=stage.command(Velocity(0.3)))
-    stage.run(0.5, each_tick=lambda _: stage.bus.say(TOPICS.cmd_vel, broken))
+    stage.run(0.5, each_tick=lambda _: stage.bus.publish(TOPICS.cmd_vel, broken))
     assert abs(stage.speed) < 0.02
     stage.run(1.0)
     values = {pair.key: pair.value for pair in stage.published(TOPICS.diagnostics)[-1].status[0].values}

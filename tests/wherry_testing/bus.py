@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import os
+import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Self
+from pathlib import Path
+from typing import IO, Any, Self
 
 from wherry.ros.messages import String
 from wherry.ros.names import load_names
@@ -17,19 +20,34 @@ from wherry.ros.topics import QosProfile, Topic
 from wherry.ros.transports.ros2 import Ros2Transport
 
 TOPICS = load_names().topics
-NUMBERS = itertools.count()
+MAX_DOMAIN = 101  # beyond it, the ports of DDS overlap with those that the system hands out
+COUNTER = itertools.count()
+LOCKS: list[IO[str]] = []  # held until the process ends
 
 
 def free_domain() -> int:
-    """A ROS_DOMAIN_ID that other test files and processes are unlikely to use; above 101, ports collide."""
-    return 1 + (13 * os.getpid() + next(NUMBERS)) % 101
+    """A ROS_DOMAIN_ID that no other test file and no other test process uses.
+
+    Test processes lock the numbers that they use. Where none is left, processes may share one.
+    """
+    numbers = [1 + (13 * os.getpid() + next(COUNTER)) % MAX_DOMAIN for _ in range(MAX_DOMAIN)]
+    for number in numbers:
+        lock = (Path(tempfile.gettempdir()) / f"wherry-test-domain-{number}.lock").open("w")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+        else:
+            LOCKS.append(lock)
+            return number
+    return numbers[0]
 
 
 @dataclass
 class Bus:
     """A ROS system: its nodes, and all messages published so far by topic."""
 
-    heard: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
+    published: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
     callbacks: dict[tuple[str, type], list[Callable[[Any], None]]] = field(default_factory=lambda: defaultdict(list))
     latched: dict[tuple[str, type], Any] = field(default_factory=dict)
     publishers: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
@@ -39,9 +57,9 @@ class Bus:
         self.nodes.append(BusTransport(self, ros_version))
         return self.nodes[-1]
 
-    def say(self, topic: Topic[Any], message: Any) -> None:
+    def publish(self, topic: Topic[Any], message: Any) -> None:
         """Publish as an external node that is not counted as a publisher."""
-        self.heard[topic.name].append(message)
+        self.published[topic.name].append(message)
         if topic.qos is QosProfile.LATCHED:
             self.latched[topic.name, topic.message_type] = message
         for callback in tuple(self.callbacks[topic.name, topic.message_type]):
@@ -67,7 +85,7 @@ class BusTransport:
     def publish(self, topic: Topic[Any], message: Any) -> None:
         assert isinstance(message, topic.message_type)
         self.advertise(topic)
-        self.bus.say(topic, message)
+        self.bus.publish(topic, message)
 
     def subscribe(self, topic: Topic[Any], callback: Callable[[Any], None]) -> None:
         key = topic.name, topic.message_type
@@ -96,7 +114,7 @@ class BusTransport:
 
 
 class DdsBus(Bus):
-    """The same over real DDS; ``say`` and the nodes' ``publish`` return once the message has arrived."""
+    """The same over real DDS; ``publish`` and the nodes' ``publish`` return once the message has arrived."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -104,10 +122,10 @@ class DdsBus(Bus):
         self.arrived: Counter[tuple[str, type]] = Counter()
         self.opened: list[Ros2Transport] = [self.external]
         for topic in (TOPICS.cmd_vel, TOPICS.cmd_vel_stamped, TOPICS.latch_command):
-            self.external.subscribe(topic, partial(self._hear, topic))
+            self.external.subscribe(topic, partial(self._deliver, topic))
 
-    def _hear(self, topic: Topic[Any], message: Any) -> None:
-        self.heard[topic.name].append(message)
+    def _deliver(self, topic: Topic[Any], message: Any) -> None:
+        self.published[topic.name].append(message)
         for callback in tuple(self.callbacks[topic.name, topic.message_type]):
             callback(message)
 
@@ -116,7 +134,7 @@ class DdsBus(Bus):
         self.opened.append(node)
         return node
 
-    def say(self, topic: Topic[Any], message: Any) -> None:
+    def publish(self, topic: Topic[Any], message: Any) -> None:
         key = topic.name, topic.message_type
         before = self.arrived[key]
         wait_for(lambda: bool(self.external._writer(topic).get_matched_subscriptions()))
@@ -143,10 +161,10 @@ class DdsNode(Ros2Transport):
         super().subscribe(topic, call_and_count)
 
     def publish(self, topic: Topic[Any], message: Any) -> None:
-        before = len(self._bus.heard[topic.name])
+        before = len(self._bus.published[topic.name])
         wait_for(lambda: bool(self._writer(topic).get_matched_subscriptions()))
         super().publish(topic, message)
-        wait_for(lambda: len(self._bus.heard[topic.name]) > before)
+        wait_for(lambda: len(self._bus.published[topic.name]) > before)
 
 
 def wait_for(condition: Callable[[], bool]) -> None:

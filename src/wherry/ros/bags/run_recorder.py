@@ -88,9 +88,9 @@ class RunRecorder:
         """Record a velocity command given at a time, s."""
         self._bag.write(self._topics.cmd_vel, encode_twist(velocity), seconds)
 
-    def write_latch_state(self, seconds: float, *, loaded: bool) -> None:
+    def write_latch_state(self, seconds: float, *, has_load: bool) -> None:
         """Record whether the latch holds a box at a time, s."""
-        self._bag.write(self._topics.latch_state, encode_latch_state(LatchState(seconds, loaded, 0.0)), seconds)
+        self._bag.write(self._topics.latch_state, encode_latch_state(LatchState(seconds, has_load, 0.0)), seconds)
 
     def write_pose_estimate(self, pose: Pose, particles: Floats, seconds: float) -> None:
         """Record an estimate of the robot's pose.
@@ -169,12 +169,12 @@ class RecordedRobot:
 
     def close_latch(self) -> bool:
         """As `Robot.close_latch`."""
-        is_loaded = self._robot.close_latch()
-        self._recorder.write_latch_state(self._time, loaded=is_loaded)
-        return is_loaded
+        has_load = self._robot.close_latch()
+        self._recorder.write_latch_state(self._time, has_load=has_load)
+        return has_load
 
     def open_latch(self) -> bool:
         """As `Robot.open_latch`."""
         is_free = self._robot.open_latch()
-        self._recorder.write_latch_state(self._time, loaded=not is_free)
+        self._recorder.write_latch_state(self._time, has_load=not is_free)
         return is_free
