@@ -22,7 +22,8 @@ PUBLIC_API = {
     name: tuple(exported.split())
     for name, exported in {
         "wherry.adapters": """
-            GymnasiumTaxi MiniGrid minigrid_domain
+            GymnasiumAdapter GymnasiumTaxi MINIGRID_EFFECT_TYPES MiniGrid gymnasium_taxi_reward
+            is_at_goal is_delivered minigrid_domain
         """,
         "wherry.domains": """
             BoxState DeliveryHeuristic DeliverySite TaxiGrid all_delivered boxes_left

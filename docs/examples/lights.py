@@ -68,6 +68,6 @@ if __name__ == "__main__":
     agent = GoalAgent(BayesianLearner(DOMAIN), lit_lamps)
     mdp = DeterministicMdp(DOMAIN, transition, initial_state)
     for step in run_episode(mdp, agent, np.random.default_rng(0)):
-        experiment = " (experiment)" if step.is_exploring else ""
-        print(f"{step.action}{experiment}: {step.condition.describe(DOMAIN.term_names)}")  # noqa: T201
+        holding = [term for term, bit in zip(DOMAIN.term_names, str(step.condition), strict=True) if bit == "1"]
+        print(step.action, "under", ", ".join(holding), "(experiment)" if step.is_exploring else "")  # noqa: T201
     print(*agent.learner.sentences(), sep="\n")  # noqa: T201

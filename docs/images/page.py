@@ -1,7 +1,7 @@
 """Capture docs/images/page.png: the page of a run at one time.
 
     ./wherry deliver --seed 0
-    .venv/bin/python docs/images/page.py runs/rooms-seed0 docs/images/page.png --at 762
+    .venv/bin/python docs/images/page.py runs/rooms-seed0 docs/images/page.png --at 533
 
 Needs the packages of the extra "dev", and Debian's chromium.
 """
@@ -26,7 +26,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Capture the page of a run.")
     parser.add_argument("run", type=Path, help="folder of the run")
     parser.add_argument("picture", type=Path, help="PNG file to write")
-    parser.add_argument("--at", type=float, default=762.0, help="time on the robot's clock, s")
+    parser.add_argument("--at", type=float, default=533.0, help="time on the robot's clock, s")
     parser.add_argument("--theme", choices=("light", "dark"), default="light")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as tools:

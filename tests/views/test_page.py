@@ -229,7 +229,7 @@ def test_the_legend_lists_all_drawn_symbols(page: playwright.Page, delivery_url:
         "Warehouse",
         "Cells",
     ]
-    drawn = ["Robot, fork at the front", "Wall", "Free", "Unknown"]
+    drawn = ["Robot, fork ahead", "Wall", "Free", "Unknown"]
     assert legend(page) == [*layers, *drawn, "Explores", "Learns", "Delivers", "Done", "Box delivered"]
     opened(page, taxi_url, at=3.0)
     assert legend(page) == ["Cells", "Destination", "Passenger", "Taxi", "Wall", "Learns", "Uses its rules"]

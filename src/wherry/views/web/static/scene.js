@@ -12,7 +12,7 @@ const LAYERS = {
   cells: ["Cells", "--soft"],
 };
 // Symbols that cannot be hidden. On a grid without a robot, objects are drawn by their class.
-const SYMBOLS = [["Robot, fork at the front", "--robot", "fork"], ["Wall", "--wall", "plain"], ["Free", "--free", "plain"], ["Unknown", "--unknown", "plain"]];
+const SYMBOLS = [["Robot, fork ahead", "--robot", "fork"], ["Wall", "--wall", "plain"], ["Free", "--free", "plain"], ["Unknown", "--unknown", "plain"]];
 const KINDS = { Robot: "carrier", Taxi: "carrier", Box: "load", Passenger: "load", Destination: "place", Warehouse: "place" };
 const KIND_COLOURS = { carrier: "robot", load: "box", place: "warehouse" };
 const LABEL_MIN_CELL = 70; // px, side of a cell from which on objects are labelled
