@@ -27,7 +27,7 @@ from wherry.floorplan.world_files import built_in_worlds, find_world, format_wor
 from wherry.gazebo.export import MARK, Settings, bridge, contents, export
 from wherry.gazebo.sdf import FORTRESS, GENERATIONS, TREAD
 from wherry.pipelines.delivery.ros import order_from
-from wherry.pipelines.delivery.simulated import order_of
+from wherry.realization.mission import order_from_plan
 from wherry.simulation import build
 from wherry.simulation.drive import TRACK, WHEEL_RADIUS
 from wherry.simulation.lidar import LidarSpecification
@@ -458,7 +458,7 @@ def test_the_command_writes_what_deliver_of_the_same_seed_drives_in(tmp_path: Pa
     told = result.stderr.splitlines()[-1]
     assert told.startswith("The agent: wherry ros2 deliver --warehouse ")
     order = order_from(told.replace("--warehouse", "").split()[5:], simulation.plan.cell_size)
-    assert_allclose(order.warehouse, order_of(simulation.plan).warehouse, atol=1e-5)
+    assert_allclose(order.warehouse, order_from_plan(simulation.plan).warehouse, atol=1e-5)
     compile((folder / "gazebo.launch.py").read_text(), "gazebo.launch.py", "exec")
     parsed((folder / "classic.launch").read_text())
 

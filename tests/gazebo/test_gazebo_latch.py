@@ -19,8 +19,8 @@ from wherry.floorplan.world_files import find_world
 from wherry.gazebo.export import Settings as ExportSettings
 from wherry.gazebo.export import export
 from wherry.gazebo.latch import GazeboLatch, Site, close_topic, format_site, load_site, pose_topic, state_topic
-from wherry.pipelines.delivery.simulated import order_of
 from wherry.pipelines.delivery.simulator import Settings, prepare
+from wherry.realization.mission import order_from_plan
 from wherry.robot import Velocity
 from wherry.ros import messages as ros
 from wherry.ros.conversion import header_of, to_pose
@@ -303,7 +303,7 @@ def test_a_whole_delivery_in_the_stand_in_over_dds(bridge: DdsTransport, tmp_pat
     world.write_text(NEAR.replace(">   o   w", ">       w"))
     simulation = prepare(Settings(str(world)))
     plan = simulation.plan
-    places = [option for x, y in order_of(plan).warehouse for option in ("--warehouse", f"{x:.3f},{y:.3f}")]
+    places = [option for x, y in order_from_plan(plan).warehouse for option in ("--warehouse", f"{x:.3f},{y:.3f}")]
     running = Running(Gazebo(simulation, bridge), rate=1.0)
     file = site_file(tmp_path, Site(len(plan.boxes), LATCH_REACH, plan.cell_size, plan.warehouse))
     processes: list[Any] = [wherry("ros2", "gazebo-latch", file, domain=WHOLE)]

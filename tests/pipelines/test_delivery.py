@@ -12,7 +12,8 @@ import pytest
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world, format_world
 from wherry.pipelines.delivery.score import Result
-from wherry.pipelines.delivery.simulated import DeliveryRun, Settings, order_of, prepare
+from wherry.pipelines.delivery.simulated import DeliveryRun, Settings, prepare
+from wherry.realization.mission import order_from_plan
 from wherry.trace.records import Record, Seen, Stepped, ignore
 
 MEASURED_BY_A_CLOCK = {"wall_seconds", "real_time_factor"}
@@ -159,7 +160,7 @@ def test_ctrl_c_ends_a_run_and_keeps_what_was_learnt(after: str, tmp_path: Path)
 
 def test_the_robot_is_told_only_where_the_warehouse_is() -> None:
     plan = find_world("taxi")
-    order = order_of(plan)
+    order = order_from_plan(plan)
     assert order.cell_size == plan.cell_size
     # It looks east from (2, 2); the warehouse (0, 0) lies two cells behind it and two to its right.
     np.testing.assert_allclose(order.warehouse, [[-1.2, -1.2]])

@@ -8,8 +8,7 @@ import pytest
 from wherry.floorplan.generation import place_boxes
 from wherry.floorplan.world_files import find_world
 from wherry.pipelines.delivery.agent import Delivery, delivery_learner
-from wherry.pipelines.delivery.simulated import order_of
-from wherry.realization.mission import Mission
+from wherry.realization.mission import Mission, order_from_plan
 from wherry.simulation import build
 from wherry.simulation.faults import kidnap, random_pose
 from wherry.trace.records import Record, Said
@@ -20,7 +19,7 @@ from wherry.trace.records import Record, Said
 def test_carried_off_in_mid_delivery(*, loaded: bool) -> None:
     plan = place_boxes(find_world("small"), 2, np.random.default_rng(0))
     simulation, records = build(plan, np.random.default_rng(1)), list[Record]()
-    mission = Mission(simulation.robot, order_of(plan), records.append, np.random.default_rng(2))
+    mission = Mission(simulation.robot, order_from_plan(plan), records.append, np.random.default_rng(2))
     ready = mission.explore()
     carried_off = False
     for step in Delivery(ready, delivery_learner("doormax"), records.append, np.random.default_rng(3)):

@@ -14,7 +14,7 @@ from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import State
 from wherry.pipelines.delivery import agent as robot_delivery
 from wherry.pipelines.delivery.agent import Delivery, delivery_learner
-from wherry.realization.mission import Ready
+from wherry.realization.mission import SurveyedWorld
 from wherry.space.frame import CellFrame
 from wherry.space.pose import IDENTITY
 from wherry.trace.records import Record, Said
@@ -45,7 +45,7 @@ class Grid(DeterministicMdp):
 
 
 def words(*, broken: bool, in_the_way: tuple[str, ...] = ()) -> list[Said]:
-    ready = Ready(
+    ready = SurveyedWorld(
         Grid(broken=broken),
         grid=None,
         frame=CellFrame(IDENTITY, 0.6),

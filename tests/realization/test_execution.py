@@ -1,4 +1,4 @@
-"""Moves from cell to cell by a robot that does exactly what it is told: where they end and what they leave standing."""
+"""Moves from cell to cell by a robot without physics: where they end, and where boxes stand afterwards."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from wherry.floorplan.plan import Cell, Direction
-from wherry.realization.execution import move
+from wherry.realization.execution import move_to_cell
 from wherry.realization.pilot import Pilot
-from wherry.realization.tracking import PoseTracker
+from wherry.realization.pose_tracker import PoseTracker
 from wherry.simulation.model import BODY
 from wherry.trace.records import ignore
 from wherry_testing.deliveries import hall
@@ -29,25 +29,25 @@ def go(
     pilot: Pilot, here: Cell, way: Direction, *, docking: bool = False, full: bool = False, held: bool = False
 ) -> bool:
     home, goal = centre(PLAN, here), centre(PLAN, here.towards(way))
-    return move(pilot, home, goal, docking=docking, fork_full=full, held=held)
+    return move_to_cell(pilot, home, goal, docking=docking, fork_full=full, held=held)
 
 
 def off(robot: KinematicRobot, cell: Cell) -> float:
-    """m from the middle of a cell."""
+    """Distance of base_link from a cell's centre, m."""
     middle = centre(PLAN, cell)
     return math.hypot(robot.pose.x - middle[0], robot.pose.y - middle[1])
 
 
 @pytest.mark.parametrize("way", list(Direction))
-def test_a_free_move_ends_in_the_middle_of_the_next_cell(way: Direction) -> None:
+def test_a_free_move_ends_in_the_centre_of_the_next_cell(way: Direction) -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), way) is True
     assert off(robot, Cell(1, 2).towards(way)) < 0.015
-    looks = math.atan2(way.dy, way.dx)  # forwards: the fork leads
-    assert abs(math.remainder(robot.pose.theta - looks, math.tau)) < 0.05
+    heading = math.atan2(way.dy, way.dx)  # forwards: the fork leads
+    assert abs(math.remainder(robot.pose.theta - heading, math.tau)) < 0.05
 
 
-def test_a_stopped_move_ends_where_it_began() -> None:
+def test_a_blocked_move_ends_where_it_began() -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), Direction.WEST) is True
     assert go(pilot, Cell(0, 2), Direction.WEST) is False
@@ -55,7 +55,7 @@ def test_a_stopped_move_ends_where_it_began() -> None:
     assert robot.nearest_wall > BODY.radius
 
 
-def test_it_docks_forwards_and_drives_off_in_reverse_with_the_box() -> None:
+def test_the_robot_docks_forwards_and_leaves_in_reverse_with_the_box() -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), Direction.EAST) is True
     assert go(pilot, Cell(2, 2), Direction.EAST, docking=True) is True
@@ -66,7 +66,7 @@ def test_it_docks_forwards_and_drives_off_in_reverse_with_the_box() -> None:
     assert math.dist(robot.boxes[0], centre(PLAN, Cell(3, 1))) < 0.02
 
 
-def test_a_box_in_the_way_stops_a_robot_that_does_not_mean_to_dock() -> None:
+def test_a_box_blocks_a_move_without_docking() -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), Direction.EAST) is True
     assert go(pilot, Cell(2, 2), Direction.EAST) is False
@@ -74,7 +74,7 @@ def test_a_box_in_the_way_stops_a_robot_that_does_not_mean_to_dock() -> None:
 
 
 @pytest.mark.parametrize("held", [False, True])
-def test_with_a_full_fork_it_comes_back_to_its_box(held: bool) -> None:
+def test_a_blocked_robot_with_a_full_fork_returns_to_its_cell(held: bool) -> None:
     pilot, robot = make(beside="o")
     assert go(pilot, Cell(1, 2), Direction.EAST) is True
     assert go(pilot, Cell(2, 2), Direction.EAST, docking=True) is True

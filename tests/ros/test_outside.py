@@ -15,9 +15,8 @@ from typer.testing import CliRunner
 from wherry.cli import app
 from wherry.errors import InputError
 from wherry.pipelines.delivery.ros import Stack, is_own, order_from
-from wherry.pipelines.delivery.simulated import order_of
 from wherry.pipelines.delivery.simulator import node_of
-from wherry.realization.mission import Ready
+from wherry.realization.mission import SurveyedWorld, order_from_plan
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.bodies import load_body
@@ -120,7 +119,7 @@ def test_transforms_outrank_estimates() -> None:
     estimate = ros.PoseWithCovarianceStamped(header_of(1.0, "map"), ros.PoseWithCovariance(to_pose(Pose(5.0))))
     bus.say(TOPICS.amcl_pose, estimate)
     assert outside.pose(STILL).x == pytest.approx(5.0)
-    assert not outside.lost
+    assert not outside.is_lost
     tell_pose(bus, Pose(1.0))
     bus.say(TOPICS.amcl_pose, estimate)
     assert outside.pose(STILL).x == pytest.approx(2.0)
@@ -131,10 +130,10 @@ def test_a_pose_that_nobody_confirms_is_lost() -> None:
     outside = OutsidePose(bus.node(), NAMES, lambda: STILL)
     tell_pose(bus, Pose(), time=10.0)
     for time, lost in ((10.0, False), (11.9, False), (12.1, True)):
-        outside.correct(STILL, Scan(time, np.ones(4), 0.0, 1.0, 0.0, 9.0))
-        assert outside.lost is lost
+        outside.update(STILL, Scan(time, np.ones(4), 0.0, 1.0, 0.0, 9.0))
+        assert outside.is_lost is lost
     tell_pose(bus, Pose(), time=12.0)
-    assert not outside.lost
+    assert not outside.is_lost
 
 
 @pytest.mark.parametrize("pose", [Pose(math.nan), Pose(theta=math.inf), Pose(1e9)])
@@ -216,15 +215,17 @@ def robot(other: OtherStack) -> Iterator[RosRobot]:
             thread.join()
 
 
-def get_ready(other: OtherStack, robot: RosRobot, mapping: str, localization: str, patience: float = 10.0) -> Ready:
+def get_ready(
+    other: OtherStack, robot: RosRobot, mapping: str, localization: str, patience: float = 10.0
+) -> SurveyedWorld:
     own = {"owns_map": is_own("--mapping", mapping), "owns_pose": is_own("--localization", localization)}
     stack = Stack(robot, other.bus.node(), NAMES, patience, **own)
     if mapping == "ros":
         other.tell_map()
-    return stack.get_ready(order_of(other.simulation.plan), None, ignore, np.random.default_rng(0))
+    return stack.get_ready(order_from_plan(other.simulation.plan), None, ignore, np.random.default_rng(0))
 
 
-def check_ready(ready: Ready, other: OtherStack, map_frame: Pose) -> None:
+def check_ready(ready: SurveyedWorld, other: OtherStack, map_frame: Pose) -> None:
     """The robot, the box and the warehouse are where they truly are."""
     environment, plan = ready.environment, other.simulation.plan
     true = map_frame.inverse @ other.simulation.referee.pose
@@ -269,7 +270,7 @@ def test_a_localization_that_does_not_take_what_it_is_told_is_named(other: Other
 def test_a_stack_that_says_nothing_is_named(other: OtherStack, robot: RosRobot) -> None:
     stack = Stack(robot, other.bus.node(), NAMES, 0.2, owns_map=False, owns_pose=True)
     with pytest.raises(InputError, match=r"/map: not heard within 0\.2 s"):
-        stack.get_ready(order_of(other.simulation.plan), None, ignore, np.random.default_rng(0))
+        stack.get_ready(order_from_plan(other.simulation.plan), None, ignore, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("option", ["--mapping", "--localization"])

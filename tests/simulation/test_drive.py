@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from wherry.robot import Velocity
-from wherry.simulation.drive import TRACK, WHEEL_RADIUS, Drive, EncoderErrors, Encoders
+from wherry.simulation.drive import TRACK, WHEEL_RADIUS, Drive, WheelOdometry, WheelOdometryErrors
 from wherry.simulation.model import BODY
 
 PERIOD = 0.005  # s
@@ -60,7 +60,7 @@ def test_half_a_second_after_the_last_command_it_stands() -> None:
 
 
 def test_encoders_without_errors_know_straight_lines_arcs_and_turns() -> None:
-    encoders = Encoders(EncoderErrors(scale=0.0, noise=0.0), np.random.default_rng(0))
+    encoders = WheelOdometry(WheelOdometryErrors(scale=0.0, noise=0.0), np.random.default_rng(0))
     encoders.read(0.0, np.array([7.0, -3.0]), 1.0)  # where the wheels began does not matter
     ahead = encoders.read(1.0, np.array([27.0, 17.0]), 1.0)
     assert_allclose(ahead.pose.as_array(), [1.0, 0.0, 0.0], atol=1e-12)
@@ -78,7 +78,7 @@ def test_encoders_without_errors_know_straight_lines_arcs_and_turns() -> None:
 
 def test_encoder_errors_have_their_size_and_their_seed() -> None:
     def odometer(seed: int) -> float:
-        encoders = Encoders(EncoderErrors(scale=0.01, noise=0.0), np.random.default_rng(seed))
+        encoders = WheelOdometry(WheelOdometryErrors(scale=0.01, noise=0.0), np.random.default_rng(seed))
         encoders.read(0.0, np.zeros(2), 1.0)
         return encoders.read(1.0, np.full(2, 200.0), 1.0).velocity.linear / 10.0
 
@@ -88,7 +88,7 @@ def test_encoder_errors_have_their_size_and_their_seed() -> None:
 
 
 def test_standing_wheels_make_no_drift() -> None:
-    encoders = Encoders(EncoderErrors(), np.random.default_rng(0))
+    encoders = WheelOdometry(WheelOdometryErrors(), np.random.default_rng(0))
     for time in range(100):
         reading = encoders.read(time, np.array([3.0, 4.0]), 0.05)
     assert reading.pose.as_array() == pytest.approx(0.0)

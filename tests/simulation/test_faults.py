@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from wherry.robot import Odometry, Scan
 from wherry.simulation import build
 from wherry.simulation.faults import blind, kidnap, random_pose, slippery
-from wherry.simulation.solids import clearance
+from wherry.simulation.static_geometry import clearance
 from wherry.space.pose import Pose
 from wherry_testing.halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop
 

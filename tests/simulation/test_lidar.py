@@ -15,11 +15,11 @@ from wherry.floorplan.world_files import find_world
 from wherry.simulation import build
 from wherry.simulation.lidar import Lidar, LidarSpecification, cast_rays
 from wherry.simulation.model import BODY, BOX_RADIUS
-from wherry.simulation.solids import Solids, clearance
+from wherry.simulation.static_geometry import StaticGeometry, clearance
 from wherry.space.pose import Pose
 from wherry_testing.halls import exact, hall
 
-ROOM = Solids.of(FloorPlan("room", 5, 4, cell_size=1.0))
+ROOM = StaticGeometry.from_plan(FloorPlan("room", 5, 4, cell_size=1.0))
 NOTHING = np.empty((0, 2))
 CROSS = np.array([0.0, math.pi / 2, math.pi, -math.pi / 2])
 
@@ -105,7 +105,9 @@ def test_what_is_out_of_reach_is_infinitely_far() -> None:
 
 
 def test_a_docked_box_is_seen_right_before_the_lidar() -> None:
-    lidar = Lidar(LidarSpecification(noise=0.0), Solids.of(find_world("small")), np.random.default_rng(0))
+    lidar = Lidar(
+        LidarSpecification(noise=0.0), StaticGeometry.from_plan(find_world("small")), np.random.default_rng(0)
+    )
     base = Pose(2.0, 2.0, 0.7)
     scan = lidar.scan(0.0, base @ BODY.lidar, np.array([[2.0, 2.0]]), BOX_RADIUS)
     assert scan.ranges[180] == pytest.approx(-BODY.lidar.x - BOX_RADIUS)

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from wherry.floorplan.plan import Cell
 from wherry.simulation.referee import FORK_HALF_WIDTH, FORK_REACH, Referee, box_in_fork
-from wherry.simulation.solids import Solids
+from wherry.simulation.static_geometry import StaticGeometry
 from wherry.space.pose import Pose
 from wherry_testing.halls import CELL, drive, drive_to_x, exact, hall, stop, turn_to
 
@@ -43,7 +43,7 @@ def test_cells_driven_through() -> None:
 
 def test_standing_on_a_border_is_one_visit() -> None:
     plan = hall()
-    referee = Referee(plan, Solids.of(plan))
+    referee = Referee(plan, StaticGeometry.from_plan(plan))
     for x in (0.8, 0.95, 1.05, 0.99, 1.01, 0.95, 1.08, 1.15, 1.05, 0.95, 1.2):
         referee.record(0.0, Pose(x * CELL, 0.5 * CELL, 0.0))
     assert referee.trajectory == (Cell(0, 0), Cell(1, 0))

@@ -15,7 +15,7 @@ from wherry.floorplan.generation import place_boxes
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.robot import Odometry, Robot, Scan, Velocity
-from wherry.simulation import BoxPlace, Simulation, build
+from wherry.simulation import BoxStatus, Simulation, build
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.simulator import LARGEST_BOX_OFFSET
 from wherry.space.pose import Pose
@@ -115,7 +115,7 @@ def test_it_docks_turns_round_the_box_holds_it_and_drives_off(offset: tuple[floa
     drive(simulation, -0.4, 0.6, 1.0)
     stop(simulation)
     assert_allclose(box_in_base(simulation, 0), docked, atol=0.001)
-    assert simulation.referee.boxes[0].place is BoxPlace.HELD
+    assert simulation.referee.boxes[0].status is BoxStatus.HELD
     assert simulation.referee.collisions == []
 
 
@@ -166,7 +166,7 @@ def test_the_interlock_opens_the_latch_only_over_the_warehouse() -> None:
     drive_to_x(simulation, BOX_X)
     simulation.robot.close_latch()
     assert simulation.robot.open_latch() is False
-    assert simulation.referee.boxes[0].place is BoxPlace.HELD
+    assert simulation.referee.boxes[0].status is BoxStatus.HELD
     drive_to_x(simulation, 1.5 * CELL)
     assert simulation.robot.open_latch() is False
 
@@ -179,7 +179,7 @@ def test_the_warehouse_takes_a_box_in() -> None:
     drive(simulation, 0.0, 0.0, 0.3)
     assert simulation.physics.box_positions[0, 2] == pytest.approx(0.15 - 0.3 * 0.3, abs=0.02)  # it sinks
     drive(simulation, 0.0, 0.0, 2.0)
-    assert simulation.referee.boxes[0].place is BoxPlace.DELIVERED
+    assert simulation.referee.boxes[0].status is BoxStatus.DELIVERED
     assert simulation.referee.boxes[0].position == pytest.approx(tuple(where), abs=0.01)
     assert simulation.referee.delivered == 1
     gone = simulation.physics.box_positions[0, 2]
@@ -210,8 +210,10 @@ def test_boxes_stand_near_the_middles_of_their_cells() -> None:
     offsets = []
     for seed in range(20):
         boxes = build(plan, np.random.default_rng(seed)).referee.boxes
-        offsets += [np.array(box.position) / CELL - (box.first_cell.x + 0.5, box.first_cell.y + 0.5) for box in boxes]
-        assert tuple(box.first_cell for box in boxes) == plan.boxes
+        offsets += [
+            np.array(box.position) / CELL - (box.initial_cell.x + 0.5, box.initial_cell.y + 0.5) for box in boxes
+        ]
+        assert tuple(box.initial_cell for box in boxes) == plan.boxes
     lengths = np.hypot(*np.array(offsets).T) * CELL
     assert LARGEST_BOX_OFFSET / 2 < lengths.max() <= LARGEST_BOX_OFFSET + 1e-6
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wherry.floorplan.world_files import built_in_worlds, find_world
-from wherry.simulation.solids import Solids
+from wherry.simulation.static_geometry import StaticGeometry
 from wherry.space.frame import CellFrame, lay_cells
 from wherry.space.pose import Floats, Pose
 from wherry_testing.perfect_worlds import is_solid, perfect_map
@@ -110,5 +110,5 @@ def test_the_maps_walls_are_solid() -> None:
     # The perfect map that other tests build on shows walls where they are, and nothing else.
     plan = find_world("small")
     grid = perfect_map(plan)
-    assert is_solid(Solids.of(plan), grid.occupied_points()).all()
+    assert is_solid(StaticGeometry.from_plan(plan), grid.occupied_points()).all()
     assert grid.free.sum() * grid.resolution**2 == pytest.approx(45 * 0.36, rel=0.12)

@@ -11,7 +11,7 @@ from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.robot import Body, Scan
 from wherry.simulation.lidar import Lidar, LidarSpecification
 from wherry.simulation.model import BODY
-from wherry.simulation.solids import Solids
+from wherry.simulation.static_geometry import StaticGeometry
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
@@ -44,12 +44,12 @@ def perfect_map(plan: FloorPlan, map_from_world: Pose = IDENTITY, resolution: fl
     cells = np.argwhere(np.ones((height, width), np.bool_))
     points = map_from_world.inverse.transform(grid.centres(cells))
     inside = np.all((points > 0) & (points < size), axis=1)
-    solid = is_solid(Solids.of(plan), points)
+    solid = is_solid(StaticGeometry.from_plan(plan), points)
     values = np.where(solid, 1.0, np.where(inside, 0.0, UNKNOWN)).astype(np.float32)
     return OccupancyGrid(values.reshape(height, width), resolution, grid.origin)
 
 
-def is_solid(solids: Solids, points: Floats) -> NDArray[np.bool_]:
+def is_solid(solids: StaticGeometry, points: Floats) -> NDArray[np.bool_]:
     """[N] which points [N, 2] m of the world frame lie in a wall or an obstacle."""
     columns = np.searchsorted(solids.xs, points[:, 0], side="right") - 1
     rows = np.searchsorted(solids.ys, points[:, 1], side="right") - 1
@@ -72,7 +72,7 @@ class Eye:
     def __init__(self, plan: FloorPlan, noise: float = 0.0, body: Body = BODY, beams: int = 360) -> None:
         specification = LidarSpecification(noise=noise, beams=beams)
         self.body = body
-        self._lidar = Lidar(specification, Solids.of(plan), np.random.default_rng(7))
+        self._lidar = Lidar(specification, StaticGeometry.from_plan(plan), np.random.default_rng(7))
 
     def scan(self, base: Pose, boxes: Floats | None = None) -> Scan:
         """What the lidar of a robot with base_link at a pose of the world frame sees; boxes [B, 2] m."""

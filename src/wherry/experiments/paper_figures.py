@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +24,10 @@ from wherry.localization.parameters import AmclParameters
 from wherry.navigation.controller import safe_velocity
 from wherry.pipelines.delivery.agent import Delivery, delivery_learner
 from wherry.pipelines.delivery.page import pictures_of
-from wherry.pipelines.delivery.simulated import order_of
-from wherry.realization.mission import Mission
+from wherry.realization.mission import Mission, order_from_plan
 from wherry.robot import Odometry
 from wherry.simulation import Simulation, build
-from wherry.simulation.picture import Photographer
+from wherry.simulation.rendering import SceneRenderer
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import Record, Seen
 from wherry.views.drawing import Scene, draw
@@ -76,8 +76,8 @@ def figures() -> Iterator[tuple[str, bytes]]:
     yield "fig1a-taxi.png", _png(in_colour(taxi.plan, taxi_figures(state)))
     plan = place_boxes(find_world(BUILDING), 4, np.random.default_rng(SEED))
     simulation = build(plan, np.random.default_rng(SEED))
-    with Photographer(simulation, 1000, 1000) as photographer:
-        yield "fig1b-world.png", _png(photographer.overhead())
+    with closing(SceneRenderer(simulation, 1000, 1000)) as renderer:
+        yield "fig1b-world.png", _png(renderer.overhead())
     laser, carrying = _delivery_pictures(simulation, plan)
     yield "fig3-laser.svg", laser.encode()
     for number, picture in enumerate(_particles()):
@@ -96,7 +96,7 @@ def _delivery_pictures(simulation: Simulation, plan: FloorPlan) -> tuple[str, st
     records: list[Record] = []
     world_from_map = simulation.physics.robot_pose  # the map's frame is where the robot starts
     rng = np.random.default_rng(SEED)
-    ready = Mission(simulation.robot, order_of(plan), records.append, rng).explore()
+    ready = Mission(simulation.robot, order_from_plan(plan), records.append, rng).explore()
     delivery = Delivery(ready, delivery_learner("bayes"), records.append, rng)
     for _ in delivery:
         pass

@@ -38,7 +38,7 @@ from wherry.ros.description import robot_description
 from wherry.simulation import build
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.model import robot_urdf
-from wherry.simulation.scenes import choose_scene
+from wherry.simulation.seeded_worlds import seed_world
 from wherry.simulation.simulator import LATCH_REACH
 from wherry.space.pose import Pose
 
@@ -83,10 +83,10 @@ def export(settings: Settings) -> tuple[Path, ...]:
     """
     if settings.generation not in GENERATIONS:
         raise InputError("--generation", settings.generation, f"is none of {', '.join(GENERATIONS)}")
-    scene = choose_scene(find_world(settings.world), settings.boxes, settings.seed)
-    files = contents(scene.plan, scene.physics, GENERATIONS[settings.generation])
+    world = seed_world(find_world(settings.world), settings.boxes, settings.seed)
+    files = contents(world.plan, world.physics_rng, GENERATIONS[settings.generation])
     _prepare(settings.folder, force=settings.force)
-    what: dict[str, object] = {"wherry-export": FORMAT_VERSION, "world": scene.plan.name}
+    what: dict[str, object] = {"wherry-export": FORMAT_VERSION, "world": world.plan.name}
     what |= {"generation": settings.generation, "seed": settings.seed, "files": sorted(files)}
     files = {**files, MARK: json.dumps(what, indent=2) + "\n"}
     for name, text in files.items():

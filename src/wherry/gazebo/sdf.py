@@ -42,14 +42,14 @@ from wherry.simulation.model import (
     BOX_MASS,
     BOX_RADIUS,
     COLOURS,
-    FLOOR_GRIP,
-    MOTOR_TORQUE,
+    FLOOR_FRICTION,
+    MAX_MOTOR_TORQUE,
     WALL_HEIGHT,
-    WHEEL_GRIP,
+    WHEEL_FRICTION,
     robot_urdf,
 )
 from wherry.simulation.simulator import ODOMETRY_RATE
-from wherry.simulation.solids import OBSTACLE, WALL, Solids
+from wherry.simulation.static_geometry import OBSTACLE, WALL, StaticGeometry
 from wherry.space.pose import Floats, Pose
 
 ROOT_LINK = "base_footprint"  # massless, which no SDF link can be: a frame here
@@ -177,14 +177,14 @@ def _world(plan: FloorPlan, version: str, physics: str) -> tuple[ET.Element, ET.
     for kind, name in (("collision", "floor"), ("visual", "floor_visual")):
         plane = _child(_child(_child(link, kind, name=name), "geometry"), "plane")
         _text(plane, normal="0 0 1", size=size)
-    _grip(_of(link, "collision"), WHEEL_GRIP)
+    _grip(_of(link, "collision"), WHEEL_FRICTION)
     _paint(_of(link, "visual"), COLOURS["floor"])
     return sdf, world
 
 
 def _add_building(world: ET.Element, plan: FloorPlan) -> None:
     """Walls, obstacles, and the warehouse's paint."""
-    solids = Solids.of(plan)
+    solids = StaticGeometry.from_plan(plan)
     link = _child(_static(world, "building"), "link", name="building")
     for name, kind in (("wall", WALL), ("obstacle", OBSTACLE)):
         for index, (left, bottom, right, top) in enumerate(solids.rectangles(kind)):
@@ -210,7 +210,7 @@ def _add_box(world: ET.Element, index: int, x: float, y: float) -> ET.Element:
     _text(_child(inertial, "inertia"), ixx=across, iyy=across, izz=along, ixy=0, ixz=0, iyz=0)
     for kind, name in (("collision", "box"), ("visual", "box_visual")):
         _shape(link, kind, name, [0, 0, 0], "cylinder", radius=BOX_RADIUS, length=BOX_HEIGHT)
-    _grip(_of(link, "collision"), FLOOR_GRIP)
+    _grip(_of(link, "collision"), FLOOR_FRICTION)
     _paint(_of(link, "visual"), BOX_COLOUR)
     return model
 
@@ -290,7 +290,7 @@ def _copy_shape(source: ET.Element, link: ET.Element, kind: str, colours: dict[s
     if kind == "visual":
         _paint(element, tuple(_floats(colours[_of(source, "material").get("name")])))
     else:
-        _grip(element, WHEEL_GRIP if is_wheel else 0.0 if body == "caster" else SHELL_GRIP)
+        _grip(element, WHEEL_FRICTION if is_wheel else 0.0 if body == "caster" else SHELL_GRIP)
 
 
 def _copy_joint(source: ET.Element, model: ET.Element) -> None:
@@ -300,7 +300,7 @@ def _copy_joint(source: ET.Element, model: ET.Element) -> None:
     if turns:
         axis = _child(joint, "axis")
         _text(axis, xyz=_of(source, "axis").get("xyz", ""))
-        _text(_child(axis, "limit"), lower="-1e16", upper="1e16", effort=MOTOR_TORQUE)
+        _text(_child(axis, "limit"), lower="-1e16", upper="1e16", effort=MAX_MOTOR_TORQUE)
         _text(_child(axis, "dynamics"), damping=0, friction=0)
 
 
@@ -436,7 +436,7 @@ def _add_classic_drive(model: ET.Element) -> None:
         rightJoint="right_wheel_joint",
         wheelSeparation=TRACK,
         wheelDiameter=2 * WHEEL_RADIUS,
-        wheelTorque=MOTOR_TORQUE,
+        wheelTorque=MAX_MOTOR_TORQUE,
         wheelAcceleration=BODY.max_linear_acceleration,
         commandTopic="/cmd_vel",
         odometryTopic="/odom",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wherry.space.grid_cells import cell_centres, cells_at
 from wherry.space.pose import IDENTITY, Floats, Pose
 
 FREE_BELOW = 0.196  # map_server's free_thresh
@@ -59,7 +60,7 @@ class OccupancyGrid:
         Returns:
             [N, 2] row and column.
         """
-        return np.floor(self.origin.inverse.transform(points) / self.resolution).astype(np.int64)[:, ::-1]
+        return cells_at(points, self.origin, self.resolution)
 
     def contains(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which cells lie on the grid.
@@ -84,7 +85,23 @@ class OccupancyGrid:
         Returns:
             [N, 2] m, map frame.
         """
-        return self.origin.transform((cells[:, ::-1] + 0.5) * self.resolution)
+        return cell_centres(cells, self.origin, self.resolution)
+
+    def distances_to(self, point: Floats, window: tuple[slice, slice] = (slice(None), slice(None))) -> Floats:
+        """Distances of the grid cells' centres from a point.
+
+        Args:
+            point: [2] m, map frame.
+            window: Rows and columns, those outside the grid left out; by default the whole grid.
+
+        Returns:
+            [H, W] distances in the window, m.
+        """
+        column, row = self.origin.inverse.transform(point[None, :])[0] / self.resolution
+        height, width = self.shape
+        rows, columns = np.arange(height)[window[0], None] + 0.5, np.arange(width)[None, window[1]] + 0.5
+        distances: Floats = np.hypot(rows - row, columns - column) * self.resolution
+        return distances
 
     def occupied_points(self) -> Floats:
         """[N, 2] m, map frame: the middles of the occupied cells, row by row."""

@@ -19,7 +19,7 @@ from wherry.experiments.mapping.drifting_odometry import BUILDINGS, drifted
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.lost import SCANS_UNTIL_LOST, Calibration, LostDetector, fit_calibration
 from wherry.logs.carmen import LidarLog, read_log
-from wherry.pipelines.logs.localization import LOG_PARAMETERS, START_COVARIANCE
+from wherry.pipelines.logs.localization import INITIAL_POSE_COVARIANCE, LOG_PARAMETERS
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -100,7 +100,7 @@ def in_building(log_file: Path, seed: int) -> Watched:
     length = len(recording.scans)
     starts = rng.integers(length - LEG, size=KIDNAPPINGS).tolist()
     localizer = Localizer(_map_of_even(log, poses), log.lidar, LOG_PARAMETERS, rng)
-    localizer.initialize(Pose.from_array(recording.poses[0]), START_COVARIANCE)
+    localizer.initialize(Pose.from_array(recording.poses[0]), INITIAL_POSE_COVARIANCE)
 
     def steps() -> Iterator[tuple[Localization, bool]]:
         legs = [range(length), *(range(start, start + LEG) for start in starts)]

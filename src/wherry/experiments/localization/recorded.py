@@ -17,9 +17,9 @@ from wherry.localization.relocalization import Relocalizer
 from wherry.logs.carmen import LidarLog, read_log
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.pipelines.logs.localization import (
+    INITIAL_POSE_COVARIANCE,
     LOG_PARAMETERS,
     LOST,
-    START_COVARIANCE,
     Settings,
     advancing_times,
     prepare,
@@ -172,7 +172,7 @@ def track(data: Halves, seed: int) -> Tracking:
     length = len(recording.scans)
     rng, way_rng = np.random.default_rng(seed), np.random.default_rng((seed, 1))
     localizer = Localizer(data.grid, data.log.lidar, LOG_PARAMETERS, rng)
-    localizer.initialize(Pose.from_array(data.reference[0]), START_COVARIANCE)
+    localizer.initialize(Pose.from_array(data.reference[0]), INITIAL_POSE_COVARIANCE)
     errors, stated, truly_lost = [], [], []
     elsewhere = somewhere_else(recording, length - 1, way_rng)
     for odometry, scan, truth in with_kidnappings(recording, [range(length), elsewhere]):

@@ -19,7 +19,7 @@ from wherry.learning.learners import LEARNERS, RuleLearner
 from wherry.learning.rule_files.files import load_rules
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.objects import State
-from wherry.realization.mission import Ready
+from wherry.realization.mission import SurveyedWorld
 from wherry.robot import Body
 from wherry.space.frame import CellFrame
 from wherry.trace.records import Began, CellsLaid, Learnt, LearntRule, Perceived, Said, Sink, Stepped, Thing
@@ -75,7 +75,7 @@ class Delivery:
         ready: What it knows by now.
     """
 
-    def __init__(self, ready: Ready, learner: RuleLearner, sink: Sink, rng: np.random.Generator) -> None:
+    def __init__(self, ready: SurveyedWorld, learner: RuleLearner, sink: Sink, rng: np.random.Generator) -> None:
         self.ready = ready
         self._learner = learner
         self._sink = sink
@@ -99,7 +99,7 @@ class Delivery:
 
     def _looks_further(self) -> bool:
         """See what has come within reach; whether that was anything."""
-        further = self.ready.look_further()
+        further = self.ready.extend_survey()
         if further is None:
             return False
         self.ready = further
@@ -110,7 +110,7 @@ class Delivery:
         """Pick up a box that has something behind it, and look at that; whether there was such a box."""
         if not self.ready.environment.remaining:
             return False
-        for name in self.ready.in_the_way():
+        for name in self.ready.blocking_boxes():
             self._say("deliver", f"I cannot deliver anything as things stand, but {name} is in my way: I pick it up.")
             if (yield from self._pursue(GoalAgent(self._learner, partial(_not_held, name), detour=0.0))):
                 return True
@@ -179,7 +179,7 @@ def _last_words(delivered: int, left: int, why: str | None) -> str:
     return "Everything is delivered." if delivered else "There is nothing to deliver that I could find."
 
 
-def _cells_laid(ready: Ready) -> CellsLaid:
+def _cells_laid(ready: SurveyedWorld) -> CellsLaid:
     """Where the cells lie on the robot's map."""
     site = ready.environment.site
     warehouse = np.array([(cell.x, cell.y) for cell in sorted(site.warehouse)], np.int32).reshape(-1, 2)

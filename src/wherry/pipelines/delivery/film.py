@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from wherry.errors import InputError
 from wherry.files import growing_file
 from wherry.simulation import Simulation
-from wherry.simulation.picture import Photographer
+from wherry.simulation.rendering import SceneRenderer
 from wherry.trace.records import Record, Seen, Sink
 
 WIDTH, HEIGHT = 640, 720  # pixels of each of the two pictures
@@ -39,7 +39,7 @@ def filmed(path: Path, simulation: Simulation) -> Iterator[Sink]:
     if path.suffix != ".mp4":
         raise InputError("--video", str(path), "must end in .mp4")
     with (
-        Photographer(simulation, WIDTH, HEIGHT) as photographer,
+        closing(SceneRenderer(simulation, WIDTH, HEIGHT)) as renderer,
         growing_file(path) as unfinished,
         av.open(unfinished, "w") as container,
     ):
@@ -51,7 +51,7 @@ def filmed(path: Path, simulation: Simulation) -> Iterator[Sink]:
             nonlocal shown
             if not isinstance(record, Seen) or (number := math.floor(record.time / PERIOD)) <= shown:
                 return
-            picture = np.hstack([photographer.chase(), photographer.overhead()])
+            picture = np.hstack([renderer.chase(), renderer.overhead()])
             for _ in range(number - shown):  # a picture is shown until the next one
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(picture)))
             shown = number

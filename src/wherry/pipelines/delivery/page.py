@@ -8,7 +8,7 @@ import numpy as np
 
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
 from wherry.pipelines.delivery.score import Result
-from wherry.realization.mission import Ready
+from wherry.realization.mission import SurveyedWorld
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import Explored, Record, Said, Seen, Stepped
@@ -47,7 +47,9 @@ def page(result: Result, pictures: Sequence[Picture], rules: Sequence[str], reco
     )
 
 
-def pictures_of(records: Sequence[Record], ready: Ready, plan: FloorPlan, world_from_map: Pose | None) -> list[Picture]:
+def pictures_of(
+    records: Sequence[Record], ready: SurveyedWorld, plan: FloorPlan, world_from_map: Pose | None
+) -> list[Picture]:
     """The delivery at its fullest, from afar and close by; the map half made; and the moment after the last box.
 
     Args:
@@ -107,7 +109,7 @@ def _plan_at(records: Sequence[Record], time: float) -> Floats:
     return plans[-1].astype(float) if plans else NO_POINTS
 
 
-def _warehouse(ready: Ready) -> Floats:
+def _warehouse(ready: SurveyedWorld) -> Floats:
     """[K, 4, 2] m, map frame: the corners of the warehouse's cells."""
     half = ready.frame.cell_size / 2
     square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])

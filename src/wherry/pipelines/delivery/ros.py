@@ -13,7 +13,7 @@ from wherry.errors import InputError
 from wherry.learning.learners import RuleLearner
 from wherry.learning.rule_files.files import save_rules
 from wherry.pipelines.delivery.agent import Delivery, beginning
-from wherry.realization.mission import Mission, Order, Ready
+from wherry.realization.mission import Mission, Order, SurveyedWorld
 from wherry.ros.conversion import header_of, to_pose
 from wherry.ros.messages import PoseWithCovariance, PoseWithCovarianceStamped
 from wherry.ros.names import Names
@@ -88,7 +88,7 @@ class Stack:
     """Who maps and who localizes: we, or an outside stack.
 
     Args:
-        robot: Ready.
+        robot: SurveyedWorld.
         transport: ROS.
         names: What everything is called.
         patience: s to wait for an outside map or pose.
@@ -115,7 +115,9 @@ class Stack:
         if owns_map and not owns_pose:
             transport.advertise(names.topics.initialpose)
 
-    def get_ready(self, order: Order, grid: OccupancyGrid | None, sink: Sink, rng: np.random.Generator) -> Ready:
+    def get_ready(
+        self, order: Order, grid: OccupancyGrid | None, sink: Sink, rng: np.random.Generator
+    ) -> SurveyedWorld:
         """Map, or take a map; localize, or be told; find the boxes.
 
         Args:
@@ -134,7 +136,7 @@ class Stack:
         pose = self._pose
         if pose is None:
             mission = Mission(self._robot, order, sink, rng)
-            return mission.explore() if maps is None else mission.find_itself(maps())
+            return mission.explore() if maps is None else mission.localize(maps())
         if maps is None:
             return Mission(self._robot, order, sink, rng, localizer=self._hand_over).explore()
         pose.wait(self._patience)
@@ -184,11 +186,11 @@ def run(
     grid: OccupancyGrid | None,
     sink: Sink,
     seed: int,
-) -> tuple[Figures, Ready]:
+) -> tuple[Figures, SurveyedWorld]:
     """Deliver every box.
 
     Args:
-        robot: Ready.
+        robot: SurveyedWorld.
         stack: Maps and localizes.
         order: What to do.
         learner: Goes on from what it knows.
@@ -214,7 +216,7 @@ def run(
     return figures, ready
 
 
-def write(out: Path, ready: Ready, learner: RuleLearner) -> None:
+def write(out: Path, ready: SurveyedWorld, learner: RuleLearner) -> None:
     """Map and rules into a folder that exists."""
     save_map(ready.grid, out / "map.yaml")
     save_rules(learner, out / "rules.json")

@@ -6,7 +6,6 @@ Only this file sees both the robot and the referee. The robot is told its order,
 from __future__ import annotations
 
 import json
-import math
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -26,10 +25,10 @@ from wherry.learning.rule_files.files import save_rules
 from wherry.pipelines.delivery.agent import Delivery, beginning, delivery_learner
 from wherry.pipelines.delivery.page import page, pictures_of
 from wherry.pipelines.delivery.score import Result, align, position_errors, root_mean_square, shortest_delivery
-from wherry.realization.mission import Mission, Order, Ready
+from wherry.realization.mission import Mission, SurveyedWorld, order_from_plan
 from wherry.robot import Robot
-from wherry.simulation import BoxPlace, Simulation, build
-from wherry.simulation.scenes import choose_scene
+from wherry.simulation import BoxStatus, Simulation, build
+from wherry.simulation.seeded_worlds import seed_world
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
@@ -79,14 +78,14 @@ def prepare(settings: Settings) -> DeliveryRun:
     plan = find_world(settings.world)
     if not plan.warehouse:
         raise InputError(settings.world, "drawing", "has no warehouse (w)")
-    scene = choose_scene(plan, settings.boxes, settings.seed)
+    world = seed_world(plan, settings.boxes, settings.seed)
     grid = None if settings.map_file is None else load_map(settings.map_file)
     if grid is not None and not grid.occupied.any():
         raise InputError(settings.map_file or "", "image", "shows no walls")
     learner = delivery_learner(settings.learner, settings.rules_file)
     out = settings.out or _free_folder(Path("runs") / f"{plan.name}-seed{settings.seed}")
     make_folder(out)
-    return DeliveryRun(settings, scene.plan, grid, learner, out, build(scene.plan, scene.physics), scene.beliefs)
+    return DeliveryRun(settings, world.plan, grid, learner, out, build(world.plan, world.physics_rng), world.robot_rng)
 
 
 def _free_folder(folder: Path) -> Path:
@@ -180,10 +179,10 @@ class DeliveryRun:
         self._write(result)
         return result
 
-    def _get_ready(self, robot: Robot, sink: Sink) -> Ready:
+    def _get_ready(self, robot: Robot, sink: Sink) -> SurveyedWorld:
         """Map or localize; the robot is told only where the warehouse is, as seen from where it starts."""
-        mission = Mission(robot, order_of(self.plan), sink, self._rng)
-        return mission.explore() if self._grid is None else mission.find_itself(self._grid)
+        mission = Mission(robot, order_from_plan(self.plan), sink, self._rng)
+        return mission.explore() if self._grid is None else mission.localize(self._grid)
 
     @property
     def rules(self) -> tuple[str, ...]:
@@ -191,7 +190,7 @@ class DeliveryRun:
         return self._learner.sentences()
 
     @property
-    def _ready(self) -> Ready | None:
+    def _ready(self) -> SurveyedWorld | None:
         """What the robot knows by now; None before it has stood ready."""
         return None if self._delivery is None else self._delivery.ready
 
@@ -208,9 +207,9 @@ class DeliveryRun:
 
     def _mark(self) -> Mark:
         referee, size = self.simulation.referee, self.plan.cell_size
-        truths = [box for box in referee.boxes if box.first_cell not in self.unreachable]
-        on_floor = tuple(_cell_of(box.position, size) for box in truths if box.place is BoxPlace.FLOOR)
-        loaded = any(box.place is BoxPlace.HELD for box in truths)
+        truths = [box for box in referee.boxes if box.initial_cell not in self.unreachable]
+        on_floor = tuple(_cell_of(box.position, size) for box in truths if box.status is BoxStatus.ON_FLOOR)
+        loaded = any(box.status is BoxStatus.HELD for box in truths)
         pose = referee.pose
         return Mark(_cell_of((pose.x, pose.y), size), on_floor, loaded, len(referee.trajectory))
 
@@ -292,24 +291,6 @@ def _stretches(flags: Sequence[bool]) -> Iterator[tuple[int, int]]:
         if value:
             members = list(group)
             yield members[0], members[-1] + 1
-
-
-def order_of(plan: FloorPlan) -> Order:
-    """What the robot is told: where the warehouse's cells are as seen from its start, and how large cells are.
-
-    Raises:
-        InputError: The plan has no robot.
-    """
-    if plan.start is None:
-        raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
-    size = plan.cell_size
-    start = Pose(*_middle(plan.start, size), math.atan2(plan.heading.dy, plan.heading.dx))
-    cells = np.array([_middle(cell, size) for cell in sorted(plan.warehouse)])
-    return Order(warehouse=start.inverse.transform(cells), cell_size=size)
-
-
-def _middle(cell: Cell, size: float) -> tuple[float, float]:
-    return (cell.x + 0.5) * size, (cell.y + 0.5) * size
 
 
 def _cell_of(position: tuple[float, float], size: float) -> Cell:

@@ -12,7 +12,7 @@ from wherry.ros.transports.transport import Transport
 from wherry.simulation import Simulation, build
 from wherry.simulation.drive import WHEEL_RADIUS
 from wherry.simulation.model import LASER_HEIGHT
-from wherry.simulation.scenes import choose_scene
+from wherry.simulation.seeded_worlds import seed_world
 from wherry.simulation.simulator import ODOMETRY_RATE
 
 WHEEL_JOINTS = ("left_wheel_joint", "right_wheel_joint")
@@ -44,8 +44,8 @@ def prepare(settings: Settings) -> Simulation:
     """
     if not 0.0 < settings.rate <= FASTEST:
         raise InputError("--rate", f"{settings.rate}", f"is not above 0 and at most {FASTEST:g}")
-    scene = choose_scene(find_world(settings.world), settings.boxes, settings.seed)
-    return build(scene.plan, scene.physics)
+    world = seed_world(find_world(settings.world), settings.boxes, settings.seed)
+    return build(world.plan, world.physics_rng)
 
 
 def node_of(simulation: Simulation, transport: Transport, names: Names, rate: float) -> SimulatorNode:

@@ -37,7 +37,7 @@ LOG_PARAMETERS = AmclParameters(
 GLOBAL_PARAMETERS = AmclParameters(alpha1=0.1, alpha2=0.1, alpha3=0.1, alpha4=0.1)
 FASTEST_SCANS = 0.005  # s a scan; no lidar is faster, so a log's clock that says so stands still
 SPACING_WITHOUT_CLOCK = 1.0  # s
-START_COVARIANCE = np.diag([0.1**2, 0.1**2, 0.05**2])  # m, m, rad, where a reference gives the start
+INITIAL_POSE_COVARIANCE = np.diag([0.1**2, 0.1**2, 0.05**2])  # m, m, rad, where a reference gives the start
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +145,7 @@ def prepare(settings: Settings, log: LidarLog | None = None) -> LocalizationRun:
         localizer.initialize_globally()
     elif reference is not None and not parameters.set_initial_pose:
         start = reference.at(np.array([log.scans[0].time]))[0]
-        localizer.initialize(Pose.from_array(start), START_COVARIANCE)
+        localizer.initialize(Pose.from_array(start), INITIAL_POSE_COVARIANCE)
     unknown = () if loaded is None else loaded.unknown
     return LocalizationRun(settings, grid, log, odometry, reference, localizer, unknown)
 

@@ -66,7 +66,7 @@ class OutsideMap:
 
 
 class OutsidePose:
-    """A `Corrector` that believes an outside localization: map → odom on ``/tf``, else ``/amcl_pose``.
+    """A `PoseEstimator` that believes an outside localization: map → odom on ``/tf``, else ``/amcl_pose``.
 
     Args:
         transport: ROS.
@@ -112,8 +112,8 @@ class OutsidePose:
                 raise RuntimeError("there is no pose yet")
             return self._map_from_odom @ odometry.pose
 
-    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
-        """As `Corrector.correct`."""
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        """As `PoseEstimator.update`."""
         self._now = scan.time
         return self.pose(odometry)
 
@@ -123,7 +123,7 @@ class OutsidePose:
         return np.empty((0, 3))
 
     @property
-    def lost(self) -> bool:
+    def is_lost(self) -> bool:
         """Whether nobody has said for a while where the robot is."""
         return self._now - self._confirmed > OLDEST
 
@@ -162,7 +162,7 @@ class OutsideMapper:
 
     def __init__(self, grid: Callable[[], OccupancyGrid], pose: OutsidePose, odometry: Odometry) -> None:
         self.grid = grid
-        self.corrector = pose
+        self.pose_estimator = pose
         self.start = pose.pose(odometry)
 
     def resume(self, pose: Pose) -> None:

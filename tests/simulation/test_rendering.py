@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from wherry.errors import InputError
-from wherry.simulation.picture import Photographer
+from wherry.simulation.rendering import SceneRenderer
 from wherry_testing.halls import exact, hall
 
 
-def _photographer(width: int, height: int) -> Photographer:
+def _photographer(width: int, height: int) -> SceneRenderer:
     try:
-        return Photographer(exact(hall()), width, height)
+        return SceneRenderer(exact(hall()), width, height)
     except InputError as error:
         if os.environ.get("CI") == "true":
             raise
@@ -53,10 +53,10 @@ def test_the_chasing_camera_sees_the_robot_in_the_middle() -> None:
 
 def test_too_large_a_picture_is_refused() -> None:
     with pytest.raises(InputError, match="must be 1 × 1 to 1920 × 1080 pixels, not 5000 × 100"):
-        Photographer(exact(hall()), width=5000, height=100)
+        SceneRenderer(exact(hall()), width=5000, height=100)
 
 
 def test_without_opengl_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco.egl", None)
     with pytest.raises(InputError, match="apt-get install libegl1"):
-        Photographer(exact(hall()))
+        SceneRenderer(exact(hall()))

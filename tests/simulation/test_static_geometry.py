@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose
 from wherry.floorplan.generation import generate_world
 from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
 from wherry.floorplan.world_files import find_world
-from wherry.simulation.solids import FREE, OBSTACLE, WALL, Solids, clearance, distances_to
+from wherry.simulation.static_geometry import FREE, OBSTACLE, WALL, StaticGeometry, clearance, distances_to
 
-ROOM = Solids.of(FloorPlan("room", 2, 1, cell_size=1.0))
+ROOM = StaticGeometry.from_plan(FloorPlan("room", 2, 1, cell_size=1.0))
 
 
 def test_an_empty_room_is_four_walls_astride_its_edges() -> None:
@@ -37,13 +37,18 @@ def test_the_surfaces_of_a_room_are_its_four_inner_faces() -> None:
 
 def test_a_wall_reaches_half_its_thickness_beyond_its_ends() -> None:
     plan = FloorPlan("plan", 3, 3, cell_size=1.0, walls=frozenset({Wall.between(Cell(1, 1), Direction.EAST)}))
-    outer = {tuple(rectangle) for rectangle in Solids.of(FloorPlan("plan", 3, 3, cell_size=1.0)).rectangles(WALL)}
-    (inner,) = [rectangle for rectangle in Solids.of(plan).rectangles(WALL) if tuple(rectangle) not in outer]
+    outer = {
+        tuple(rectangle)
+        for rectangle in StaticGeometry.from_plan(FloorPlan("plan", 3, 3, cell_size=1.0)).rectangles(WALL)
+    }
+    (inner,) = [
+        rectangle for rectangle in StaticGeometry.from_plan(plan).rectangles(WALL) if tuple(rectangle) not in outer
+    ]
     assert_allclose(inner, (1.97, 0.97, 2.03, 2.03))
 
 
 def test_an_obstacle_fills_its_cell() -> None:
-    solids = Solids.of(FloorPlan("plan", 3, 3, cell_size=1.0, obstacles=frozenset({Cell(1, 1)})))
+    solids = StaticGeometry.from_plan(FloorPlan("plan", 3, 3, cell_size=1.0, obstacles=frozenset({Cell(1, 1)})))
     assert_allclose(solids.rectangles(OBSTACLE), [(1.0, 1.0, 2.0, 2.0)])
 
 
@@ -55,7 +60,7 @@ def test_distances_to_a_rectangle() -> None:
 
 @pytest.mark.parametrize("name", ["rooms", "offices", "taxi10"])
 def test_rectangles_cover_what_is_solid_and_nothing_else(name: str) -> None:
-    solids = Solids.of(find_world(name))
+    solids = StaticGeometry.from_plan(find_world(name))
     points = np.random.default_rng(0).uniform((solids.xs[0], solids.ys[0]), (solids.xs[-1], solids.ys[-1]), (20_000, 2))
     columns = np.searchsorted(solids.xs, points[:, 0]) - 1
     rows = np.searchsorted(solids.ys, points[:, 1]) - 1
@@ -68,7 +73,7 @@ def test_rectangles_cover_what_is_solid_and_nothing_else(name: str) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_from_free_floor_the_nearest_surface_is_the_nearest_solid(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    solids = Solids.of(generate_world(14, 11, rng))
+    solids = StaticGeometry.from_plan(generate_world(14, 11, rng))
     points = rng.uniform((0.0, 0.0), (solids.xs[-1], solids.ys[-1]), (5_000, 2))
     free = clearance(solids, points) > 0
     assert free.mean() > 0.6
@@ -80,6 +85,6 @@ def test_outside_the_building_there_is_no_room() -> None:
 
 
 def test_a_building_is_few_rectangles() -> None:
-    solids = Solids.of(find_world("rooms"))
+    solids = StaticGeometry.from_plan(find_world("rooms"))
     assert len(solids.rectangles(WALL)) <= 25
     assert len(solids.rectangles(OBSTACLE)) <= len(find_world("rooms").obstacles)
