@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from wherry.commands import watching
-from wherry.trace.records import Said
+from wherry.trace.records import Narration, Phase
 
 
 @pytest.mark.parametrize(("opened", "constant"), [(True, "OPENED_VISITOR"), (False, "FIRST_VISITOR")])
@@ -25,7 +25,7 @@ def test_a_page_that_never_comes_is_waited_for_as_long_as_is_said(
     monkeypatch.setattr(webbrowser, "open", open_page)
     monkeypatch.setattr(watching, constant, 0.4)
     with watching.watched("A run", None, Console(width=120), view=True, port=0) as sink:
-        sink(Said(0.0, "explore", "I begin."))
+        sink(Narration(0.0, Phase.EXPLORE, "I begin."))
     printed = capsys.readouterr().out.splitlines()
     (url,) = asked
     assert printed == [

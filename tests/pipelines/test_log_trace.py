@@ -13,7 +13,17 @@ from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.space.trajectory import Trajectory
-from wherry.trace.records import Began, CellsLaid, Explored, Learnt, Perceived, Record, Said, Seen, Stepped
+from wherry.trace.records import (
+    CellLayout,
+    LearntModel,
+    MapUpdate,
+    Narration,
+    PerceivedState,
+    Record,
+    RobotSnapshot,
+    RunStarted,
+    StepTaken,
+)
 
 LIDAR = Pose(0.1, 0.0, 0.0)
 
@@ -31,13 +41,13 @@ def test_times_count_from_the_first_scan_and_points_lie_in_the_map() -> None:
     grid = OccupancyGrid(np.full((2, 2), 0.5, np.float32), 0.1)
     trace.map(grid)
     trace.scan(1, Pose(1.0, 2.0, np.pi / 2), np.array([[1.0, 2.0, 0.5]]))
-    assert [type(record) for record in told] == [Began, Said, Explored, Seen]
+    assert [type(record) for record in told] == [RunStarted, Narration, MapUpdate, RobotSnapshot]
     seen = told[-1]
-    assert isinstance(seen, Seen)
+    assert isinstance(seen, RobotSnapshot)
     assert seen.time == 1.5
     np.testing.assert_allclose(seen.points, [[1.0, 4.1]], atol=1e-6)
     np.testing.assert_allclose(seen.particles, [[1.0, 2.0, 0.5]])
-    assert isinstance(told[2], Explored)
+    assert isinstance(told[2], MapUpdate)
     assert told[2].grid is grid
 
 
@@ -46,7 +56,7 @@ def test_doubt_is_said_once_and_so_is_its_end() -> None:
     trace = LogTrace("localize", "walk.log", log(), told.append)
     for probability in (0.1, 0.6, 0.9, 0.2, 0.1):
         trace.doubt(1, probability)
-    assert [record.text for record in told[2:] if isinstance(record, Said)] == [
+    assert [record.text for record in told[2:] if isinstance(record, Narration)] == [
         "I no longer know where I am.",
         "Now I know where I am.",
     ]
@@ -58,7 +68,7 @@ def test_loops_are_counted_when_more_were_tried() -> None:
     tried = [closure(""), closure("response 0.3"), closure("")]
     for count in (0, 2, 2, 3):
         trace.closures(1, tried[:count])
-    assert [record.text for record in told[2:] if isinstance(record, Said)] == [
+    assert [record.text for record in told[2:] if isinstance(record, Narration)] == [
         "Loops so far: 1 closed, 1 refused.",
         "Loops so far: 2 closed, 1 refused.",
     ]
@@ -75,25 +85,25 @@ def learning() -> list[Record]:
     experiment = TaxiExperiment(Settings(learner="doormax", repetitions=2, seed=0))
     experiment.watch = told.append
     steps = [repetition.steps for repetition in experiment.repetitions()]
-    assert sum(isinstance(record, Stepped) for record in told) == steps[0]  # the first one alone
+    assert sum(isinstance(record, StepTaken) for record in told) == steps[0]  # the first one alone
     return told
 
 
 def test_a_learner_on_a_grid_is_told_from_knowing_nothing(learning: list[Record]) -> None:
-    assert isinstance(learning[0], Began)
+    assert isinstance(learning[0], RunStarted)
     assert learning[0].terms[0] == "touch_N(taxi, wall)"
-    assert sum(isinstance(record, CellsLaid) for record in learning) == 1
-    steps = [record for record in learning if isinstance(record, Stepped)]
+    assert sum(isinstance(record, CellLayout) for record in learning) == 1
+    steps = [record for record in learning if isinstance(record, StepTaken)]
     assert [record.time for record in steps] == [1.0 + at for at in range(len(steps))]
-    assert max(record.unknown for record in steps) > 5
-    assert steps[-1].unknown <= 2
-    assert sum(isinstance(record, Perceived) for record in learning) == len(steps)
+    assert max(record.unknown_pairs for record in steps) > 5
+    assert steps[-1].unknown_pairs <= 2
+    assert sum(isinstance(record, PerceivedState) for record in learning) == len(steps)
 
 
 def test_rules_are_told_when_they_change_and_the_last_are_the_true_ones(learning: list[Record]) -> None:
-    learnt = [record for record in learning if isinstance(record, Learnt)]
+    learnt = [record for record in learning if isinstance(record, LearntModel)]
     assert len({record.rules for record in learnt}) > 5
     rules = {(rule.action, rule.condition, rule.effect) for rule in learnt[-1].rules}
     assert {("N", "0******", "taxi.y += 1"), ("S", "*0*****", "taxi.y -= 1")} <= rules
-    assert isinstance(learning[-1], Said)
+    assert isinstance(learning[-1], Narration)
     assert learning[-1].phase == "done"

@@ -12,7 +12,7 @@ from wherry.realization.execution import move_to_cell
 from wherry.realization.pilot import Pilot
 from wherry.realization.pose_tracker import PoseTracker
 from wherry.simulation.model import BODY
-from wherry.trace.records import ignore
+from wherry.trace.records import null_sink
 from wherry_testing.deliveries import hall
 from wherry_testing.kinematic import KinematicRobot, Odometric
 from wherry_testing.perfect_worlds import centre
@@ -22,7 +22,7 @@ PLAN = hall()  # the robot in (1, 2), a box in (3, 2), a wall east of (4, 2)
 
 def make(beside: str = " ") -> tuple[Pilot, KinematicRobot]:
     robot = KinematicRobot(hall(beside=beside))
-    return Pilot(robot, PoseTracker(Odometric(), robot.pose), ignore), robot
+    return Pilot(robot, PoseTracker(Odometric(), robot.pose), null_sink), robot
 
 
 def go(

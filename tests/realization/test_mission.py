@@ -17,7 +17,7 @@ from wherry.simulation import Simulation, build
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Explored, Record, Said, Seen
+from wherry.trace.records import MapUpdate, Narration, Record, RobotSnapshot
 from wherry_testing.perfect_worlds import centre, heading_of, perfect_map
 
 
@@ -102,7 +102,7 @@ def test_the_robot_stands_in_the_centre_of_a_cell_without_collisions(survey: Fin
 
 def test_every_published_box_is_a_true_box(survey: FinishedSurvey) -> None:
     true = survey.world_from_map.inverse.transform(np.array([centre(survey.plan, cell) for cell in survey.plan.boxes]))
-    shown = [record.boxes for record in survey.records if isinstance(record, Seen)]
+    shown = [record.boxes for record in survey.records if isinstance(record, RobotSnapshot)]
     assert len(shown[-1]) == len(true)
     for place in np.vstack(shown):
         assert np.hypot(*(true - place).T).min() < 0.15
@@ -110,18 +110,18 @@ def test_every_published_box_is_a_true_box(survey: FinishedSurvey) -> None:
 
 def test_the_particle_filter_starts_once_after_mapping(survey: FinishedSurvey) -> None:
     # SLAM estimates the pose until the survey is finished, and the particle filter afterwards.
-    by_particles = [len(record.particles) > 0 for record in survey.records if isinstance(record, Seen)]
+    by_particles = [len(record.particles) > 0 for record in survey.records if isinstance(record, RobotSnapshot)]
     assert by_particles == sorted(by_particles)
 
 
 def test_records_report_phase_and_progress_in_order_of_time(survey: FinishedSurvey) -> None:
-    assert next(record.phase for record in survey.records if isinstance(record, Said)) == "explore"
-    explored = [record for record in survey.records if isinstance(record, Explored)]
-    assert explored[-1].fraction == 1.0
-    assert explored[0].fraction < 0.9
+    assert next(record.phase for record in survey.records if isinstance(record, Narration)) == "explore"
+    explored = [record for record in survey.records if isinstance(record, MapUpdate)]
+    assert explored[-1].explored_fraction == 1.0
+    assert explored[0].explored_fraction < 0.9
     times = [record.time for record in survey.records]
     assert times == sorted(times)
-    localized = [record for record in survey.records if isinstance(record, Seen) and len(record.particles)]
+    localized = [record for record in survey.records if isinstance(record, RobotSnapshot) and len(record.particles)]
     assert localized
 
 

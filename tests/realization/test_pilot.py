@@ -15,7 +15,7 @@ from wherry.realization.pose_tracker import PoseTracker
 from wherry.robot import Odometry, Scan
 from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
-from wherry.trace.records import Record, Seen
+from wherry.trace.records import Record, RobotSnapshot
 from wherry_testing.kinematic import KinematicRobot, Odometric
 from wherry_testing.perfect_worlds import Eye
 
@@ -53,7 +53,7 @@ def test_scan_callbacks_receive_every_scan_with_its_pose() -> None:
 def test_snapshots_are_recorded_five_times_a_second() -> None:
     pilot, _, records = make()
     pilot.wait_for_scan(8)
-    assert all(isinstance(record, Seen) for record in records)
+    assert all(isinstance(record, RobotSnapshot) for record in records)
     assert [record.time for record in records] == pytest.approx([0.1, 0.3, 0.5, 0.7])
     ahead = np.abs(records[0].points[:, 1] - START.y) < 0.01  # in the map frame
     assert records[0].points[ahead, 0].max() == pytest.approx(WALL_X - 0.03, abs=1e-6)
@@ -74,7 +74,7 @@ def test_a_path_around_a_corner_is_followed_to_its_end() -> None:
     assert math.hypot(robot.pose.x - 3.3, robot.pose.y - 1.8) < 0.02
     assert robot.nearest_wall > BODY.radius
     assert pilot.odometry.velocity.linear == 0.0
-    shown = [record for record in records if isinstance(record, Seen) and len(record.path)]
+    shown = [record for record in records if isinstance(record, RobotSnapshot) and len(record.path)]
     np.testing.assert_allclose(shown[0].path, path, atol=1e-6)
     for record in shown:  # only the remaining path is recorded
         nearest = math.hypot(record.path[0, 0] - record.pose.x, record.path[0, 1] - record.pose.y)

@@ -17,7 +17,16 @@ from wherry.ros.nodes.agent import MOST_PARTICLES, TOLERANCE, AgentNode
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace.records import Began, CellsLaid, Explored, Perceived, Said, Seen, Stepped
+from wherry.trace.records import (
+    CellLayout,
+    MapUpdate,
+    Narration,
+    PerceivedState,
+    Phase,
+    RobotSnapshot,
+    RunStarted,
+    StepTaken,
+)
 from wherry_testing.bus import Bus, wait_for
 
 NAMES = load_names()
@@ -40,9 +49,9 @@ class Stage:
     def __init__(self, **options: bool) -> None:
         self.bus, self.robot = Bus(), Robot()
         self.node = AgentNode(self.robot, self.bus.node(), NAMES, **options)  # type: ignore[arg-type]
-        self.node(Began("deliver", "ROS", "Bayes", TERMS, ("N",), 0.2, 0.1))
+        self.node(RunStarted("deliver", "ROS", "Bayes", TERMS, ("N",), 0.2, 0.1))
 
-    def see(self, record: Seen) -> None:
+    def see(self, record: RobotSnapshot) -> None:
         """As when the agent then waits for the robot."""
         self.node(record)
         self.robot.in_spare_time()
@@ -54,11 +63,11 @@ class Stage:
         return [marker for marker in self.heard("markers")[-1].markers if marker.ns == namespace]
 
 
-def seen(boxes: int = 0, *, loaded: bool = False, particles: int = 0) -> Seen:
+def seen(boxes: int = 0, *, loaded: bool = False, particles: int = 0) -> RobotSnapshot:
     places = np.arange(2 * boxes, dtype=np.float32).reshape(-1, 2)
     path = np.array([[0, 0], [1, 1]], np.float32)
     cloud = np.ones((particles, 3), np.float32)
-    return Seen(5.0, Pose(3.0, 4.0, 1.0), Pose(), np.empty((0, 2), np.float32), cloud, path, places, loaded)
+    return RobotSnapshot(5.0, Pose(3.0, 4.0, 1.0), Pose(), np.empty((0, 2), np.float32), cloud, path, places, loaded)
 
 
 @pytest.fixture
@@ -68,10 +77,10 @@ def stage() -> Stage:
 
 def test_the_map_is_told_if_it_is_ours(stage: Stage) -> None:
     grid = OccupancyGrid(np.eye(3, dtype=np.float32), 0.05)
-    stage.node(Explored(5.0, grid, 0.5, 1.0))
+    stage.node(MapUpdate(5.0, grid, 0.5, 1.0))
     np.testing.assert_array_equal(from_grid(stage.heard("map")[0], "map").occupied, grid.occupied)
     somebody_elses = Stage(owns_map=False)
-    somebody_elses.node(Explored(5.0, grid, 0.5, 1.0))
+    somebody_elses.node(MapUpdate(5.0, grid, 0.5, 1.0))
     assert somebody_elses.heard("map") == []
 
 
@@ -80,7 +89,7 @@ def test_paths_and_particles_are_told(stage: Stage) -> None:
     assert len(stage.heard("particlecloud")[0].poses) == MOST_PARTICLES
     assert from_pose(stage.heard("predicted_path")[0].poses[1].pose).x == 1.0
     plan = np.array([[0.3, 0.3], [0.9, 0.3], [0.9, 0.9]], np.float32)
-    stage.node(Stepped(5.0, "101", "N", False, True, 0, 0, 1, plan))
+    stage.node(StepTaken(5.0, "101", "N", False, True, 0, 0, 1, plan))
     assert [from_pose(pose.pose).x for pose in stage.heard("plan")[0].poses] == pytest.approx([0.3, 0.9, 0.9])
 
 
@@ -116,7 +125,7 @@ def test_boxes_come_and_go(stage: Stage) -> None:
 def test_the_condition_is_shown_term_by_term(stage: Stage) -> None:
     stage.see(seen())
     assert stage.heard("markers") == []
-    stage.node(Perceived(5.0, "101", ()))
+    stage.node(PerceivedState(5.0, "101", ()))
     stage.see(seen())
     text, bits = stage.markers("condition")
     assert text.text.split("\n") == ["101", "touch_N", "on_box"]
@@ -127,7 +136,7 @@ def test_the_condition_is_shown_term_by_term(stage: Stage) -> None:
 def test_warehouse_and_walls_are_where_the_cells_are(stage: Stage) -> None:
     frame = CellFrame(Pose(1.0, 2.0, 0.0), 0.6)
     walls = np.array([[0, 0, 1], [0, 0, 0]], np.int32)
-    stage.node(CellsLaid(5.0, frame, np.array([[2, 1]], np.int32), walls))
+    stage.node(CellLayout(5.0, frame, np.array([[2, 1]], np.int32), walls))
     (tile,) = stage.markers("warehouse")
     assert (tile.pose.position.x, tile.pose.position.y) == pytest.approx((2.5, 2.9))
     (lines,) = stage.markers("cells")
@@ -161,14 +170,14 @@ def test_what_was_drawn_once_is_drawn_again_for_those_who_come_later(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stage.node, "_diagnostics_period", 0.05)
-    stage.node(CellsLaid(5.0, CellFrame(Pose(), 0.6), np.array([[2, 1]], np.int32), np.empty((0, 3), np.int32)))
+    stage.node(CellLayout(5.0, CellFrame(Pose(), 0.6), np.array([[2, 1]], np.int32), np.empty((0, 3), np.int32)))
     with stage.node:
         wait_for(lambda: len(stage.heard("markers")) >= 3)
     assert len(stage.markers("warehouse")) == 1
 
 
 def test_what_is_said_is_a_diagnosis(stage: Stage) -> None:
-    stage.node(Said(5.0, "explore", "I drive on."))
+    stage.node(Narration(5.0, Phase.EXPLORE, "I drive on."))
     agent, robot = stage.heard("diagnostics")[0].status
     assert (agent.name, agent.message, agent.level) == ("wherry: agent", "I drive on.", OK)
     assert robot.name == "wherry: robot"

@@ -27,7 +27,7 @@ from wherry.ros.nodes.robot import RosRobot
 from wherry.simulation import Simulation
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace.records import ignore
+from wherry.trace.records import null_sink
 from wherry_testing.bus import Bus
 from wherry_testing.perfect_worlds import frame_of, perfect_map
 from wherry_testing.worlds import hall
@@ -222,7 +222,7 @@ def get_ready(
     stack = Stack(robot, other.bus.node(), NAMES, patience, **own)
     if mapping == "ros":
         other.tell_map()
-    return stack.get_ready(order_from_plan(other.simulation.plan), None, ignore, np.random.default_rng(0))
+    return stack.get_ready(order_from_plan(other.simulation.plan), None, null_sink, np.random.default_rng(0))
 
 
 def check_ready(ready: SurveyedWorld, other: OtherStack, map_frame: Pose) -> None:
@@ -270,7 +270,7 @@ def test_a_localization_that_does_not_take_what_it_is_told_is_named(other: Other
 def test_a_stack_that_says_nothing_is_named(other: OtherStack, robot: RosRobot) -> None:
     stack = Stack(robot, other.bus.node(), NAMES, 0.2, owns_map=False, owns_pose=True)
     with pytest.raises(InputError, match=r"/map: not heard within 0\.2 s"):
-        stack.get_ready(order_from_plan(other.simulation.plan), None, ignore, np.random.default_rng(0))
+        stack.get_ready(order_from_plan(other.simulation.plan), None, null_sink, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("option", ["--mapping", "--localization"])

@@ -40,7 +40,7 @@ from wherry.simulation.model import BODY
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.space.trajectory import Trajectory
-from wherry.trace.records import Explored, Said, Seen, Stepped
+from wherry.trace.records import MapUpdate, Narration, Phase, RobotSnapshot, StepTaken
 
 NAMES = ("run.bag", "run.mcap", "run")
 ROS2_ONLY = {"texture_resource", "texture", "uv_coordinates", "mesh_file", "structure_needs_at_least_one_member"}
@@ -228,18 +228,22 @@ def test_what_the_agent_tells_is_recorded(tmp_path: Path) -> None:
     cloud = np.array([[1.0, 2.0, 3.1], [1.2, 2.0, -3.1]], np.float32)
     grid = OccupancyGrid(np.array([[0.0, 0.5], [1.0, 0.0]], np.float32), 0.1, Pose(-1.0, 2.0, 0.0))
     odometry = Odometry(4.0, Pose(1.0, 0.0, np.pi / 2), Velocity())
-    seen = Seen(4.0, Pose(1.1, 2.0, np.pi), Pose(), none, cloud, np.eye(2, dtype=np.float32), none, loaded=False)
+    seen = RobotSnapshot(
+        4.0, Pose(1.1, 2.0, np.pi), Pose(), none, cloud, np.eye(2, dtype=np.float32), none, has_load=False
+    )
     with Bag(tmp_path / "run.mcap") as bag:
         recording = Recording(bag)
         recording.measured(odometry, Pose())
         for record in (
             seen,
-            Explored(4.0, grid, 0.5, 1.0),
-            Explored(6.0, grid, 0.6, 1.0),  # too soon after the last one
-            Explored(9.5, grid, 0.7, 1.0),
-            Explored(9.6, grid, 1.0, 0.0),  # the last one always counts
-            Stepped(10.0, "1", "N", learning=True, moved=True, unknown=0, delivered=0, remaining=1, plan=none),
-            Said(10.0, "done", "nothing of ROS"),
+            MapUpdate(4.0, grid, 0.5, 1.0),
+            MapUpdate(6.0, grid, 0.6, 1.0),  # too soon after the last one
+            MapUpdate(9.5, grid, 0.7, 1.0),
+            MapUpdate(9.6, grid, 1.0, 0.0),  # the last one always counts
+            StepTaken(
+                10.0, "1", "N", is_learning=True, has_effect=True, unknown_pairs=0, delivered=0, remaining=1, plan=none
+            ),
+            Narration(10.0, Phase.DONE, "nothing of ROS"),
         ):
             recording(record)
     found: dict[str, list[Any]] = {}

@@ -66,7 +66,7 @@ def speed_of(odometry: dict[str, Any]) -> float:
     return math.hypot(twist["linear"]["x"], twist["angular"]["z"])
 
 
-class DriveStatus:
+class Ride:
     """An agent that explores on a simulated robot, whose scans a third node passes on, or not."""
 
     def __init__(self, roscore: Roscore, stack: ExitStack) -> None:
@@ -124,26 +124,26 @@ class DriveStatus:
 
 
 @pytest.fixture(scope="module")
-def ridden(roscore: Roscore) -> Iterator[DriveStatus]:
+def ridden(roscore: Roscore) -> Iterator[Ride]:
     with ExitStack() as stack:
-        yield DriveStatus(roscore, stack)
+        yield Ride(roscore, stack)
 
 
 @pytest.fixture
-def ride(ridden: DriveStatus) -> DriveStatus:
+def ride(ridden: Ride) -> Ride:
     """One ride for all tests; the last one ends it."""
     ridden.wait_until_it_drives()
     return ridden
 
 
 @pytest.mark.parametrize("mode", ["silent", "nan", "frame"])
-def test_without_a_scan_to_trust_the_agent_commands_standstill(ride: DriveStatus, mode: str) -> None:
+def test_without_a_scan_to_trust_the_agent_commands_standstill(ride: Ride, mode: str) -> None:
     with ride.spoilt(mode) as begin:
         check_standstill(ride, mode, begin)
     ride.wait_until_it_drives()
 
 
-def check_standstill(ride: DriveStatus, mode: str, begin: float) -> None:
+def check_standstill(ride: Ride, mode: str, begin: float) -> None:
     wait_until(lambda: ride.speed() < STANDING, 10.0, "the robot stands")
     ride.stands_for(1.0)
     commands = ride.commands(begin)
@@ -155,7 +155,7 @@ def check_standstill(ride: DriveStatus, mode: str, begin: float) -> None:
         wait_until(lambda: words in ride.status("wherry: robot").get("last refused", ""), 5.0, "diagnostics say why")
 
 
-def test_the_agent_gives_way_to_whoever_else_drives(roscore: Roscore, ride: DriveStatus) -> None:
+def test_the_agent_gives_way_to_whoever_else_drives(roscore: Roscore, ride: Ride) -> None:
     with roscore.peer("joystick") as joystick:
         begin = ride.now()
         while ride.now() < begin + 3.0:
@@ -166,7 +166,7 @@ def test_the_agent_gives_way_to_whoever_else_drives(roscore: Roscore, ride: Driv
     ride.wait_until_it_drives()
 
 
-def test_a_master_that_dies_does_not_stop_the_ride(roscore: Roscore, ride: DriveStatus) -> None:
+def test_a_master_that_dies_does_not_stop_the_ride(roscore: Roscore, ride: Ride) -> None:
     begin, heard = ride.now(), len(ride.peer.heard["/cmd_vel"])
     roscore.kill()
     wait_until(lambda: ride.now() > begin + 4.0, 30.0, "time passes")
@@ -181,7 +181,7 @@ def test_a_master_that_dies_does_not_stop_the_ride(roscore: Roscore, ride: Drive
     assert ride.agent.process.poll() is None
 
 
-def test_the_robot_stands_when_the_agent_is_killed(ride: DriveStatus) -> None:
+def test_the_robot_stands_when_the_agent_is_killed(ride: Ride) -> None:
     ride.agent.kill()
     last_command = ride.peer.heard["/cmd_vel"][-1]["at"]
     assert ride.stops_after(last_command) <= WITHIN + GRANULARITY

@@ -1,4 +1,4 @@
-"""Walls and obstacles in metres."""
+"""Walls and obstacles in metres: rectangles, faces and clearance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wherry.simulation.static_geometry import FREE, OBSTACLE, WALL, StaticGeomet
 ROOM = StaticGeometry.from_plan(FloorPlan("room", 2, 1, cell_size=1.0))
 
 
-def test_an_empty_room_is_four_walls_astride_its_edges() -> None:
+def test_an_empty_room_has_four_walls_centred_on_its_edges() -> None:
     sides = {tuple(np.round(rectangle, 9)) for rectangle in ROOM.rectangles(WALL)}
     assert sides == {
         (-0.03, -0.03, 2.03, 0.03),
@@ -25,7 +25,7 @@ def test_an_empty_room_is_four_walls_astride_its_edges() -> None:
     assert len(ROOM.rectangles(OBSTACLE)) == 0
 
 
-def test_the_surfaces_of_a_room_are_its_four_inner_faces() -> None:
+def test_the_visible_faces_of_a_room_are_the_inner_ones() -> None:
     faces = {tuple(np.round(face, 9)) for face in ROOM.surfaces()}
     assert faces == {
         (0.03, 0.03, 0.03, 0.97),
@@ -35,7 +35,7 @@ def test_the_surfaces_of_a_room_are_its_four_inner_faces() -> None:
     }
 
 
-def test_a_wall_reaches_half_its_thickness_beyond_its_ends() -> None:
+def test_a_wall_extends_half_its_thickness_beyond_its_ends() -> None:
     plan = FloorPlan("plan", 3, 3, cell_size=1.0, walls=frozenset({Wall.between(Cell(1, 1), Direction.EAST)}))
     outer = {
         tuple(rectangle)
@@ -48,8 +48,8 @@ def test_a_wall_reaches_half_its_thickness_beyond_its_ends() -> None:
 
 
 def test_an_obstacle_fills_its_cell() -> None:
-    solids = StaticGeometry.from_plan(FloorPlan("plan", 3, 3, cell_size=1.0, obstacles=frozenset({Cell(1, 1)})))
-    assert_allclose(solids.rectangles(OBSTACLE), [(1.0, 1.0, 2.0, 2.0)])
+    geometry = StaticGeometry.from_plan(FloorPlan("plan", 3, 3, cell_size=1.0, obstacles=frozenset({Cell(1, 1)})))
+    assert_allclose(geometry.rectangles(OBSTACLE), [(1.0, 1.0, 2.0, 2.0)])
 
 
 def test_distances_to_a_rectangle() -> None:
@@ -59,32 +59,33 @@ def test_distances_to_a_rectangle() -> None:
 
 
 @pytest.mark.parametrize("name", ["rooms", "offices", "taxi10"])
-def test_rectangles_cover_what_is_solid_and_nothing_else(name: str) -> None:
-    solids = StaticGeometry.from_plan(find_world(name))
-    points = np.random.default_rng(0).uniform((solids.xs[0], solids.ys[0]), (solids.xs[-1], solids.ys[-1]), (20_000, 2))
-    columns = np.searchsorted(solids.xs, points[:, 0]) - 1
-    rows = np.searchsorted(solids.ys, points[:, 1]) - 1
-    kinds = solids.kinds[rows, columns]
+def test_rectangles_cover_all_solid_elements_and_nothing_else(name: str) -> None:
+    geometry = StaticGeometry.from_plan(find_world(name))
+    low, high = (geometry.xs[0], geometry.ys[0]), (geometry.xs[-1], geometry.ys[-1])
+    points = np.random.default_rng(0).uniform(low, high, (20_000, 2))
+    columns = np.searchsorted(geometry.xs, points[:, 0]) - 1
+    rows = np.searchsorted(geometry.ys, points[:, 1]) - 1
+    kinds = geometry.kinds[rows, columns]
     for kind in (WALL, OBSTACLE):
-        assert_allclose(distances_to(solids.rectangles(kind), points) == 0, kinds == kind)
-    assert_allclose(clearance(solids, points) == 0, kinds != FREE)
+        assert_allclose(distances_to(geometry.rectangles(kind), points) == 0, kinds == kind)
+    assert_allclose(clearance(geometry, points) == 0, kinds != FREE)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_from_free_floor_the_nearest_surface_is_the_nearest_solid(seed: int) -> None:
+def test_in_free_space_clearance_is_the_distance_to_the_nearest_face(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    solids = StaticGeometry.from_plan(generate_world(14, 11, rng))
-    points = rng.uniform((0.0, 0.0), (solids.xs[-1], solids.ys[-1]), (5_000, 2))
-    free = clearance(solids, points) > 0
+    geometry = StaticGeometry.from_plan(generate_world(14, 11, rng))
+    points = rng.uniform((0.0, 0.0), (geometry.xs[-1], geometry.ys[-1]), (5_000, 2))
+    free = clearance(geometry, points) > 0
     assert free.mean() > 0.6
-    assert_allclose(distances_to(solids.surfaces(), points[free]), clearance(solids, points[free]))
+    assert_allclose(distances_to(geometry.surfaces(), points[free]), clearance(geometry, points[free]))
 
 
-def test_outside_the_building_there_is_no_room() -> None:
+def test_clearance_is_zero_outside_the_building() -> None:
     assert_allclose(clearance(ROOM, np.array([[-5.0, 0.5], [1.0, 9.0], [1.0, 0.5]])), [0.0, 0.0, 0.47])
 
 
-def test_a_building_is_few_rectangles() -> None:
-    solids = StaticGeometry.from_plan(find_world("rooms"))
-    assert len(solids.rectangles(WALL)) <= 25
-    assert len(solids.rectangles(OBSTACLE)) <= len(find_world("rooms").obstacles)
+def test_few_rectangles_cover_a_building() -> None:
+    geometry = StaticGeometry.from_plan(find_world("rooms"))
+    assert len(geometry.rectangles(WALL)) <= 25
+    assert len(geometry.rectangles(OBSTACLE)) <= len(find_world("rooms").obstacles)

@@ -10,25 +10,25 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.trace.recordings import (
-    FILE_NAME,
     MAGIC,
-    RECORDED_EVERY,
-    Recorder,
+    SNAPSHOT_PERIOD,
+    TRACE_FILE_NAME,
+    TraceRecorder,
     find_trace,
     load_frames,
     load_trace,
-    packed,
+    pack_frames,
 )
-from wherry.trace.records import Record, Said, Seen, thinned
-from wherry_testing.runs import seen, short_run
+from wherry.trace.records import Narration, Phase, Record, RobotSnapshot, throttle_snapshots
+from wherry_testing.runs import short_run, snapshot_at
 
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    with Recorder(tmp_path / FILE_NAME) as recorder:
+    with TraceRecorder(tmp_path / TRACE_FILE_NAME) as recorder:
         for record in short_run():
             recorder(record)
-    return tmp_path / FILE_NAME
+    return tmp_path / TRACE_FILE_NAME
 
 
 def kinds(records: list[Record]) -> list[str]:
@@ -37,7 +37,7 @@ def kinds(records: list[Record]) -> list[str]:
 
 def test_a_file_holds_the_run_with_fewer_moments(recording: Path) -> None:
     wanted: list[Record] = []
-    keep = thinned(wanted.append, RECORDED_EVERY)
+    keep = throttle_snapshots(wanted.append, SNAPSHOT_PERIOD)
     for record in short_run():
         keep(record)
     assert kinds(load_trace(recording.parent)) == kinds(wanted)
@@ -46,13 +46,13 @@ def test_a_file_holds_the_run_with_fewer_moments(recording: Path) -> None:
 
 def test_thinning_keeps_to_the_period_and_lets_all_else_through() -> None:
     kept: list[Record] = []
-    keep = thinned(kept.append, 0.4)
+    keep = throttle_snapshots(kept.append, 0.4)
     for step in range(21):
-        keep(seen(0.1 * step, 0.0))
-        keep(Said(0.1 * step, "explore", "x"))
-    times = [record.time for record in kept if isinstance(record, Seen)]
+        keep(snapshot_at(0.1 * step, 0.0))
+        keep(Narration(0.1 * step, Phase.EXPLORE, "x"))
+    times = [record.time for record in kept if isinstance(record, RobotSnapshot)]
     np.testing.assert_allclose(times, [0.0, 0.4, 0.8, 1.2, 1.6, 2.0])
-    assert sum(isinstance(record, Said) for record in kept) == 21
+    assert sum(isinstance(record, Narration) for record in kept) == 21
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.99])
@@ -65,7 +65,7 @@ def test_a_file_cut_short_is_read_up_to_its_last_whole_frame(recording: Path, sh
 
 
 def test_every_record_is_on_the_disk_as_soon_as_it_is_told(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / FILE_NAME)
+    recorder = TraceRecorder(tmp_path / TRACE_FILE_NAME)
     for number, record in enumerate(short_run()[:3], start=1):
         recorder(record)
         assert len(load_trace(tmp_path)) == number  # what a kill would leave
@@ -74,12 +74,12 @@ def test_every_record_is_on_the_disk_as_soon_as_it_is_told(tmp_path: Path) -> No
 
 def test_packed_frames_are_a_file(recording: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.wherry"
-    copy.write_bytes(packed(load_frames(recording)))
+    copy.write_bytes(pack_frames(load_frames(recording)))
     assert kinds(load_trace(copy)) == kinds(load_trace(recording))
 
 
 def test_a_folder_means_the_trace_in_it(tmp_path: Path) -> None:
-    assert find_trace(tmp_path) == tmp_path / FILE_NAME
+    assert find_trace(tmp_path) == tmp_path / TRACE_FILE_NAME
     assert find_trace(tmp_path / "other.wherry") == tmp_path / "other.wherry"
 
 
@@ -107,10 +107,10 @@ def test_a_missing_file_and_a_folder_that_cannot_be_written(tmp_path: Path) -> N
     with pytest.raises(InputError, match="No such file"):
         load_trace(tmp_path)
     with pytest.raises(InputError, match="cannot be written"):
-        Recorder(tmp_path / "nowhere" / FILE_NAME)
+        TraceRecorder(tmp_path / "nowhere" / TRACE_FILE_NAME)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 def test_a_full_disk_is_said_in_one_line() -> None:
     with pytest.raises(InputError, match="/dev/full: cannot be written: No space left on device"):
-        Recorder(Path("/dev/full"))
+        TraceRecorder(Path("/dev/full"))

@@ -20,13 +20,13 @@ from playwright import sync_api as playwright
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.trace.codec import Encoder
-from wherry.trace.recordings import FILE_NAME, Recorder
-from wherry.trace.records import Began, Explored, Record, Said, Seen
+from wherry.trace.recordings import TRACE_FILE_NAME, TraceRecorder
+from wherry.trace.records import MapUpdate, Narration, Phase, Record, RobotSnapshot, RunStarted
 from wherry.views.web.broadcast import Broadcast
 from wherry.views.web.page import player_page
 from wherry.views.web.server import serve
 from wherry_testing.browsing import DESK, PHONE, SCREENSHOTS, faint_texts, until
-from wherry_testing.runs import BOX, LASER, TERMS, room, seen, short_run, taxi_ride
+from wherry_testing.runs import BOX, LASER, TERMS, room, short_run, snapshot_at, taxi_ride
 
 
 @pytest.fixture(scope="session")
@@ -280,9 +280,9 @@ def test_where_a_log_puts_the_robot_stands_beside_the_map(page: playwright.Page,
     encoder = Encoder()
     cloud = np.array([[1.3, 0.0, 0.0], [0.7, 0.0, 0.0], [1.0, 0.4, 0.0], [1.0, -0.4, 0.0]], np.float32)
     records: list[Record] = [
-        Began("localize", "walk.log"),
-        Explored(0.0, room(30), 1.0, 0.0),
-        replace(seen(0.0, 1.0), particles=cloud),
+        RunStarted("localize", "walk.log"),
+        MapUpdate(0.0, room(30), 1.0, 0.0),
+        replace(snapshot_at(0.0, 1.0), particles=cloud),
     ]
     path = tmp_path / "page.html"
     frames = b"".join(encoder.encode(record) for record in records)
@@ -309,11 +309,11 @@ def test_what_is_not_known_yet_is_not_told_as_false(page: playwright.Page, carri
 def test_a_log_that_is_mapped_shows_map_and_way_whole(page: playwright.Page, tmp_path: Path) -> None:
     encoder = Encoder()
     records: list[Record] = [
-        Began("map", "walk.log"),
-        Said(0.0, "map", "I make a map."),
-        *(seen(10.0 * step, 0.05 * step) for step in range(21)),
-        Explored(100.0, room(30), 0.5, 0.0),
-        seen(210.0, 9.0),
+        RunStarted("map", "walk.log"),
+        Narration(0.0, Phase.MAP, "I make a map."),
+        *(snapshot_at(10.0 * step, 0.05 * step) for step in range(21)),
+        MapUpdate(100.0, room(30), 0.5, 0.0),
+        snapshot_at(210.0, 9.0),
     ]
     path = tmp_path / "page.html"
     frames = b"".join(encoder.encode(record) for record in records)
@@ -488,9 +488,11 @@ def test_whatever_can_be_pressed_has_a_name(page: playwright.Page, carried: str)
 
 def test_text_in_a_trace_is_never_markup(page: playwright.Page, tmp_path: Path) -> None:
     evil = "<img src=x onerror=alert(1)></script>"
-    records = [record for record in short_run() if not isinstance(record, Seen)]
+    records = [record for record in short_run() if not isinstance(record, RobotSnapshot)]
     encoder = Encoder()
-    frames = b"".join(encoder.encode(replace(item, text=evil) if isinstance(item, Said) else item) for item in records)
+    frames = b"".join(
+        encoder.encode(replace(item, text=evil) if isinstance(item, Narration) else item) for item in records
+    )
     path = tmp_path / "page.html"
     path.write_text(player_page(evil, {"source": "file", "x": evil}, frames), encoding="utf-8")
     opened(page, path.as_uri(), at=1.0)
@@ -520,7 +522,9 @@ def test_a_live_run_is_followed_and_its_end_is_told(page: playwright.Page, tmp_p
             page.get_by_role("link", name="Report").click()
         until(report.value, "document.title === 'The report'")
         report.value.close()
-        assert page.evaluate("trace.records.Seen.length") == sum(isinstance(record, Seen) for record in records)
+        assert page.evaluate("trace.records.Seen.length") == sum(
+            isinstance(record, RobotSnapshot) for record in records
+        )
         assert page.locator("#notice").is_hidden()
 
 
@@ -574,17 +578,17 @@ def large_run() -> bytes:
     probability = np.full((2000, 2000), 0.02, np.float32)
     probability[::60], probability[:, ::80] = 0.95, 0.95
     encoder, rng = Encoder(), np.random.default_rng(0)
-    frames = [encoder.encode(Began("deliver", "big", terms=TERMS))]
+    frames = [encoder.encode(RunStarted("deliver", "big", terms=TERMS))]
     ring = np.linspace(0.0, 2 * np.pi, 360)
     points = 8.0 * np.column_stack([np.cos(ring), np.sin(ring)]).astype(np.float32)
     for step in range(100):
         if step % 10 == 0:
             probability[10 * step : 10 * step + 150, 900:1050] = rng.random((150, 150))
             frames.append(
-                encoder.encode(Explored(0.2 * step, OccupancyGrid(probability, 0.05, Pose(-50, -50)), 1.0, 0.0))
+                encoder.encode(MapUpdate(0.2 * step, OccupancyGrid(probability, 0.05, Pose(-50, -50)), 1.0, 0.0))
             )
         cloud = rng.normal(0.0, 10.0, (2000, 3)).astype(np.float32)
-        frames.append(encoder.encode(replace(seen(0.2 * step, 0.05 * step), particles=cloud, points=points)))
+        frames.append(encoder.encode(replace(snapshot_at(0.2 * step, 0.05 * step), particles=cloud, points=points)))
     return b"".join(frames)
 
 
@@ -617,7 +621,7 @@ def test_a_hundred_metres_and_two_thousand_particles_are_smooth(page: playwright
 
 
 def test_a_recording_becomes_one_file_that_needs_nothing(page: playwright.Page, tmp_path: Path) -> None:
-    with Recorder(tmp_path / FILE_NAME) as recorder:
+    with TraceRecorder(tmp_path / TRACE_FILE_NAME) as recorder:
         for record in short_run():
             recorder(record)
     out = tmp_path / "page.html"

@@ -14,17 +14,29 @@ from wherry.errors import InputError
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace.records import Began, CellsLaid, Explored, Learnt, LearntRule, Perceived, Record, Said, Seen, Stepped
+from wherry.trace.records import (
+    CellLayout,
+    LearntModel,
+    LearntRule,
+    MapUpdate,
+    Narration,
+    PerceivedState,
+    Phase,
+    Record,
+    RobotSnapshot,
+    RunStarted,
+    StepTaken,
+)
 from wherry.views.rerun_recording import rerun_recording
 
 NOWHERE = np.empty((0, 2), np.float32)
 RECORDS: tuple[Record, ...] = (
-    Began("deliver", "small", "bayes", ("touch_N(robot, wall)", "box.in_bot"), ("N",), 0.2, 0.1),
-    Said(0.0, "explore", "I know nothing."),
-    Explored(0.5, OccupancyGrid(np.array([[0.1, 0.9], [0.5, 0.1]], np.float32), 0.05, Pose(1.0, 2.0, 0.1)), 0.7, 1.0),
-    CellsLaid(1.0, CellFrame(Pose(0.0, 0.0, 0.1), 0.6), np.array([[0, 1]], np.int32), np.empty((0, 3), np.int32)),
+    RunStarted("deliver", "small", "bayes", ("touch_N(robot, wall)", "box.in_bot"), ("N",), 0.2, 0.1),
+    Narration(0.0, Phase.EXPLORE, "I know nothing."),
+    MapUpdate(0.5, OccupancyGrid(np.array([[0.1, 0.9], [0.5, 0.1]], np.float32), 0.05, Pose(1.0, 2.0, 0.1)), 0.7, 1.0),
+    CellLayout(1.0, CellFrame(Pose(0.0, 0.0, 0.1), 0.6), np.array([[0, 1]], np.int32), np.empty((0, 3), np.int32)),
     *(
-        Seen(
+        RobotSnapshot(
             time=1.0 + 0.5 * number,
             pose=Pose(1.0, 2.0, 0.3),
             lidar=Pose(0.9, 2.0, 0.3),
@@ -32,13 +44,13 @@ RECORDS: tuple[Record, ...] = (
             particles=np.ones((3, 3), np.float32),
             path=np.array([[0.0, 0.0], [1.0, 1.0]], np.float32),
             boxes=np.array([[2.0, 2.0]], np.float32),
-            loaded=number == 2,
+            has_load=number == 2,
         )
         for number in range(3)
     ),
-    Perceived(2.5, "01", ()),
-    Stepped(2.5, "01", "N", True, True, 7, 1, 2, NOWHERE),
-    Learnt(2.5, (LearntRule("N", "0*", "robot.y += 1"),), (("N", ("1*",)),)),
+    PerceivedState(2.5, "01", ()),
+    StepTaken(2.5, "01", "N", True, True, 7, 1, 2, NOWHERE),
+    LearntModel(2.5, (LearntRule("N", "0*", "robot.y += 1"),), (("N", ("1*",)),)),
 )
 
 

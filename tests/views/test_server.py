@@ -15,12 +15,13 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection, connect
 
 from wherry.errors import InputError
-from wherry.trace.codec import Decoder, split
-from wherry.trace.records import Record, Said
+from wherry.trace.codec import Decoder
+from wherry.trace.framing import split_frames
+from wherry.trace.records import Narration, Phase, Record
 from wherry.views.web import broadcast as broadcasting
 from wherry.views.web.broadcast import Broadcast
 from wherry.views.web.server import LARGEST_REQUEST, OVER, Server, serve
-from wherry_testing.runs import seen, short_run
+from wherry_testing.runs import short_run, snapshot_at
 
 
 @pytest.fixture
@@ -95,7 +96,7 @@ def test_a_page_gets_every_record_in_order(server: Server, broadcast: Broadcast)
     with open_socket(server) as page:
         _, frames = received(page)
     decoder = Decoder("socket")
-    records = [decoder.decode(frame, "a frame") for frame in split(frames)]
+    records = [decoder.decode(frame, "a frame") for frame in split_frames(frames)]
     assert [type(record) for record in records] == [type(record) for record in short_run()]
 
 
@@ -104,7 +105,7 @@ def test_a_page_that_comes_back_gets_only_the_rest(server: Server, broadcast: Br
     with open_socket(server, f"?run={broadcast.name}&from={len(broadcast) - 2}") as page:
         hello, frames = received(page)
     assert hello == {"run": broadcast.name, "from": len(broadcast) - 2}
-    assert len(list(split(frames))) == 2
+    assert len(list(split_frames(frames))) == 2
     for query in ("?run=another&from=3", f"?run={broadcast.name}&from=-1", f"?run={broadcast.name}&from=x"):
         with open_socket(server, query) as page:
             assert json.loads(page.recv(timeout=5))["from"] == 0
@@ -114,7 +115,7 @@ def test_what_is_told_later_arrives(server: Server, broadcast: Broadcast) -> Non
     with open_socket(server) as page:
         page.recv(timeout=5)
         page.recv(timeout=5)
-        broadcast(Said(11.0, "done", "Later"))
+        broadcast(Narration(11.0, Phase.DONE, "Later"))
         message = page.recv(timeout=5)
         assert isinstance(message, bytes)
         assert b"Later" in message
@@ -209,7 +210,9 @@ def test_one_waits_for_a_first_page_only_as_long_as_wished() -> None:
 
 def run_of(count: int) -> list[Record]:
     return [
-        record for step in range(count) for record in (Said(float(step), "x", "y"), seen(float(step), 0.0, particles=9))
+        record
+        for step in range(count)
+        for record in (Narration(float(step), Phase.EXPLORE, "y"), snapshot_at(float(step), 0.0, particles=9))
     ]
 
 
@@ -219,7 +222,7 @@ def counted(broadcast: Broadcast) -> tuple[int, int]:
     while at < len(broadcast):
         batch = broadcast.after(at)
         at = batch.following
-        for frame in split(batch.frames):
+        for frame in split_frames(batch.frames):
             said += b'"type":"Said"' in frame
             shown += b'"type":"Seen"' in frame
     return said, shown
@@ -269,9 +272,9 @@ def test_a_page_that_reads_nothing_holds_nobody_up(server: Server, broadcast: Br
         )
         asleep.sendall("\r\n".join((*lines, "", "")).encode())
         assert asleep.recv(12) == b"HTTP/1.1 101"
-        record = seen(0.0, 0.0, particles=2000)
+        record = snapshot_at(0.0, 0.0, particles=2000)
         for _ in range(2000):  # 24 MB, more than any buffer on the way takes
             broadcast(record)
         broadcast.end()
         with open_socket(server) as awake:
-            assert len(list(split(received(awake)[1]))) > 1000
+            assert len(list(split_frames(received(awake)[1]))) > 1000

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from wherry.cli import app
 from wherry.errors import InputError
 from wherry.floorplan.world_files import built_in_worlds, find_world, parse_world
-from wherry.trace.recordings import FILE_NAME, Recorder
+from wherry.trace.recordings import TRACE_FILE_NAME, TraceRecorder
 from wherry_testing.runs import short_run
 
 
@@ -28,7 +28,7 @@ def test_a_world_is_shown_as_it_can_be_saved(name: str) -> None:
 
 
 def test_a_recording_becomes_a_page(tmp_path: Path) -> None:
-    with Recorder(tmp_path / FILE_NAME) as recorder:
+    with TraceRecorder(tmp_path / TRACE_FILE_NAME) as recorder:
         for record in short_run():
             recorder(record)
     out = tmp_path / "page.html"

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace.records import Explored, Record, Said, Seen, Stepped
+from wherry.trace.records import MapUpdate, Narration, Phase, Record, RobotSnapshot, StepTaken
 from wherry.views.drawing import MARGIN, MOST_PARTICLES, Scene, draw
 from wherry.views.report import Picture, Report, render
 from wherry.views.terminal import DeliveryProgress, print_rules, print_table
@@ -38,7 +38,7 @@ SCENE = Scene(
     robot_radius=0.2,
     box_radius=0.1,
 )
-SEEN = Seen(
+SEEN = RobotSnapshot(
     time=1.0,
     pose=Pose(0.25, 1.0, 0.5),
     lidar=Pose(0.1, 0.9, 0.5),
@@ -46,11 +46,11 @@ SEEN = Seen(
     particles=np.array([[0.25, 1.0, 0.0], [0.3, 1.1, 0.0]], np.float32),
     path=np.array([[0.25, 1.0], [0.7, 1.2]], np.float32),
     boxes=np.array([[-0.5, 1.2]], np.float32),
-    loaded=False,
+    has_load=False,
 )
 
 
-def drawn(scene: Scene = SCENE, seen: Seen = SEEN, **options: object) -> ElementTree.Element:
+def drawn(scene: Scene = SCENE, seen: RobotSnapshot = SEEN, **options: object) -> ElementTree.Element:
     """The picture as XML."""
     driven, goals = np.array([[0.0, 0.8], [0.25, 1.0]]), np.array([[0.3, 0.9], [0.9, 0.9]])
     return ElementTree.fromstring(draw(scene, seen, driven, goals, label="The map", **options))  # type: ignore[arg-type]  # noqa: S314
@@ -107,7 +107,7 @@ def test_the_maps_image_is_the_map() -> None:
 
 def test_the_load_is_drawn_in_the_fork() -> None:
     assert len(of_class(drawn(), "box")) == 1
-    assert len(of_class(drawn(seen=replace(SEEN, loaded=True)), "box")) == 2
+    assert len(of_class(drawn(seen=replace(SEEN, has_load=True)), "box")) == 2
 
 
 def test_a_close_up_shows_the_robot_in_its_middle() -> None:
@@ -147,7 +147,7 @@ EVIL = "<script>alert('x')</script> & \"more\""
 
 def report(words: str) -> Report:
     pictures = [Picture(draw(SCENE, SEEN, NO_POINTS, NO_POINTS, label=words), words) for _ in range(2)]
-    return Report(words, words, True, words, pictures, {words: words}, [words], [Said(1.0, words, words)])
+    return Report(words, words, True, words, pictures, {words: words}, [words], [Narration(1.0, Phase.LEARN, words)])
 
 
 def test_every_text_on_the_page_is_escaped() -> None:
@@ -167,7 +167,9 @@ def test_the_page_needs_nothing_from_outside() -> None:
 
 def test_the_page_shows_figures_rules_and_log() -> None:
     page = render(
-        replace(report("x"), figures={"actions": "42"}, rules=["N: robot.y += 1"], log=[Said(7.4, "learn", "Hm")])
+        replace(
+            report("x"), figures={"actions": "42"}, rules=["N: robot.y += 1"], log=[Narration(7.4, Phase.LEARN, "Hm")]
+        )
     )
     assert "<td>actions</td><td>42</td>" in page
     assert "N: robot.y += 1" in page
@@ -176,11 +178,11 @@ def test_the_page_shows_figures_rules_and_log() -> None:
 
 
 RUN: list[Record] = [
-    Said(0.1, "explore", "I drive to [where] my laser will see most."),
-    Explored(1.0, grid(), 0.5, 3.0),
+    Narration(0.1, Phase.EXPLORE, "I drive to [where] my laser will see most."),
+    MapUpdate(1.0, grid(), 0.5, 3.0),
     SEEN,
-    Stepped(2.0, "0000100", "PICKUP", True, True, 3, 0, 2, NO_POINTS.astype(np.float32)),
-    Stepped(3.0, "0101011", "DROPOFF", False, True, 0, 1, 1, NO_POINTS.astype(np.float32)),
+    StepTaken(2.0, "0000100", "PICKUP", True, True, 3, 0, 2, NO_POINTS.astype(np.float32)),
+    StepTaken(3.0, "0101011", "DROPOFF", False, True, 0, 1, 1, NO_POINTS.astype(np.float32)),
 ]
 
 

@@ -17,7 +17,7 @@ from wherry.realization.pose_estimators import MapPoseEstimator
 from wherry.realization.pose_tracker import PoseTracker
 from wherry.simulation import Simulation, build
 from wherry.space.pose import Pose
-from wherry.trace.records import ignore
+from wherry.trace.records import null_sink
 from wherry_testing.perfect_worlds import centre, frame_of, heading_of, perfect_map
 
 HALL = """\
@@ -49,6 +49,6 @@ def stand_ready(plan: FloorPlan, seed: int = 0) -> tuple[RobotEnvironment, Simul
     start = Pose(*centre(plan, plan.start), heading_of(plan))
     localizer = Localizer(grid, simulation.robot.body.lidar, PRECISE, robot_rng)
     localizer.initialize(start, INITIAL_POSE_COVARIANCE)
-    pilot = Pilot(simulation.robot, PoseTracker(MapPoseEstimator(localizer), start), ignore)
+    pilot = Pilot(simulation.robot, PoseTracker(MapPoseEstimator(localizer), start), null_sink)
     boxes = [BoxTrack(number, *box.position, 9, 9) for number, box in enumerate(simulation.referee.boxes)]
     return RobotEnvironment(pilot, frame_of(plan), Site.of_plan(plan), boxes), simulation

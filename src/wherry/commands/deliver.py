@@ -1,4 +1,4 @@
-"""``wherry deliver``: the whole way from knowing nothing to everything delivered."""
+"""``wherry deliver``: a simulated delivery from exploration to the score."""
 
 from __future__ import annotations
 
@@ -44,31 +44,31 @@ def deliver(
 ) -> None:
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
     from wherry.kernels import are_compiled
-    from wherry.pipelines.delivery import simulated as delivery
+    from wherry.pipelines.delivery.simulated import DeliverySettings, prepare_delivery, warm_up
     from wherry.simulation.model import LASER_HEIGHT
-    from wherry.trace.records import both
+    from wherry.trace.records import combine_sinks
     from wherry.views.terminal import DeliveryProgress, print_rules, print_table
 
-    settings = delivery.Settings(
+    settings = DeliverySettings(
         world=world, boxes=boxes, seed=seed, map_file=map_file, rules_file=rules, learner=learner, out=out
     )
     compiled = are_compiled()
-    run = delivery.prepare(settings)
+    run = prepare_delivery(settings)
     console = console_for(as_json=as_json, quiet=quiet)
     if not compiled:
-        console.print("Compiling the inner loops; that takes half a minute, and is done once.")
-        delivery.warm_up()
+        console.print("Compiling the kernels: this takes half a minute, and is done once.")
+        warm_up()
     for cell in run.unreachable:
-        console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from below cannot be reached by any robot.")
+        console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from the bottom cannot be reached.")
     with (
         recorded(record, laser_height=LASER_HEIGHT) as (recording, recorded_robot),
         films(run.simulation, rerun=rerun, video=video) as film,
         watched(f"wherry: {run.plan.name}", run.out, console, view=view, host=host, port=port) as sink,
     ):
         with DeliveryProgress(console, len(run.plan.boxes)) as progress:
-            result = run(both(progress, sink, recording, film), recorded_robot)
+            result = run(combine_sinks(progress, sink, recording, film), recorded_robot)
         print_rules(console, run.rules)
-        print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.verdict}", result.figures)
+        print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.verdict}", result.metrics)
         say(console, f"Pictures, map and rules: {run.out / 'report.html'}")
     for what, path in {"Bag": record, "Rerun": rerun, "Film": video}.items():
         if path is not None:

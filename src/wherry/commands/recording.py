@@ -39,10 +39,10 @@ def recorded(path: Path | None, *, laser_height: float = 0.0) -> Iterator[tuple[
     Raises:
         InputError: The bag cannot be written.
     """
-    from wherry.trace.records import ignore
+    from wherry.trace.records import null_sink
 
     if path is None:
-        yield ignore, lambda robot: robot
+        yield null_sink, lambda robot: robot
         return
     from wherry.ros.bags.recording import Bag, Recording
 

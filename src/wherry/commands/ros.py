@@ -167,7 +167,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         from wherry.ros.nodes.agent import AgentNode
         from wherry.ros.nodes.robot import RobotLostError, RosRobot
         from wherry.space.map_files import load_map
-        from wherry.trace.records import both
+        from wherry.trace.records import combine_sinks
         from wherry.views.terminal import DeliveryProgress, print_rules
 
         name, remappings = from_launch(arguments, "wherry_agent", remap)
@@ -199,7 +199,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
             ):
                 if grid is not None:
                     node.tell_map(grid)
-                told = both(node, progress, sink)
+                told = combine_sinks(node, progress, sink)
                 try:
                     figures, ready = ros_delivery.run(robot, stack, order, knowledge, grid, told, seed)
                 except RobotLostError as error:

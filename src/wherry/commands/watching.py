@@ -55,7 +55,7 @@ def watched(
         InputError: The folder cannot be written to, or the address cannot be served on, or there is one without a page.
     """
     from wherry.errors import InputError
-    from wherry.trace.records import both, ignore
+    from wherry.trace.records import combine_sinks, null_sink
 
     for option, given, usual in (("--host", host, LOOPBACK), ("--port", port, PORT)):
         if given != usual and not view:
@@ -64,10 +64,10 @@ def watched(
         sinks: list[Sink] = []
         if out is not None:
             from wherry.files import make_folder
-            from wherry.trace.recordings import FILE_NAME, Recorder
+            from wherry.trace.recordings import TRACE_FILE_NAME, TraceRecorder
 
             make_folder(out)
-            sinks.append(stack.enter_context(Recorder(out / FILE_NAME)))
+            sinks.append(stack.enter_context(TraceRecorder(out / TRACE_FILE_NAME)))
         if view:
             from wherry.views.web.broadcast import Broadcast
             from wherry.views.web.server import serve
@@ -76,7 +76,7 @@ def watched(
             server = stack.enter_context(serve(broadcast, title, host=host, port=port, folder=out))
             opened = show(server, console)
             sinks.append(broadcast)
-        yield both(*sinks) if sinks else ignore
+        yield combine_sinks(*sinks) if sinks else null_sink
         if view:
             broadcast.end()
             _wait_for_visitors(server, OPENED_VISITOR if opened else FIRST_VISITOR, console)
@@ -110,7 +110,7 @@ def films(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> 
     Raises:
         InputError: Something that this needs is not installed, or a file cannot be written.
     """
-    from wherry.trace.records import both, ignore
+    from wherry.trace.records import combine_sinks, null_sink
 
     with contextlib.ExitStack() as stack:
         sinks: list[Sink] = []
@@ -122,7 +122,7 @@ def films(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> 
             from wherry.pipelines.delivery.film import filmed
 
             sinks.append(stack.enter_context(filmed(video, simulation)))
-        yield both(*sinks) if sinks else ignore
+        yield combine_sinks(*sinks) if sinks else null_sink
 
 
 def show(server: Server, console: Console) -> bool:

@@ -22,14 +22,14 @@ from wherry.floorplan.world_files import find_world
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
 from wherry.navigation.controller import safe_velocity
-from wherry.pipelines.delivery.agent import Delivery, delivery_learner
-from wherry.pipelines.delivery.page import pictures_of
+from wherry.pipelines.delivery.agent import DeliveryEpisode, delivery_learner
+from wherry.pipelines.delivery.page import choose_pictures
 from wherry.realization.mission import Mission, order_from_plan
 from wherry.robot import Odometry
 from wherry.simulation import Simulation, build
 from wherry.simulation.rendering import SceneRenderer
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Record, Seen
+from wherry.trace.records import Record, RobotSnapshot
 from wherry.views.drawing import Scene, draw
 
 Progress = Callable[[int, int], None]
@@ -97,10 +97,10 @@ def _delivery_pictures(simulation: Simulation, plan: FloorPlan) -> tuple[str, st
     world_from_map = simulation.physics.robot_pose  # the map's frame is where the robot starts
     rng = np.random.default_rng(SEED)
     ready = Mission(simulation.robot, order_from_plan(plan), records.append, rng).explore()
-    delivery = Delivery(ready, delivery_learner("bayes"), records.append, rng)
+    delivery = DeliveryEpisode(ready, delivery_learner("bayes"), records.append, rng)
     for _ in delivery:
         pass
-    carrying, _, mapping, _ = pictures_of(records, delivery.ready, plan, world_from_map)
+    carrying, _, mapping, _ = choose_pictures(records, delivery.world, plan, world_from_map)
     return mapping.svg, carrying.svg
 
 
@@ -132,7 +132,7 @@ def _particles() -> Iterator[str]:
 
 def _moment(scene: Scene, amcl: Amcl, truth: Pose, time: float, driven: Floats) -> str:
     """One instant; the robot is drawn where it truly is."""
-    seen = Seen(
+    seen = RobotSnapshot(
         time=time,
         pose=truth,
         lidar=truth,
@@ -140,7 +140,7 @@ def _moment(scene: Scene, amcl: Amcl, truth: Pose, time: float, driven: Floats) 
         particles=amcl.particles.astype(np.float32),
         path=NOTHING.astype(np.float32),
         boxes=NOTHING.astype(np.float32),
-        loaded=False,
+        has_load=False,
     )
     label = f"Particles {time:.1f} s after the robot was switched on"
     return draw(scene, seen, driven, NOTHING, label=label)

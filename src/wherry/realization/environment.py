@@ -23,7 +23,7 @@ from wherry.realization.pilot import KnownBoxes, Pilot
 from wherry.robot import Scan
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Pose
-from wherry.trace.records import Said
+from wherry.trace.records import Narration, Phase
 
 INTAKE_TIMEOUT = 50  # scans that the robot waits for the warehouse's conveyor to take its box
 
@@ -210,7 +210,7 @@ class RobotEnvironment:
         self._false_boxes.add(box.name)
         self._update_pilot()
         text = f"There is no box here: {box.name} was a false detection."
-        self.pilot.sink(Said(self.pilot.time, "survey", text))
+        self.pilot.sink(Narration(self.pilot.time, Phase.SURVEY, text))
 
     def _correct_walls(self, scan: Scan) -> None:
         """Replace the walls around the robot's cell by what the scan shows, since a live scan outranks the map."""

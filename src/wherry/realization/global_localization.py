@@ -16,7 +16,7 @@ from wherry.realization.pose_tracker import PoseTracker
 from wherry.robot import Robot
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace.records import Said, Sink
+from wherry.trace.records import Narration, Phase, Sink
 
 MAX_LEGS = 30  # straight drives after which global localization is given up
 LEG_LENGTH = 1.5  # m of driving between two views, at most
@@ -43,7 +43,7 @@ def localize_globally(robot: Robot, grid: OccupancyGrid, sink: Sink, rng: np.ran
     localizer.initialize_globally()
     estimator = GlobalPoseEstimator(localizer)
     pilot = Pilot(robot, PoseTracker(estimator, Pose()), sink)
-    sink(Said(pilot.time, "localize", "I have a map, but I do not know my pose on it."))
+    sink(Narration(pilot.time, Phase.LOCALIZE, "I have a map, but I do not know my pose on it."))
     start = pilot.odometry.pose
     pilot.wait_for_scan(LOCALIZED_MIN_SCANS)
     for _ in range(MAX_LEGS):
@@ -54,7 +54,7 @@ def localize_globally(robot: Robot, grid: OccupancyGrid, sink: Sink, rng: np.ran
         raise InputError("map", "", "does not match the robot's scans, or looks the same in several places")
     map_from_start = estimator.map_pose @ pilot.odometry.pose.inverse @ start
     pilot.use_tracker(PoseTracker(MapPoseEstimator(localizer), estimator.map_pose))
-    sink(Said(pilot.time, "localize", "I am localized."))
+    sink(Narration(pilot.time, Phase.LOCALIZE, "I am localized."))
     return pilot, map_from_start
 
 

@@ -29,7 +29,7 @@ from wherry.robot import Robot
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Explored, Said, Sink
+from wherry.trace.records import MapUpdate, Narration, Phase, Sink
 
 INITIAL_POSE_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad², of a pose on a map just built by SLAM
 
@@ -120,7 +120,7 @@ class Mission:
         """
         mapper = self._mapper(self._robot.body.lidar)
         pilot = Pilot(self._robot, PoseTracker(mapper.pose_estimator, mapper.start), self._sink)
-        self._say(pilot, "explore", "I have no map: I explore and drive to where my lidar will see most.")
+        self._say(pilot, Phase.EXPLORE, "I have no map: I explore and drive to where my lidar will see most.")
         surveyor = Surveyor(pilot, self._order.cell_size, mapper)
         surveyor.survey()
         cells = surveyor.cell_map()
@@ -142,7 +142,7 @@ class Mission:
 
     def _finish_mapping(self, pilot: Pilot, cells: CellMap) -> None:
         """Hand the finished map to the sink, and localize on it from the current pose."""
-        self._sink(Explored(pilot.time, cells.grid, 1.0, 0))
+        self._sink(MapUpdate(pilot.time, cells.grid, 1.0, 0))
         self._localize_on(cells.grid, pilot)
 
     def _localize_without_boxes(self, pilot: Pilot, grid: OccupancyGrid, cells: CellMap) -> None:
@@ -162,7 +162,7 @@ class Mission:
     def _stand_ready(self, surveyor: Surveyor, cells: CellMap, map_from_start: Pose) -> SurveyedWorld:
         """Make the environment, and drive to the centre of a cell."""
         boxes = _boxes_in_open_cells(cells, surveyor)
-        self._say(surveyor.pilot, "survey", f"I found {_count(len(boxes))}.")
+        self._say(surveyor.pilot, Phase.SURVEY, f"I found {_count(len(boxes))}.")
         environment = RobotEnvironment(surveyor.pilot, cells.frame, self._site(cells, map_from_start), boxes)
         return self._surveyed_world(surveyor, cells, map_from_start, environment)
 
@@ -192,7 +192,7 @@ class Mission:
         surveyor.update_boxes(known, environment.picked_up)
         if not surveyor.has_more_to_observe() or not environment.leave_unheld_box():
             return None
-        phase = "survey" if mapper is None else "explore"
+        phase = Phase.SURVEY if mapper is None else Phase.EXPLORE
         self._say(pilot, phase, "A box that blocked my way is gone: I survey what lies behind it.")
         if mapper is not None:
             pilot.stop()
@@ -207,7 +207,7 @@ class Mission:
         boxes = _boxes_in_open_cells(cells, surveyor)
         known_ids = {track.track_id for track in known}
         new = sum(track.track_id not in known_ids for track in boxes)
-        self._say(pilot, "survey", f"I found {_count(new)} more." if new else "I found no more boxes.")
+        self._say(pilot, Phase.SURVEY, f"I found {_count(new)} more." if new else "I found no more boxes.")
         environment.update_map(cells.frame, self._site(cells, map_from_start), boxes)
         return self._surveyed_world(surveyor, cells, map_from_start, environment)
 
@@ -231,10 +231,10 @@ class Mission:
             if path is not None and pilot.follow(path, reverse=reverse) is DriveStatus.ARRIVED:
                 pilot.go_to(Pose(float(centre[0]), float(centre[1]), frame.heading(1, 0)), reverse=reverse)
                 return
-        self._say(pilot, "survey", "I cannot reach the centre of any cell.")
+        self._say(pilot, Phase.SURVEY, "I cannot reach the centre of any cell.")
 
-    def _say(self, pilot: Pilot, phase: str, text: str) -> None:
-        self._sink(Said(pilot.time, phase, text))
+    def _say(self, pilot: Pilot, phase: Phase, text: str) -> None:
+        self._sink(Narration(pilot.time, phase, text))
 
 
 def _boxes_in_open_cells(cells: CellMap, surveyor: Surveyor) -> list[BoxTrack]:

@@ -15,7 +15,7 @@ from wherry.realization.load import mask_load
 from wherry.realization.pose_tracker import PoseTracker
 from wherry.robot import Odometry, Robot, Scan, Velocity
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import TIME_SLACK, Said, Seen, Sink
+from wherry.trace.records import TIME_TOLERANCE, Narration, Phase, RobotSnapshot, Sink
 
 ZERO_VELOCITY = Velocity()
 RECOVERY_VELOCITY = Velocity(0.0, 0.6)  # m/s, rad/s, of the turn on the spot that looks for new views when lost
@@ -23,7 +23,7 @@ RECOVERY_TIMEOUT = 30.0  # s
 DRIVE_TIMEOUT = 60.0  # s; where the pose estimate jumps back and forth, a goal may never be reached
 MAX_BLOCKED_ODOMETRY = 20  # consecutive odometry messages at which the robot is blocked before a drive is given up
 STANDSTILL_SPEED = 0.005  # m/s and rad/s, below which the robot stands still
-RECORD_PERIOD = 0.2  # s from one `Seen` record to the next
+RECORD_PERIOD = 0.2  # s from one `RobotSnapshot` record to the next
 NO_POINTS = np.empty((0, 2))
 
 
@@ -133,7 +133,7 @@ class Pilot:
         for callback in self.scan_callbacks:
             callback(measurement, self.pose)
         if self.time >= self._next_record:
-            self._next_record = self.time + RECORD_PERIOD - TIME_SLACK
+            self._next_record = self.time + RECORD_PERIOD - TIME_TOLERANCE
             self._record(measurement)
 
     def wait_for_scan(self, count: int = 1) -> Scan:
@@ -225,14 +225,16 @@ class Pilot:
         """Stop, and turn slowly for new views until the pose is reliable again or the recovery times out."""
         self.stop()
         self.times_lost += 1
-        self.sink(Said(self.time, "localize", "I am lost: I stop and turn on the spot until I am localized again."))
+        self.sink(
+            Narration(self.time, Phase.LOCALIZE, "I am lost: I stop and turn on the spot until I am localized again.")
+        )
         deadline = self.time + RECOVERY_TIMEOUT
         while self.tracker.is_lost and self.time < deadline:
             self.robot.command(RECOVERY_VELOCITY)
             self.receive()
         self.stop()
         text = "I could not localize myself." if self.tracker.is_lost else "I am localized again."
-        self.sink(Said(self.time, "localize", text))
+        self.sink(Narration(self.time, Phase.LOCALIZE, text))
 
     def _in_base_frame(self, discs: Floats) -> Floats:
         """[K, 3] x, y, radius, m, of discs of the map frame in the base_link frame."""
@@ -244,7 +246,7 @@ class Pilot:
         """Hand a record of the scan, the pose and the path to the sink."""
         lidar = self.pose @ self.body.lidar
         self.sink(
-            Seen(
+            RobotSnapshot(
                 time=self.time,
                 pose=self.pose,
                 lidar=lidar,
@@ -252,7 +254,7 @@ class Pilot:
                 particles=self.tracker.estimator.particles.astype(np.float32),
                 path=_remaining_path(self._path, self.pose).astype(np.float32),
                 boxes=self.boxes.positions.astype(np.float32),
-                loaded=self.boxes.is_holding,
+                has_load=self.boxes.is_holding,
             )
         )
 

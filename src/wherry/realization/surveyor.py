@@ -26,7 +26,7 @@ from wherry.realization.replanning import ReplanningFollower
 from wherry.space.frame import CellFrame, lay_cells
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats
-from wherry.trace.records import Explored, Said
+from wherry.trace.records import MapUpdate, Narration, Phase
 
 CLEARED_RADIUS = 0.35  # m around base_link that is free although the lidar cannot see it
 MIN_GAIN = 0.15  # m² of visible unknown area, less than half a cell, that make a viewpoint worth driving to
@@ -148,7 +148,7 @@ class Surveyor:
                 self._visited.append(goal)
                 goal = None
         self.pilot.stop()
-        self._say("explore", "No reachable frontier is left: the map is complete.")
+        self._say(Phase.EXPLORE, "No reachable frontier is left: the map is complete.")
 
     def _next_viewpoint(self, grid: OccupancyGrid, boxes: Sequence[BoxTrack]) -> Viewpoint | None:
         """The best viewpoint on a growing map; None if none is worthwhile or the map is finished."""
@@ -170,7 +170,7 @@ class Surveyor:
             if not uncovered:
                 return
             if not has_announced:
-                self._say("survey", "Some cells were never observed from nearby: I search them for boxes.")
+                self._say(Phase.SURVEY, "Some cells were never observed from nearby: I search them for boxes.")
                 has_announced = True
             target = min(uncovered, key=lambda cell: (uncovered[cell], cell))
             costmap = costmap_around(self.pilot, cells.grid, boxes)
@@ -224,10 +224,10 @@ class Surveyor:
         frontier_length = float(np.count_nonzero(frontier_cells(grid))) * grid.resolution  # m
         known_area = float(np.count_nonzero(grid.free)) * grid.resolution**2  # m²
         fraction = known_area / (known_area + frontier_length * FRONTIER_DEPTH)
-        self.pilot.sink(Explored(self.pilot.time, grid, fraction, frontier_length))
+        self.pilot.sink(MapUpdate(self.pilot.time, grid, fraction, frontier_length))
 
-    def _say(self, phase: str, text: str) -> None:
-        self.pilot.sink(Said(self.pilot.time, phase, text))
+    def _say(self, phase: Phase, text: str) -> None:
+        self.pilot.sink(Narration(self.pilot.time, phase, text))
 
 
 def costmap_around(pilot: Pilot, grid: OccupancyGrid, boxes: Sequence[BoxTrack]) -> Costmap:

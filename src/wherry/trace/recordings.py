@@ -1,7 +1,7 @@
-"""Trace files: what a run leaves behind, to be played again.
+"""Trace files: the records of a run, for replay.
 
-A file is a line that says what it is, then frames (`wherry.trace.codec`) as one zlib stream that is flushed after
-every frame, so that a file which a crash cuts short is read up to its last whole frame.
+A file is a line with format and version, then frames (`wherry.trace.framing`) as one zlib stream that is flushed after
+every frame, so that a file cut short by a crash is readable up to its last complete frame.
 """
 
 from __future__ import annotations
@@ -15,21 +15,22 @@ from typing import Self
 
 from wherry.errors import InputError
 from wherry.files import read_bytes
-from wherry.trace.codec import Decoder, Encoder, split
-from wherry.trace.records import Record, thinned
+from wherry.trace.codec import Decoder, Encoder
+from wherry.trace.framing import split_frames
+from wherry.trace.records import Record, throttle_snapshots
 
 MAGIC = b"wherry-trace: 1\n"
-FILE_NAME = "trace.wherry"
-LARGEST_FILE = 1_000_000_000  # bytes, packed and unpacked
-RECORDED_EVERY = 0.4  # s between two records of what is seen
-COMPRESSION = 1  # zlib level, while a run goes; 6 saves 8 % more in twice the time
+TRACE_FILE_NAME = "trace.wherry"
+MAX_FILE_SIZE = 1_000_000_000  # bytes, compressed and decompressed
+SNAPSHOT_PERIOD = 0.4  # s between two recorded snapshots
+COMPRESSION = 1  # zlib level during a run; level 6 saves 8 % more in twice the time
 
 
-class Recorder:
+class TraceRecorder:
     """A sink that writes a trace file; use it as a context manager.
 
     Args:
-        path: The file; what was there before is replaced.
+        path: The file; an existing one is overwritten.
 
     Raises:
         InputError: The file cannot be written.
@@ -38,27 +39,27 @@ class Recorder:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            self._file: FileIO = path.open("wb", buffering=0)  # what is written is out of this process's hands
+            self._file: FileIO = path.open("wb", buffering=0)  # unbuffered, so that a crash loses nothing
         except OSError as error:
             raise InputError(path, "", f"cannot be written: {error.strerror}") from error
         self._encoder = Encoder()
         self._compressor = zlib.compressobj(COMPRESSION)
-        self._put(MAGIC)
-        self._record = thinned(self._write, RECORDED_EVERY)
+        self._write(MAGIC)
+        self._record = throttle_snapshots(self._encode, SNAPSHOT_PERIOD)
 
     def __call__(self, record: Record) -> None:
-        """Write a record, and see to it that it survives a crash of this process.
+        """Write a record, so that it survives a crash of this process.
 
         Raises:
-            InputError: The file cannot be written any more.
+            InputError: The file cannot be written.
         """
         self._record(record)
 
-    def _write(self, record: Record) -> None:
+    def _encode(self, record: Record) -> None:
         data = self._compressor.compress(self._encoder.encode(record))
-        self._put(data + self._compressor.flush(zlib.Z_SYNC_FLUSH))
+        self._write(data + self._compressor.flush(zlib.Z_SYNC_FLUSH))
 
-    def _put(self, data: bytes) -> None:
+    def _write(self, data: bytes) -> None:
         try:
             self._file.write(data)
         except OSError as error:
@@ -74,27 +75,27 @@ class Recorder:
         self.close()
 
     def close(self) -> None:
-        """End the file."""
+        """Finish and close the file."""
         if not self._file.closed:
-            self._put(self._compressor.flush(zlib.Z_FINISH))
+            self._write(self._compressor.flush(zlib.Z_FINISH))
             self._file.close()
 
 
-def packed(frames: bytes) -> bytes:
-    """A trace file's content of frames in a row."""
+def pack_frames(frames: bytes) -> bytes:
+    """The content of a trace file with these frames."""
     return MAGIC + zlib.compress(frames)
 
 
 def find_trace(run: Path) -> Path:
-    """The trace of a run's folder, or the file itself."""
-    return run / FILE_NAME if run.is_dir() else run
+    """The trace file in a run's folder, or the path itself if it is no folder."""
+    return run / TRACE_FILE_NAME if run.is_dir() else run
 
 
 def load_frames(path: Path) -> bytes:
-    """The whole frames of a trace file in a row, checked.
+    """The complete frames of a trace file, each checked by decoding it.
 
     Raises:
-        InputError: The file cannot be read or is no trace, or a frame in it is damaged.
+        InputError: The file cannot be read or is no trace file, or a frame in it is damaged.
     """
     return b"".join(frame for frame, _ in _frames(path))
 
@@ -103,29 +104,26 @@ def load_trace(run: Path) -> list[Record]:
     """The records of a trace file, or of a run's folder.
 
     Raises:
-        InputError: The file cannot be read or is no trace, or a record in it is damaged.
+        InputError: The file cannot be read or is no trace file, or a record in it is damaged.
     """
     return [record for _, record in _frames(find_trace(run))]
 
 
 def _frames(path: Path) -> Iterator[tuple[bytes, Record]]:
-    """Every whole frame of a file, and its record, which is how it is checked.
-
-    The rest of a file that was cut short is left out.
-    """
-    content = read_bytes(path, limit=LARGEST_FILE)
+    """The complete frames of a file, each with its record; an incomplete frame at the end is left out."""
+    content = read_bytes(path, limit=MAX_FILE_SIZE)
     if not content.startswith(MAGIC):
-        raise InputError(path, "first line", f"is not {MAGIC.decode().strip()!r}: no trace, or of another version")
-    unpacker = zlib.decompressobj()
+        raise InputError(path, "first line", f"is not {MAGIC.decode().strip()!r}: no trace file, or of another version")
+    decompressor = zlib.decompressobj()
     try:
-        data = unpacker.decompress(content[len(MAGIC) :], LARGEST_FILE)
+        data = decompressor.decompress(content[len(MAGIC) :], MAX_FILE_SIZE)
     except zlib.error as error:
         raise InputError(path, "", f"is damaged: {error}") from error
-    if unpacker.unconsumed_tail:
-        raise InputError(path, "", f"holds more than {LARGEST_FILE:,} bytes")
+    if decompressor.unconsumed_tail:
+        raise InputError(path, "", f"holds more than {MAX_FILE_SIZE:,} bytes")
     decoder = Decoder(str(path))
     number = 0
-    for number, frame in enumerate(split(data), start=1):
+    for number, frame in enumerate(split_frames(data), start=1):
         yield frame, decoder.decode(frame, f"frame {number}")
     if number == 0:
         raise InputError(path, "", "holds no record")

@@ -1,6 +1,6 @@
-"""What a run tells those who watch it: frozen records, in the order in which things happened.
+"""Trace records: what a run reports while it goes, as frozen messages in order of time.
 
-Algorithms hand records to a `Sink` and know nothing of screens or files; views consume records and nothing else.
+Algorithms pass records to a `Sink` and know nothing of screens or files; views are built from records alone.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,21 +17,33 @@ from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
-TIME_SLACK = 1e-6  # s; sums of periods are not exact
+TIME_TOLERANCE = 1e-6  # s; sums of periods are not exact
+
+
+class Phase(StrEnum):
+    """Part of a run that a narration belongs to; the values are those of trace files, ROS topics and the page."""
+
+    EXPLORE = "explore"
+    MAP = "map"
+    LOCALIZE = "localize"
+    SURVEY = "survey"
+    LEARN = "learn"
+    DELIVER = "deliver"
+    DONE = "done"
 
 
 @dataclass(frozen=True, slots=True)
-class Began:
-    """What is about to run; the first record of every trace.
+class RunStarted:
+    """What is run; the first record of every trace.
 
     Attributes:
-        task: "deliver", "map", "localize" or "learn".
-        subject: The world, or the log.
-        learner: What the symbolic half learns with; "" where there is none.
-        terms: The terms' names in the order of conditions; empty where there are none.
-        actions: The actions' names.
-        robot_radius: m; 0 where there is no robot.
-        box_radius: m; 0 where there are no boxes.
+        task: The command's name: "deliver", "map", "localize" or "learn".
+        subject: Name of the world or the log.
+        learner: Name of the learner; "" where nothing is learnt.
+        terms: Names of the terms, in the order of condition bits; empty where there are no conditions.
+        actions: Names of the actions; empty where there are none.
+        robot_radius: Radius of the robot's footprint, m; 0 where there is no robot.
+        box_radius: Radius of a box, m; 0 where there are no boxes.
     """
 
     task: str
@@ -43,12 +56,12 @@ class Began:
 
 
 @dataclass(frozen=True, slots=True)
-class CellsLaid:
-    """The grid of cells that was laid on the map.
+class CellLayout:
+    """The cell grid of the symbolic half, placed on the map.
 
     Attributes:
-        time: s.
-        frame: Where the cells lie in the map frame.
+        time: Time on the robot's clock, s.
+        frame: Pose of the cell grid in the map frame, and side of a cell, m.
         warehouse: [K, 2] int32, x and y of the warehouse's cells.
         walls: [W, 3] int32, x and y of a cell and 1 for a wall on its north edge, 0 for one on its east edge.
     """
@@ -60,33 +73,33 @@ class CellsLaid:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class Narration:
     """What the robot does and why, in words.
 
     Attributes:
-        time: s, on the robot's clock.
-        phase: "explore", "localize", "survey", "learn", "deliver" or "done".
-        text: One sentence.
+        time: Time on the robot's clock, s.
+        phase: Part of the run that the sentence belongs to.
+        text: One sentence in the first person.
     """
 
     time: float
-    phase: str
+    phase: Phase
     text: str
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """What the robot senses and believes at an instant, all in the map frame.
+class RobotSnapshot:
+    """Measurements and estimates of the robot at one time, all in the map frame.
 
     Attributes:
-        time: s.
-        pose: Where it believes base_link to be.
-        lidar: Where its lidar is then.
-        points: [P, 2] float32 m, where the laser's beams ended.
-        particles: [N, 3] float32 x m, y m, θ rad; empty while the robot maps.
-        path: [M, 2] float32 m, where it is about to drive.
-        boxes: [B, 2] float32 m, the boxes that it believes to stand on the floor.
-        loaded: Whether its latch holds a box.
+        time: Time on the robot's clock, s.
+        pose: Estimated pose of base_link.
+        lidar: Estimated pose of the lidar.
+        points: [P, 2] float32 m, end points of the scan's valid beams.
+        particles: [N, 3] float32 m, m, rad, particles of the localization; empty while the robot maps.
+        path: [M, 2] float32 m, the path that is being followed.
+        boxes: [B, 2] float32 m, estimated centres of the boxes on the floor.
+        has_load: Whether the latch holds a box.
     """
 
     time: float
@@ -96,91 +109,91 @@ class Seen:
     particles: NDArray[np.float32]
     path: NDArray[np.float32]
     boxes: NDArray[np.float32]
-    loaded: bool
+    has_load: bool
 
 
 @dataclass(frozen=True, slots=True)
-class Explored:
-    """How far mapping has come.
+class MapUpdate:
+    """The map and how much of it is explored.
 
     Attributes:
-        time: s.
-        grid: The map so far.
-        fraction: Known area ÷ (known area + the area that the frontiers are expected to open), 0 to 1.
-        frontier: m, how long the edges between known free space and the unknown are.
+        time: Time on the robot's clock, s.
+        grid: The occupancy grid.
+        explored_fraction: Known area ÷ (known area + area expected behind the frontiers), 0 to 1.
+        frontier_length: Total length of the frontiers between free and unknown space, m.
     """
 
     time: float
     grid: OccupancyGrid
-    fraction: float
-    frontier: float
+    explored_fraction: float
+    frontier_length: float
 
 
 @dataclass(frozen=True, slots=True)
-class Stepped:
-    """One action of the symbolic half and what came of it.
+class StepTaken:
+    """One action of the symbolic half and its outcome.
 
     Attributes:
-        time: s.
-        condition: The terms' values before it, in the domain's order, such as "1001001".
-        action: Its name.
-        learning: Whether the learner could not tell beforehand what it would do.
-        moved: Whether anything changed.
-        unknown: How many (condition, action) pairs met so far the learner cannot predict yet.
-        delivered: Boxes that the robot believes to have delivered.
-        remaining: Boxes that it believes to be left.
-        plan: [M, 2] float32 m, map frame: the cells that it means to drive through.
+        time: Time on the robot's clock, s.
+        condition: cond(s) before the action, one bit for each term, such as "1001001".
+        action: Name of the action.
+        is_learning: Whether the learner could not predict the action's outcome.
+        has_effect: Whether the action changed the state.
+        unknown_pairs: Number of (condition, action) pairs met so far whose outcome the learner cannot predict.
+        delivered: Number of boxes delivered so far.
+        remaining: Number of boxes still to be delivered.
+        plan: [M, 2] float32 m, map frame, centres of the cells that the plan leads through.
     """
 
     time: float
     condition: str
     action: str
-    learning: bool
-    moved: bool
-    unknown: int
+    is_learning: bool
+    has_effect: bool
+    unknown_pairs: int
     delivered: int
     remaining: int
     plan: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
-class Thing:
-    """An object of the state, as people look at it.
+class ObjectSnapshot:
+    """One object of a state.
 
     Attributes:
-        kind: Its class.
-        name: Its name.
-        values: Attribute and value, in the class's order.
+        class_name: Name of the object's class, such as "Box".
+        name: Name of the object.
+        attributes: Names and values of the attributes, in the class's order.
     """
 
-    kind: str
+    class_name: str
     name: str
-    values: tuple[tuple[str, bool | int | float | str], ...]
+    attributes: tuple[tuple[str, bool | int | float | str], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Perceived:
-    """The state that the robot takes itself to be in.
+class PerceivedState:
+    """The OO-MDP state that the robot perceives.
 
     Attributes:
-        time: s.
-        condition: cond(s), such as "1001001".
-        things: The objects that change; walls and warehouse are in `CellsLaid`.
+        time: Time on the robot's clock, s.
+        condition: cond(s), one bit for each term, such as "1001001".
+        objects: The objects that can change; walls and warehouse are in `CellLayout`.
     """
 
     time: float
     condition: str
-    things: tuple[Thing, ...]
+    objects: tuple[ObjectSnapshot, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class LearntRule:
-    """What an action does, and when.
+    """One learnt rule: the effect of an action under a condition.
 
     Attributes:
-        action: Its name.
-        condition: Signs 0, 1 and * for the terms in the domain's order, such as "1**0***".
-        effect: Such as "robot.y += 1".
+        action: Name of the action.
+        condition: 0, 1 or * (either) for each term, such as "1**0***".
+        effect: The effect as text, such as "robot.y += 1".
     """
 
     action: str
@@ -189,13 +202,13 @@ class LearntRule:
 
 
 @dataclass(frozen=True, slots=True)
-class Learnt:
-    """All that is believed of what actions do; told whenever it changes.
+class LearntModel:
+    """Everything learnt about the actions so far; sent again whenever it changes.
 
     Attributes:
-        time: s.
-        rules: The rules.
-        failures: For each action, the conditions in which it is known to do nothing.
+        time: Time on the robot's clock, s.
+        rules: The learnt rules.
+        failures: For each action, the conditions under which it has no effect.
     """
 
     time: float
@@ -203,39 +216,39 @@ class Learnt:
     failures: tuple[tuple[str, tuple[str, ...]], ...]
 
 
-Record = Began | Said | Seen | Explored | CellsLaid | Stepped | Perceived | Learnt
+Record = RunStarted | Narration | RobotSnapshot | MapUpdate | CellLayout | StepTaken | PerceivedState | LearntModel
 Sink = Callable[[Record], None]
 
 
-def ignore(record: Record) -> None:
-    """A sink for runs that nobody watches."""
+def null_sink(record: Record) -> None:
+    """Discard a record."""
 
 
-def both(*sinks: Sink) -> Sink:
-    """A sink that hands every record to all of these, in their order."""
+def combine_sinks(*sinks: Sink) -> Sink:
+    """A sink that passes every record to each of these sinks, in their order."""
 
-    def hand_on(record: Record) -> None:
+    def pass_on(record: Record) -> None:
         for sink in sinks:
             sink(record)
 
-    return hand_on
+    return pass_on
 
 
-def thinned(sink: Sink, period: float) -> Sink:
-    """A sink that lets `Seen` through only so often, and everything else always.
+def throttle_snapshots(sink: Sink, period: float) -> Sink:
+    """A sink that passes on snapshots at a limited rate, and all other records at once.
 
     Args:
-        sink: What is handed on to.
-        period: s, on the robot's clock, from one `Seen` to the next.
+        sink: The sink that records are passed on to.
+        period: Least time between two `RobotSnapshot`s, s, on the robot's clock.
     """
     latest = -math.inf
 
-    def hand_on(record: Record) -> None:
+    def pass_on(record: Record) -> None:
         nonlocal latest
-        if isinstance(record, Seen):
-            if record.time < latest + period - TIME_SLACK:
+        if isinstance(record, RobotSnapshot):
+            if record.time < latest + period - TIME_TOLERANCE:
                 return
             latest = record.time
         sink(record)
 
-    return hand_on
+    return pass_on

@@ -16,7 +16,7 @@ from PIL import Image
 
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Seen
+from wherry.trace.records import RobotSnapshot
 
 Coordinates = NDArray[np.floating[Any]]  # traces keep single precision
 
@@ -48,7 +48,7 @@ class Scene:
 
 
 def draw(
-    scene: Scene, seen: Seen, driven: Floats, goals: Floats, *, label: str, around_robot: float | None = None
+    scene: Scene, seen: RobotSnapshot, driven: Floats, goals: Floats, *, label: str, around_robot: float | None = None
 ) -> str:
     """Draw one instant of a run.
 
@@ -75,7 +75,7 @@ def draw(
         _line(goals, "plan"),
         _line(seen.path, "path"),
         *(_circle(x, y, scene.box_radius, "box") for x, y in seen.boxes),
-        _robot(seen.pose, scene.robot_radius, scene.box_radius, loaded=seen.loaded),
+        _robot(seen.pose, scene.robot_radius, scene.box_radius, loaded=seen.has_load),
         _circle(seen.lidar.x, seen.lidar.y, 0.035, "lidar"),
         _particles(seen.particles),
     ]
@@ -161,7 +161,7 @@ def _circle(x: float, y: float, radius: float, style: str) -> str:
     return f'<circle class="{style}" cx="{x:.3f}" cy="{y:.3f}" r="{radius:.3f}"/>'
 
 
-def _laser(seen: Seen) -> str:
+def _laser(seen: RobotSnapshot) -> str:
     """Beams as hairlines, with a dot where each one ended."""
     beams = "".join(
         f'<line class="beam" x1="{seen.lidar.x:.3f}" y1="{seen.lidar.y:.3f}" x2="{x:.3f}" y2="{y:.3f}"/>'

@@ -8,7 +8,7 @@ from importlib import resources
 
 import jinja2
 
-from wherry.trace.records import Said
+from wherry.trace.records import Narration
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Report:
     pictures: Sequence[Picture]
     figures: Mapping[str, str]
     rules: Sequence[str]
-    log: Sequence[Said]
+    log: Sequence[Narration]
 
 
 def render(report: Report) -> str:

@@ -13,7 +13,18 @@ from numpy.typing import NDArray
 
 from wherry.errors import InputError
 from wherry.files import growing_file
-from wherry.trace.records import Began, CellsLaid, Explored, Learnt, Perceived, Record, Said, Seen, Sink, Stepped
+from wherry.trace.records import (
+    CellLayout,
+    LearntModel,
+    MapUpdate,
+    Narration,
+    PerceivedState,
+    Record,
+    RobotSnapshot,
+    RunStarted,
+    Sink,
+    StepTaken,
+)
 
 if TYPE_CHECKING:
     import rerun
@@ -82,25 +93,25 @@ class RerunSink:
 
     def __call__(self, record: Record) -> None:
         """Log one record at its time."""
-        if isinstance(record, Began):
+        if isinstance(record, RunStarted):
             self._begin(record)
             return
         self._stream.set_time("robot", duration=record.time)
         match record:
-            case Said():
+            case Narration():
                 self._log("log", "TextLog", record.text, level=record.phase.upper())
-            case Explored():
+            case MapUpdate():
                 self._map(record)
-            case Seen():
+            case RobotSnapshot():
                 self._sight(record)
-            case CellsLaid():
+            case CellLayout():
                 self._cells(record)
-            case Stepped():
+            case StepTaken():
                 self._step(record)
-            case Perceived():
+            case PerceivedState():
                 for name, sign in zip(self._terms, record.condition, strict=False):
                     self._log(["terms", name], "StateChange", state="true" if sign == "1" else "false")
-            case Learnt():
+            case LearntModel():
                 self._rules(record)
 
     def _log(
@@ -112,7 +123,7 @@ class RerunSink:
         made: Any = getattr(rerun, archetype)(*values, **fields)
         self._stream.log(entity, made, static=static)
 
-    def _begin(self, record: Began) -> None:
+    def _begin(self, record: RunStarted) -> None:
         self._terms = record.terms
         self._robot_radius, self._box_radius = record.robot_radius, record.box_radius
         self._stream.send_recording_name(f"{record.task} {record.subject}")
@@ -131,7 +142,7 @@ class RerunSink:
                 "map/robot/heading", "Arrows3D", origins=[(0, 0, ROBOT_HEIGHT)], vectors=[(radius, 0, 0)], static=True
             )
 
-    def _map(self, record: Explored) -> None:
+    def _map(self, record: MapUpdate) -> None:
         import rerun  # noqa: PLC0415
 
         grid = record.grid
@@ -148,9 +159,9 @@ class RerunSink:
             rotation_axis_angle=rerun.RotationAxisAngle((0.0, 0.0, 1.0), radians=grid.origin.theta),
             colormap=rerun.components.Colormap.RvizMap,
         )
-        self._count("mapped", record.fraction)
+        self._count("mapped", record.explored_fraction)
 
-    def _sight(self, record: Seen) -> None:
+    def _sight(self, record: RobotSnapshot) -> None:
         pose = record.pose
         self._log("map/robot", "Transform3D", translation=[pose.x, pose.y, 0.0], quaternion=_quaternion(pose.theta))
         self._log("map/scan", "Points3D", _raised(record.points, SCAN_HEIGHT), colors=[BLUE], radii=[0.015])
@@ -165,10 +176,10 @@ class RerunSink:
         )
         self._line("map/path", record.path)
         self._boxes("map/boxes", record.boxes)
-        load = np.zeros((1 if record.loaded else 0, 2), np.float32)
+        load = np.zeros((1 if record.has_load else 0, 2), np.float32)
         self._boxes("map/robot/load", load)
 
-    def _cells(self, record: CellsLaid) -> None:
+    def _cells(self, record: CellLayout) -> None:
         half = record.frame.cell_size / 2
         middles = [record.frame.centre(int(x), int(y)) for x, y in record.warehouse]
         self._log(
@@ -181,13 +192,13 @@ class RerunSink:
             fill_mode="solid",
         )
 
-    def _step(self, record: Stepped) -> None:
+    def _step(self, record: StepTaken) -> None:
         self._line("map/plan", record.plan)
-        self._count("unknown", record.unknown)
+        self._count("unknown", record.unknown_pairs)
         self._count("delivered", record.delivered)
         self._count("remaining", record.remaining)
 
-    def _rules(self, record: Learnt) -> None:
+    def _rules(self, record: LearntModel) -> None:
         rules = [f"- `{rule.action}` `{rule.condition}` {rule.effect}" for rule in record.rules]
         failures = [
             f"- `{action}` does nothing in " + ", ".join(f"`{c}`" for c in cs) for action, cs in record.failures

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from wherry.trace.records import Explored, Record, Said, Stepped
+from wherry.trace.records import MapUpdate, Narration, Record, StepTaken
 from wherry.views.figures import Words, in_words, not_measured
 
 
@@ -51,28 +51,28 @@ class DeliveryProgress:
     def __call__(self, record: Record) -> None:
         """Show a record."""
         match record:
-            case Said(time=time, phase=phase, text=text):
+            case Narration(time=time, phase=phase, text=text):
                 console = self._progress.console
                 line = f"[dim]{time:7.1f} s[/dim]  [bold]{phase:<8}[/bold] {escape(text)}"
                 console.print(line, highlight=False, soft_wrap=not console.is_terminal)
-            case Explored(fraction=fraction, frontier=frontier):
+            case MapUpdate(explored_fraction=fraction, frontier_length=frontier):
                 words = f"{fraction:.0%}, {frontier:.1f} m of frontier left"
                 self._progress.update(self._explored, completed=fraction, words=words)
-            case Stepped():
+            case StepTaken():
                 self._step(record)
             case _:
                 pass  # too much, or too often, for a terminal
 
-    def _step(self, step: Stepped) -> None:
+    def _step(self, step: StepTaken) -> None:
         for task in (self._unknown, self._delivered):
             if task not in self._started:
                 self._progress.start_task(task)
                 self._started.add(task)
         self._progress.stop_task(self._explored)
-        self._most_unknown = max(self._most_unknown, step.unknown, 1)
-        words = f"{step.unknown} unknown pairs left   {step.condition} {step.action}"
+        self._most_unknown = max(self._most_unknown, step.unknown_pairs, 1)
+        words = f"{step.unknown_pairs} unknown pairs left   {step.condition} {step.action}"
         self._progress.update(
-            self._unknown, total=self._most_unknown, completed=self._most_unknown - step.unknown, words=words
+            self._unknown, total=self._most_unknown, completed=self._most_unknown - step.unknown_pairs, words=words
         )
         total = step.delivered + step.remaining
         self._progress.update(

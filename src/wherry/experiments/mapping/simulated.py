@@ -21,7 +21,7 @@ from wherry.simulation import build
 from wherry.simulation.seeded_worlds import seed_world
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
-from wherry.trace.records import ignore
+from wherry.trace.records import null_sink
 
 WORLD = "rooms"  # the one that `wherry deliver` takes by default
 WARM_UP = "small"
@@ -126,7 +126,7 @@ def explore(plan: FloorPlan, seed: int) -> Result:
     world_from_map = simulation.physics.robot_pose
     mapper = TimedMapper(simulation.robot.body.lidar)
     ready = Mission(
-        simulation.robot, order_from_plan(world.plan), ignore, world.robot_rng, mapper=lambda _: mapper
+        simulation.robot, order_from_plan(world.plan), null_sink, world.robot_rng, mapper=lambda _: mapper
     ).explore()
     walls = world_from_map.transform(ready.grid.occupied_points())
     history = simulation.referee.history

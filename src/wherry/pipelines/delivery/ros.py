@@ -12,7 +12,7 @@ import numpy as np
 from wherry.errors import InputError
 from wherry.learning.learners import RuleLearner
 from wherry.learning.rule_files.files import save_rules
-from wherry.pipelines.delivery.agent import Delivery, beginning
+from wherry.pipelines.delivery.agent import DeliveryEpisode, run_started
 from wherry.realization.mission import Mission, Order, SurveyedWorld
 from wherry.ros.conversion import header_of, to_pose
 from wherry.ros.messages import PoseWithCovariance, PoseWithCovarianceStamped
@@ -88,7 +88,7 @@ class Stack:
     """Who maps and who localizes: we, or an outside stack.
 
     Args:
-        robot: SurveyedWorld.
+        robot: Ready.
         transport: ROS.
         names: What everything is called.
         patience: s to wait for an outside map or pose.
@@ -190,7 +190,7 @@ def run(
     """Deliver every box.
 
     Args:
-        robot: SurveyedWorld.
+        robot: Ready.
         stack: Maps and localizes.
         order: What to do.
         learner: Goes on from what it knows.
@@ -203,14 +203,14 @@ def run(
         RobotLostError: The robot cannot be reached any more.
     """
     rng = np.random.default_rng(seed)
-    sink(beginning("ROS", learner, robot.body))
+    sink(run_started("ROS", learner, robot.body))
     started = robot.time
-    delivery = Delivery(stack.get_ready(order, grid, sink, rng), learner, sink, rng)
+    delivery = DeliveryEpisode(stack.get_ready(order, grid, sink, rng), learner, sink, rng)
     actions = learning = 0
     for step in delivery:
         actions += 1
         learning += step.learning
-    ready = delivery.ready
+    ready = delivery.world
     environment = ready.environment
     figures = Figures(environment.delivered, environment.remaining, actions, learning, robot.time - started)
     return figures, ready

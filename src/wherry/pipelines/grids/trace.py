@@ -8,10 +8,10 @@ from wherry.episodes import Step
 from wherry.learning.learners import RuleLearner
 from wherry.learning.unknowns import UnknownPairs
 from wherry.oomdp.objects import State
-from wherry.pipelines.delivery.agent import learnt, perceived
+from wherry.pipelines.records import learnt_model, perceived_state
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Pose
-from wherry.trace.records import Began, CellsLaid, Said, Sink, Stepped
+from wherry.trace.records import CellLayout, Narration, Phase, RunStarted, Sink, StepTaken
 
 NO_PLAN = np.empty((0, 2), np.float32)
 
@@ -33,7 +33,7 @@ class GridTrace:
         self._time = 0.0
         self._ended = 0
         domain = learner.domain
-        sink(Began("learn", title, type(learner).__name__, domain.term_names, tuple(domain.actions)))
+        sink(RunStarted("learn", title, type(learner).__name__, domain.term_names, tuple(domain.actions)))
 
     def step(self, step: Step) -> None:
         """Tell of one action."""
@@ -46,36 +46,36 @@ class GridTrace:
         done = step.transition.terminated
         self._ended += done
         self._sink(
-            Stepped(
+            StepTaken(
                 time=self._time,
                 condition=str(step.condition),
                 action=str(step.action),
-                learning=step.learning,
-                moved=not step.transition.failed,
-                unknown=self._unknown.count(),
+                is_learning=step.learning,
+                has_effect=not step.transition.failed,
+                unknown_pairs=self._unknown.count(),
                 delivered=self._ended,
                 remaining=0,
                 plan=NO_PLAN,
             )
         )
-        self._sink(perceived(self._learner.domain, after, self._time))
+        self._sink(perceived_state(self._learner.domain, after, self._time))
         if self._learner.revisions != self._told:
             self._told = dict(self._learner.revisions)
-            self._sink(learnt(self._learner, self._time))
+            self._sink(learnt_model(self._learner, self._time))
 
     def episode_ended(self, solved: int, probes: int) -> None:
         """Tell how many probes the policy solves in the fewest steps by now."""
         self._say(f"By what I know now I solve {solved} of {probes} probes in the fewest steps.")
         if solved == probes:
-            self._sink(Said(self._time, "done", "My policy is optimal from every probe."))
+            self._sink(Narration(self._time, Phase.DONE, "My policy is optimal from every probe."))
 
     def _say(self, text: str) -> None:
-        self._sink(Said(self._time, "learn", text))
+        self._sink(Narration(self._time, Phase.LEARN, text))
 
 
-def _cells_of(state: State) -> CellsLaid:
+def _cells_of(state: State) -> CellLayout:
     """The walls, and the cells where things are to go, of a state's scene."""
     walls = [(wall.x, wall.y, wall.north) for wall in state.scene.of_class("Wall")]
     goals = [(cell.x, cell.y) for cell in state.scene.of_class("Warehouse")]
     frame = CellFrame(Pose(), 1.0)
-    return CellsLaid(0.0, frame, np.array(goals, np.int32).reshape(-1, 2), np.array(walls, np.int32).reshape(-1, 3))
+    return CellLayout(0.0, frame, np.array(goals, np.int32).reshape(-1, 2), np.array(walls, np.int32).reshape(-1, 3))

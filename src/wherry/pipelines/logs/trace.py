@@ -12,7 +12,7 @@ from wherry.mapping.closures import Closure
 from wherry.pipelines.logs.localization import LOST
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace.records import Began, Explored, Said, Seen, Sink
+from wherry.trace.records import MapUpdate, Narration, Phase, RobotSnapshot, RunStarted, Sink
 
 DRAWN_RADIUS = 0.25  # m; a log does not say how large its robot is
 BEGINNINGS = {
@@ -36,16 +36,16 @@ class LogTrace:
     def __init__(self, task: str, name: str, log: LidarLog, sink: Sink) -> None:
         self._log = log
         self._sink = sink
-        self._phase = task
+        self._phase = Phase(task)
         self._lost = False
         self._tried = 0
         self._first = log.scans[0].time
-        sink(Began(task, name, robot_radius=DRAWN_RADIUS))
+        sink(RunStarted(task, name, robot_radius=DRAWN_RADIUS))
         self.say(0, BEGINNINGS[task])
 
     def map(self, grid: OccupancyGrid, index: int = 0, *, fraction: float = 1.0) -> None:
         """Tell the map as it is at a scan, and how much of the log it is made of."""
-        self._sink(Explored(self._time(index), grid, fraction, 0.0))
+        self._sink(MapUpdate(self._time(index), grid, fraction, 0.0))
 
     def scan(self, index: int, pose: Pose, particles: NDArray[np.float64] = NO_PARTICLES) -> None:
         """Tell where a scan was taken.
@@ -58,7 +58,7 @@ class LogTrace:
         lidar = pose @ self._log.lidar
         points = lidar.transform(self._log.scans[index].points()).astype(np.float32)
         cloud = particles.astype(np.float32)
-        self._sink(Seen(self._time(index), pose, lidar, points, cloud, NO_POINTS, NO_POINTS, loaded=False))
+        self._sink(RobotSnapshot(self._time(index), pose, lidar, points, cloud, NO_POINTS, NO_POINTS, has_load=False))
 
     def closures(self, index: int, tried: Sequence[Closure]) -> None:
         """Say how many loops were closed by a scan, and how many refused, where it is not what was said before."""
@@ -77,7 +77,7 @@ class LogTrace:
 
     def say(self, index: int, text: str) -> None:
         """Say something after a scan."""
-        self._sink(Said(self._time(index), self._phase, text))
+        self._sink(Narration(self._time(index), self._phase, text))
 
     def _time(self, index: int) -> float:
         """S since the first scan."""

@@ -43,7 +43,7 @@ from wherry.ros.nodes.latch import LatchState, to_latch_state
 from wherry.ros.transports.transport import Topic, Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry.trace.records import Explored, Record, Seen, Stepped
+from wherry.trace.records import MapUpdate, Record, RobotSnapshot, StepTaken
 
 SAFE_EVERY = 1.0  # s of what is recorded: no more than that is lost if the process is killed by force
 MAP_EVERY = 5.0  # s between two maps of a growing one, as with gmapping
@@ -167,13 +167,13 @@ class Recording:
 
     def __call__(self, record: Record) -> None:
         """Record what was told, if ROS has a message for it."""
-        if isinstance(record, Seen):
+        if isinstance(record, RobotSnapshot):
             self._seen(record)
-        elif isinstance(record, Explored):
-            if record.time >= self._next_map or record.fraction >= 1.0:
+        elif isinstance(record, MapUpdate):
+            if record.time >= self._next_map or record.explored_fraction >= 1.0:
                 self._next_map = record.time + MAP_EVERY
                 self.map(record.grid, record.time)
-        elif isinstance(record, Stepped):
+        elif isinstance(record, StepTaken):
             self._bag.write(self._topics.plan, to_path(record.plan, record.time, self._frames.map), record.time)
 
     def measured(self, measurement: Scan | Odometry, lidar: Pose) -> None:
@@ -224,7 +224,7 @@ class Recording:
         """Record a map."""
         self._bag.write(self._topics.map, to_grid(grid, seconds, self._frames.map), seconds)
 
-    def _seen(self, record: Seen) -> None:
+    def _seen(self, record: RobotSnapshot) -> None:
         self.believed(record.pose, record.particles.astype(np.float64), record.time)
         path = to_path(record.path, record.time, self._frames.map)
         self._bag.write(self._topics.predicted_path, path, record.time)

@@ -26,7 +26,17 @@ from wherry.ros.transports.transport import Transport
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
-from wherry.trace.records import Began, CellsLaid, Explored, Learnt, Perceived, Record, Said, Seen, Stepped
+from wherry.trace.records import (
+    CellLayout,
+    LearntModel,
+    MapUpdate,
+    Narration,
+    PerceivedState,
+    Record,
+    RobotSnapshot,
+    RunStarted,
+    StepTaken,
+)
 
 HEARTBEAT = 0.05  # s
 TOLERANCE = 0.1  # s that map → odom is dated ahead, as amcl does, so that what comes meanwhile can be transformed
@@ -60,12 +70,12 @@ class AgentNode:
         self._map_from_odom = IDENTITY
         self._box_radius = 0.0
         self._terms: tuple[str, ...] = ()
-        self._said = Said(0.0, "", "")
+        self._narration: Narration | None = None
         self._condition = ""
         self._shown_boxes = 0
         self._lasting: tuple[ros.Marker, ...] = ()
         self._dated = 0.0  # s, of the last transform
-        self._undrawn: Seen | None = None
+        self._undrawn: RobotSnapshot | None = None
         self._drawn = math.inf  # s, of what was drawn last, or else of what came first
         robot.in_spare_time = self._draw_seen
         self._stopped = threading.Event()
@@ -89,24 +99,24 @@ class AgentNode:
     def __call__(self, record: Record) -> None:
         """Publish what a record tells."""
         match record:
-            case Began():
+            case RunStarted():
                 self._box_radius, self._terms = record.box_radius, record.terms
-            case Said():
-                self._said = record
+            case Narration():
+                self._narration = record
                 self._tell_diagnostics()
-            case Explored():
+            case MapUpdate():
                 self.tell_map(record.grid)
-            case Seen():
+            case RobotSnapshot():
                 self._take_in(record)
-            case CellsLaid():
+            case CellLayout():
                 self._lasting = tuple(self._cells(record))
                 self._draw(self._lasting)
-            case Stepped():
+            case StepTaken():
                 plan = to_path(record.plan, record.time, self._frames.map)
                 self._transport.publish(self._topics.plan, plan)
-            case Perceived():
+            case PerceivedState():
                 self._condition = record.condition
-            case Learnt():
+            case LearntModel():
                 pass
 
     def tell_map(self, grid: OccupancyGrid) -> None:
@@ -137,14 +147,14 @@ class AgentNode:
         self._transport.publish(self._topics.tf, ros.TFMessage((to_transform(link),)))
 
     def _tell_diagnostics(self) -> None:
-        said = self._said
-        agent = status_of("wherry: agent", OK, said.text, {"phase": said.phase, "condition": self._condition})
+        text, phase = ("", "") if self._narration is None else (self._narration.text, self._narration.phase)
+        agent = status_of("wherry: agent", OK, text, {"phase": phase, "condition": self._condition})
         message = diagnostics_of(self._robot.time, agent, self._robot.status())
         self._transport.publish(self._topics.diagnostics, message)
 
     # ---- what is seen and believed
 
-    def _take_in(self, seen: Seen) -> None:
+    def _take_in(self, seen: RobotSnapshot) -> None:
         """Take note of where the robot is; everything else is drawn later."""
         odometry = self._robot.odometry
         if odometry is not None:
@@ -170,10 +180,10 @@ class AgentNode:
         if markers:
             self._transport.publish(self._topics.markers, ros.MarkerArray(markers))
 
-    def _boxes(self, seen: Seen) -> Iterator[ros.Marker]:
+    def _boxes(self, seen: RobotSnapshot) -> Iterator[ros.Marker]:
         """A cylinder for each box on the floor, and one on the robot if it carries one; those that went are removed."""
         places = [Pose(float(x), float(y)) for x, y in seen.boxes]
-        if seen.loaded:
+        if seen.has_load:
             places.append(seen.pose)
         diameter = 2 * self._box_radius
         header = header_of(seen.time, self._frames.map)
@@ -191,7 +201,7 @@ class AgentNode:
             yield ros.Marker(header, "boxes", number, action=ros.Marker.DELETE)
         self._shown_boxes = len(places)
 
-    def _condition_bits(self, seen: Seen) -> Iterator[ros.Marker]:
+    def _condition_bits(self, seen: RobotSnapshot) -> Iterator[ros.Marker]:
         """The condition above the robot, a line a term that holds; and the sign of each term in a row of squares."""
         if not self._condition:
             return
@@ -228,7 +238,7 @@ class AgentNode:
             colors=colours,
         )
 
-    def _cells(self, laid: CellsLaid) -> Iterator[ros.Marker]:
+    def _cells(self, laid: CellLayout) -> Iterator[ros.Marker]:
         """The warehouse's cells as tiles, and the walls between cells as lines."""
         header = header_of(laid.time, self._frames.map)
         size, frame = laid.frame.cell_size, laid.frame

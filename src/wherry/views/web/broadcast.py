@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 from wherry.trace.codec import Encoder
-from wherry.trace.records import Record, Seen
+from wherry.trace.records import Record, RobotSnapshot
 
 LARGEST_MESSAGE = 1_000_000  # bytes, after which the rest goes into the next message
 LARGEST_BACKLOG = 16_000_000  # bytes of Seen that a page may lie behind; beyond that it is sent fewer of them
@@ -31,7 +31,7 @@ class Broadcast:
     """A sink that keeps every frame of a run for those who watch; the run calls it, the server's thread reads it.
 
     Pages ask for what follows the frames that they have, so there is no queue to overflow. A page that is too slow for
-    the run gets fewer `Seen`; a run that is too long for the memory keeps fewer of them. All other records are kept and
+    the run gets fewer snapshots; a run that is too long for the memory keeps fewer of them. All other records are kept and
     sent without exception.
 
     Attributes:
@@ -51,14 +51,14 @@ class Broadcast:
 
     def __call__(self, record: Record) -> None:
         """Keep a record."""
-        self.add(self._encoder.encode(record), is_moment=isinstance(record, Seen))
+        self.add(self._encoder.encode(record), is_moment=isinstance(record, RobotSnapshot))
 
     def add(self, frame: bytes, *, is_moment: bool) -> None:
         """Keep a frame; pages see it as soon as it is in the list.
 
         Args:
             frame: A record's frame.
-            is_moment: Whether it is a `Seen`, of which some may be left out.
+            is_moment: Whether it is a `RobotSnapshot`, of which some may be left out.
         """
         self._moments.append(self._moment_count if is_moment else None)
         if is_moment:

@@ -9,7 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
 
-from wherry.trace.recordings import packed
+from wherry.trace.recordings import pack_frames
 
 SCRIPTS = ("trace.js", "map.js", "player.js", "scene.js", "panels.js", "app.js")
 
@@ -22,7 +22,7 @@ def player_page(title: str, settings: Mapping[str, object], frames: bytes | None
         settings: What the scripts are told: ``source`` is "socket" or "file".
         frames: A trace for the page to carry with it, as from `recordings.load_frames`.
     """
-    trace = "" if frames is None else base64.b64encode(packed(frames)).decode("ascii")
+    trace = "" if frames is None else base64.b64encode(pack_frames(frames)).decode("ascii")
     return assemble("player.html", SCRIPTS, {"title": title, "settings": settings, "trace": trace})
 
 

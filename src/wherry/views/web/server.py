@@ -22,7 +22,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wherry.errors import InputError
-from wherry.trace.codec import split
+from wherry.trace.framing import split_frames
 from wherry.views.web.broadcast import Broadcast
 from wherry.views.web.guard import Door, Guard
 from wherry.views.web.page import player_page
@@ -138,7 +138,7 @@ def serve_recording(
         InputError: There is no listening on this address.
     """
     broadcast = Broadcast()
-    for frame in split(frames):
+    for frame in split_frames(frames):
         broadcast.add(frame, is_moment=False)
     broadcast.end()
     with serve(broadcast, title, host=host, port=port, folder=folder) as server:
