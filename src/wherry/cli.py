@@ -1,7 +1,6 @@
-"""The command line: its commands, and what becomes of errors.
+"""The command line: commands, errors and exit status.
 
-Exit status: 0 all went well, 1 the run ended without reaching its goal, 2 the input cannot be used, 130 stopped by
-Ctrl-C.
+Exit status: 0 success, 1 the run ended without reaching its goal, 2 invalid input or usage, 130 stopped by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ from wherry.commands.worlds import worlds
 from wherry.errors import InputError
 from wherry.interrupts import interrupts_are_kept
 
-BAD_INPUT = 2
-STOPPED = 130
+INVALID_INPUT = 2  # exit status
+STOPPED = 130  # exit status: 128 + SIGINT
 
 app = typer.Typer(
     name="wherry",
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # plain help: importing what makes it colourful takes longer than all the rest
+    rich_markup_mode=None,  # importing rich takes longer than everything else that --help needs
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(deliver)
@@ -58,22 +57,22 @@ app.add_typer(ros_app(2), name="ros2")
 
 
 def main() -> None:
-    """Run a command; turn bad input and wrong usage into one line and exit status 2."""
+    """Run a command; report invalid input and usage in one line, with exit status 2."""
     try:
         with interrupts_are_kept():
             status = app(prog_name="wherry", standalone_mode=False) or 0
     except (InputError, TyperException) as error:
-        _say(str(error) if isinstance(error, InputError) else usage_error(error))
-        status = BAD_INPUT
+        _print_error(str(error) if isinstance(error, InputError) else usage_error(error))
+        status = INVALID_INPUT
     except (KeyboardInterrupt, typer.Abort):
         status = STOPPED
     if status == STOPPED:
-        _say("stopped")
+        _print_error("stopped")
     sys.exit(status)
 
 
 def usage_error(error: TyperException) -> str:
-    """What is wrong with a command line, in one line that begins with the option or the argument that it is about."""
+    """The error in a command line, as one line that begins with the option or argument."""
     parameter = getattr(error, "param", None)
     if parameter is None:
         name = getattr(error, "option_name", "")
@@ -86,22 +85,22 @@ def usage_error(error: TyperException) -> str:
     return f"{name}: {reason[:1].lower()}{reason[1:]}" if name else f"{reason[:1].lower()}{reason[1:]}"
 
 
-def _say(line: str) -> None:
+def _print_error(line: str) -> None:
     print(f"wherry: {line}", file=sys.stderr)  # noqa: T201 - the one place that prints errors
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(is_requested: bool) -> None:
+    if is_requested:
         typer.echo(f"wherry {__version__}")
         raise typer.Exit
 
 
 @app.callback(invoke_without_command=True)
-def common(
+def main_options(
     context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and stop.")
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Robots that find out by themselves how their world works, and then deliver."""
+    """Robots that learn a model of their world, map it, localize, and deliver."""
     help_without_command(context)

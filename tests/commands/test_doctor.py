@@ -1,4 +1,4 @@
-"""wherry doctor: what it finds is so, and what it advises is told only where it is needed."""
+"""wherry doctor: checks, advice and exit status."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.pipelines import installation
-from wherry.pipelines.installation import CHECKS, Finding, failed
+from wherry.pipelines.installation import CHECKS, CheckResult, failed_check
 from wherry.ros.transports import ros1_messages
 
 Call = Callable[..., tuple[int, str, str]]
 
 
-def only(monkeypatch: pytest.MonkeyPatch, checks: Mapping[str, Callable[[], Finding]]) -> None:
+def only(monkeypatch: pytest.MonkeyPatch, checks: Mapping[str, Callable[[], CheckResult]]) -> None:
     monkeypatch.setattr(installation, "CHECKS", checks)
 
 
-def test_everything_that_is_looked_for_is_told(call: Call) -> None:
+def test_every_check_is_printed(call: Call) -> None:
     status, out, err = call("doctor", "--json")
     assert status == 0
     found = json.loads(out)
@@ -33,16 +33,16 @@ def test_everything_that_is_looked_for_is_told(call: Call) -> None:
         assert name in err
 
 
-def test_what_is_broken_and_required_is_the_exit_status(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken() -> Finding:
+def test_a_broken_required_dependency_sets_the_exit_status(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> CheckResult:
         raise OSError("gone")
 
-    fine = Finding("fine", works=True, detail="1.0", advice="never told")
-    missing = Finding("extra", works=False, detail="not installed", advice="pip install extra")
+    fine = CheckResult("fine", works=True, detail="1.0", advice="never printed")
+    missing = CheckResult("extra", works=False, detail="not installed", advice="pip install extra")
     only(monkeypatch, {"fine": lambda: fine, "extra": lambda: missing})
     status, out, _ = call("doctor")
     assert status == 0
-    assert "never told" not in out
+    assert "never printed" not in out
     assert "pip install extra" in out
     only(monkeypatch, {"packages": broken})
     status, out, _ = call("doctor")
@@ -51,22 +51,22 @@ def test_what_is_broken_and_required_is_the_exit_status(call: Call, monkeypatch:
     assert "OSError: gone" in out
 
 
-def test_ros_1_is_there_where_wherry_can_use_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def nowhere(name: str) -> ModuleType:
+def test_ros_1_is_found_where_rospy_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    def not_installed(name: str) -> ModuleType:
         raise InputError("ROS 1", f"Python module {name}", "apt install it")
 
-    monkeypatch.setattr(ros1_messages, "ros1_module", nowhere)
-    assert CHECKS["ROS 1"]() == Finding("ROS 1", works=False, detail="not installed", advice="apt install it")
+    monkeypatch.setattr(ros1_messages, "ros1_module", not_installed)
+    assert CHECKS["ROS 1"]() == CheckResult("ROS 1", works=False, detail="not installed", advice="apt install it")
     monkeypatch.setattr(ros1_messages, "ros1_module", lambda name: json)
     assert CHECKS["ROS 1"]().detail == str(Path(json.__file__).parent)
 
 
-def test_an_error_is_a_finding() -> None:
-    assert failed("packages", ValueError("no")).required
-    assert not failed("rendering", ValueError("no")).required
+def test_an_error_becomes_a_failed_check() -> None:
+    assert failed_check("packages", ValueError("no")).is_required
+    assert not failed_check("rendering", ValueError("no")).is_required
 
 
-def test_missing_modules_programs_and_data_are_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_missing_modules_programs_and_data_are_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("WHERRY_DATA", str(tmp_path))
     assert not CHECKS["RViz"]().works
@@ -74,12 +74,12 @@ def test_missing_modules_programs_and_data_are_missing(monkeypatch: pytest.Monke
     assert not installation._module("nothing", "no_such.module", "none").works
     (tmp_path / "intel").mkdir()
     (tmp_path / "rviz2").touch(mode=0o755)
-    assert CHECKS["RViz"]() == Finding(
+    assert CHECKS["RViz"]() == CheckResult(
         "RViz", works=True, detail=str(tmp_path / "rviz2"), advice=CHECKS["RViz"]().advice
     )
     assert CHECKS["recorded logs"]().works
 
 
-def test_an_older_python_is_broken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(installation, "OLDEST_PYTHON", (4, 0))
+def test_an_older_python_is_reported_as_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installation, "MIN_PYTHON", (4, 0))
     assert not CHECKS["Python"]().works

@@ -45,7 +45,7 @@ def test_people_get_words_and_programs_get_names(call: Call, log: Path, tmp_path
     assert figures["rmse_m"] is None
     x, y, _ = figures["final_pose"]
     assert f"x {x:.2f} m, y {y:.2f} m, heading " in err
-    assert "Not measured: distance to the reference.\n" in err
+    assert "Not measured: position error to the reference.\n" in err
     assert "final_pose" not in err
     assert OFF_THE_MAP not in err
 

@@ -1,4 +1,4 @@
-"""wherry reproduce: where it writes, and what it refuses."""
+"""wherry reproduce: output files and errors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Call = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Stands in for the experiments; tells the folders that they were given for pictures."""
+    """Replace the experiments by a fake one; the folders for pictures that it is called with."""
     folders = []
 
     def run(data: Path, images: Path, progress: Progress) -> str:
@@ -27,7 +27,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     return folders
 
 
-def test_in_the_project_results_go_to_the_docs(
+def test_in_a_checkout_results_are_written_to_the_docs(
     call: Call, quick: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -39,7 +39,7 @@ def test_in_the_project_results_go_to_the_docs(
     assert quick == [Path("docs/images")]
 
 
-def test_elsewhere_results_stay_where_one_is(
+def test_elsewhere_results_are_written_to_the_current_folder(
     call: Call, quick: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -48,7 +48,7 @@ def test_elsewhere_results_stay_where_one_is(
     assert quick == [Path("images")]
 
 
-def test_pictures_go_beside_the_chosen_file(call: Call, quick: list[Path], tmp_path: Path) -> None:
+def test_pictures_are_written_beside_the_chosen_file(call: Call, quick: list[Path], tmp_path: Path) -> None:
     call("reproduce", "all", "--out", tmp_path / "mine.md")
     assert (tmp_path / "mine.md").exists()
     assert quick == [tmp_path / "images"]
@@ -61,6 +61,6 @@ def test_pictures_go_beside_the_chosen_file(call: Call, quick: list[Path], tmp_p
         (["taxi", "--out", "gone/results.md"], "wherry: --out: gone/results.md: is in a folder that does not exist\n"),
     ],
 )
-def test_what_there_is_not_is_refused(call: Call, arguments: list[str], line: str) -> None:
+def test_unknown_names_and_folders_are_rejected(call: Call, arguments: list[str], line: str) -> None:
     status, out, err = call("reproduce", *arguments)
     assert (status, out, err) == (2, "", line)

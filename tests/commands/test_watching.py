@@ -1,4 +1,4 @@
-"""How long a run that is over stays on its page."""
+"""How long the page of a finished run is served."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from wherry.commands import watching
 from wherry.trace.records import Narration, Phase
 
 
-@pytest.mark.parametrize(("opened", "constant"), [(True, "OPENED_VISITOR"), (False, "FIRST_VISITOR")])
-def test_a_page_that_never_comes_is_waited_for_as_long_as_is_said(
+@pytest.mark.parametrize(("opened", "constant"), [(True, "OPENED_PAGE_TIMEOUT"), (False, "FIRST_PAGE_TIMEOUT")])
+def test_an_unopened_page_is_served_for_the_announced_timeout(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], opened: bool, constant: str
 ) -> None:
-    asked: list[str] = []
+    opened_urls: list[str] = []
 
-    def open_page(url: str) -> bool:
-        asked.append(url)
+    def open_url(url: str) -> bool:
+        opened_urls.append(url)
         return opened
 
-    monkeypatch.setenv("BROWSER", "one that starts, and never gets there")
-    monkeypatch.setattr(webbrowser, "open", open_page)
+    monkeypatch.setenv("BROWSER", "a browser that never loads the page")
+    monkeypatch.setattr(webbrowser, "open", open_url)
     monkeypatch.setattr(watching, constant, 0.4)
-    with watching.watched("A run", None, Console(width=120), view=True, port=0) as sink:
+    with watching.trace_sink("A run", None, Console(width=120), view=True, port=0) as sink:
         sink(Narration(0.0, Phase.EXPLORE, "I begin."))
     printed = capsys.readouterr().out.splitlines()
-    (url,) = asked
+    (url,) = opened_urls
     assert printed == [
         f"Page: {url}",
         f"The run is over. Close the page, or press Ctrl-C: {url}",
-        "Nobody has opened it yet: it waits for 0.4 s.",
-        "Nobody has opened the page, so that it ends here.",
+        "The page was not opened yet; waiting for 0.4 s.",
+        "The page was not opened; stopping.",
     ]

@@ -13,7 +13,7 @@ from playwright import sync_api as playwright
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
 from wherry.floorplan.world_files import built_in_worlds, find_world, format_world, load_world, parse_world
-from wherry.views.web.editor import checked, first_draft, serve_editor
+from wherry.views.web.editor import check_world, new_plan, serve_editor
 from wherry_testing.browsing import DESK, PHONE, SCREENSHOTS, faint_texts, until
 
 PLAN = FloorPlan(
@@ -201,7 +201,7 @@ def test_a_new_file_begins_with_a_world(page: playwright.Page, tmp_path: Path) -
         page.goto(server.url)
         until(page, "found.width === 10")
         assert not path.exists()
-        assert saved(page, path) == first_draft("new")
+        assert saved(page, path) == new_plan("new")
         page.goto("about:blank")
 
 
@@ -214,5 +214,5 @@ def test_a_file_that_is_no_world_is_refused_at_once(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", built_in_worlds())
 def test_every_built_in_world_is_fine(name: str) -> None:
-    found = checked(format_world(find_world(name)), name)
+    found = check_world(format_world(find_world(name)), name)
     assert (found["error"], found["unreachable"], found["connected"]) == (None, [], True)

@@ -10,10 +10,10 @@ import pytest
 
 from wherry.floorplan.world_files import parse_world
 from wherry.trace.codec import Encoder
-from wherry.views.web.broadcast import Broadcast
+from wherry.views.web.broadcast import TraceBroadcast
 from wherry.views.web.editor import serve_editor
 from wherry.views.web.page import player_page
-from wherry.views.web.server import serve
+from wherry.views.web.server import serve_run
 from wherry_testing.browsing import SCREENSHOTS
 from wherry_testing.firefox import PROGRAM, Page, firefox
 from wherry_testing.runs import LASER, short_run
@@ -69,8 +69,8 @@ def test_a_recording_is_drawn_and_played(window: Page, tmp_path: Path) -> None:
 
 
 def test_a_live_run_arrives_and_ends(window: Page) -> None:
-    broadcast = Broadcast()
-    with serve(broadcast, "A run", port=0) as server:
+    broadcast = TraceBroadcast()
+    with serve_run(broadcast, "A run", port=0) as server:
         window.goto(server.url)
         for record in short_run():
             broadcast(record)

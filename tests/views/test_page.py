@@ -22,9 +22,9 @@ from wherry.space.pose import Pose
 from wherry.trace.codec import Encoder
 from wherry.trace.recordings import TRACE_FILE_NAME, TraceRecorder
 from wherry.trace.records import MapUpdate, Narration, Phase, Record, RobotSnapshot, RunStarted
-from wherry.views.web.broadcast import Broadcast
+from wherry.views.web.broadcast import TraceBroadcast
 from wherry.views.web.page import player_page
-from wherry.views.web.server import serve
+from wherry.views.web.server import serve_run
 from wherry_testing.browsing import DESK, PHONE, SCREENSHOTS, faint_texts, until
 from wherry_testing.runs import BOX, LASER, TERMS, room, short_run, snapshot_at, taxi_ride
 
@@ -501,9 +501,9 @@ def test_text_in_a_trace_is_never_markup(page: playwright.Page, tmp_path: Path) 
 
 
 def test_a_live_run_is_followed_and_its_end_is_told(page: playwright.Page, tmp_path: Path) -> None:
-    broadcast = Broadcast()
+    broadcast = TraceBroadcast()
     records = short_run()
-    with serve(broadcast, "A run", port=0, folder=tmp_path) as server:
+    with serve_run(broadcast, "A run", port=0, folder=tmp_path) as server:
         page.goto(server.url)
         assert page.locator("#waiting").is_visible()
         for record in records[:10]:
@@ -533,18 +533,18 @@ import sys, time
 sys.path.insert(0, sys.argv[1])
 from wherry_testing.browsing import DESK, PHONE, SCREENSHOTS, until
 from wherry_testing.runs import short_run
-from wherry.views.web.broadcast import Broadcast
-from wherry.views.web.server import serve
-broadcast = Broadcast()
+from wherry.views.web.broadcast import TraceBroadcast
+from wherry.views.web.server import serve_run
+broadcast = TraceBroadcast()
 for record in short_run(): broadcast(record)
-with serve(broadcast, "A run", port=0) as server:
+with serve_run(broadcast, "A run", port=0) as server:
     print(server.url, flush=True)
     time.sleep(60)
 """
 
 
 def test_a_killed_server_is_said_and_the_run_stays(page: playwright.Page) -> None:
-    command = [sys.executable, "-c", SERVED, str(Path(__file__).parent)]
+    command = [sys.executable, "-c", SERVED, str(Path(__file__).parents[1])]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         page.goto(process.stdout.readline().strip())
@@ -557,7 +557,7 @@ def test_a_killed_server_is_said_and_the_run_stays(page: playwright.Page) -> Non
 
 
 def test_a_page_from_elsewhere_cannot_watch(browser: playwright.Browser) -> None:
-    with serve(Broadcast(), "A run", port=0) as server:
+    with serve_run(TraceBroadcast(), "A run", port=0) as server:
         page = browser.new_page()
         page.route("http://127.0.0.1:1/", lambda route: route.fulfill(body="<p>Elsewhere", content_type="text/html"))
         page.goto("http://127.0.0.1:1/")

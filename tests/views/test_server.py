@@ -19,14 +19,14 @@ from wherry.trace.codec import Decoder
 from wherry.trace.framing import split_frames
 from wherry.trace.records import Narration, Phase, Record
 from wherry.views.web import broadcast as broadcasting
-from wherry.views.web.broadcast import Broadcast
-from wherry.views.web.server import LARGEST_REQUEST, OVER, Server, serve
+from wherry.views.web.broadcast import TraceBroadcast
+from wherry.views.web.server import MAX_REQUEST_SIZE, RUN_OVER, PageServer, serve_run
 from wherry_testing.runs import short_run, snapshot_at
 
 
 @pytest.fixture
-def broadcast() -> Broadcast:
-    made = Broadcast()
+def broadcast() -> TraceBroadcast:
+    made = TraceBroadcast()
     for record in short_run():
         made(record)
     return made
@@ -43,16 +43,16 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def server(broadcast: Broadcast, folder: Path) -> Iterator[Server]:
-    with serve(broadcast, "A <run>", port=0, folder=folder) as running:
+def server(broadcast: TraceBroadcast, folder: Path) -> Iterator[PageServer]:
+    with serve_run(broadcast, "A <run>", port=0, folder=folder) as running:
         yield running
 
 
-def port_of(server: Server) -> int:
+def port_of(server: PageServer) -> int:
     return int(server.url.split(":")[2].split("/")[0])
 
 
-def get(server: Server, path: str = "/", **headers: str) -> tuple[int, str, dict[str, str]]:
+def get(server: PageServer, path: str = "/", **headers: str) -> tuple[int, str, dict[str, str]]:
     connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=5)
     connection.request("GET", path, headers=headers)
     answer = connection.getresponse()
@@ -62,7 +62,7 @@ def get(server: Server, path: str = "/", **headers: str) -> tuple[int, str, dict
 
 
 def open_socket(
-    server: Server, query: str = "", origin: str | None = "same", host: str | None = None
+    server: PageServer, query: str = "", origin: str | None = "same", host: str | None = None
 ) -> ClientConnection:
     port = port_of(server)
     headers = {} if host is None else {"Host": host}
@@ -78,20 +78,20 @@ def received(page: ClientConnection) -> tuple[dict[str, object], bytes]:
         message = page.recv(timeout=5)
         assert isinstance(message, bytes)
         frames += message[8:]
-        if struct.unpack_from("<II", message)[1] & OVER:
+        if struct.unpack_from("<II", message)[1] & RUN_OVER:
             return hello, frames
 
 
-def test_the_page_comes_with_everything_and_a_policy(server: Server) -> None:
+def test_the_page_comes_with_everything_and_a_policy(server: PageServer) -> None:
     status, text, headers = get(server)
     assert status == 200
     assert "<title>A &lt;run&gt;</title>" in text
-    assert "default-src &#x27;none&#x27;" in text
+    assert "default-src &#39;none&#39;" in text
     assert headers["x-frame-options"] == "DENY"
     assert headers["x-content-type-options"] == "nosniff"
 
 
-def test_a_page_gets_every_record_in_order(server: Server, broadcast: Broadcast) -> None:
+def test_a_page_gets_every_record_in_order(server: PageServer, broadcast: TraceBroadcast) -> None:
     broadcast.end()
     with open_socket(server) as page:
         _, frames = received(page)
@@ -100,7 +100,7 @@ def test_a_page_gets_every_record_in_order(server: Server, broadcast: Broadcast)
     assert [type(record) for record in records] == [type(record) for record in short_run()]
 
 
-def test_a_page_that_comes_back_gets_only_the_rest(server: Server, broadcast: Broadcast) -> None:
+def test_a_page_that_comes_back_gets_only_the_rest(server: PageServer, broadcast: TraceBroadcast) -> None:
     broadcast.end()
     with open_socket(server, f"?run={broadcast.name}&from={len(broadcast) - 2}") as page:
         hello, frames = received(page)
@@ -111,7 +111,7 @@ def test_a_page_that_comes_back_gets_only_the_rest(server: Server, broadcast: Br
             assert json.loads(page.recv(timeout=5))["from"] == 0
 
 
-def test_what_is_told_later_arrives(server: Server, broadcast: Broadcast) -> None:
+def test_what_is_told_later_arrives(server: PageServer, broadcast: TraceBroadcast) -> None:
     with open_socket(server) as page:
         page.recv(timeout=5)
         page.recv(timeout=5)
@@ -122,7 +122,7 @@ def test_what_is_told_later_arrives(server: Server, broadcast: Broadcast) -> Non
 
 
 @pytest.mark.parametrize("origin", ["https://evil.example", "http://127.0.0.1:1", "null", None])
-def test_a_foreign_page_cannot_connect(server: Server, origin: str | None) -> None:
+def test_a_foreign_page_cannot_connect(server: PageServer, origin: str | None) -> None:
     with pytest.raises((InvalidHandshake, ConnectionClosed)), open_socket(server, origin=origin) as page:
         page.recv(timeout=5)
 
@@ -130,18 +130,18 @@ def test_a_foreign_page_cannot_connect(server: Server, origin: str | None) -> No
 @pytest.mark.parametrize(
     "host", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "127.0.0.1:{port}.evil.example"]
 )
-def test_a_name_that_was_pointed_here_is_refused(server: Server, host: str) -> None:
+def test_a_name_that_was_pointed_here_is_refused(server: PageServer, host: str) -> None:
     status, text, _ = get(server, Host=host.format(port=port_of(server)))
     assert status == 403
     assert "Refused" in text
 
 
-def test_a_request_from_a_foreign_page_is_refused(server: Server) -> None:
+def test_a_request_from_a_foreign_page_is_refused(server: PageServer) -> None:
     assert get(server, Origin="https://evil.example")[0] == 403
 
 
-def test_elsewhere_only_those_come_in_who_know_the_token(broadcast: Broadcast) -> None:
-    with serve(broadcast, "run", host="0.0.0.0", port=0) as server:  # noqa: S104 - that is what is tested
+def test_elsewhere_only_those_come_in_who_know_the_token(broadcast: TraceBroadcast) -> None:
+    with serve_run(broadcast, "run", host="0.0.0.0", port=0) as server:  # noqa: S104 - that is what is tested
         token = server.url.split("token=")[1]
         assert len(token) > 16
         assert get(server, f"/?token={token}")[0] == 200
@@ -166,46 +166,46 @@ def test_elsewhere_only_those_come_in_who_know_the_token(broadcast: Broadcast) -
         "/nothing",
     ],
 )
-def test_no_path_leads_out_of_the_run(server: Server, path: str) -> None:
+def test_no_path_leads_out_of_the_run(server: PageServer, path: str) -> None:
     status, text, _ = get(server, path)
     assert status in {400, 404}
     assert "nobody reads this" not in text
 
 
-def test_the_report_can_be_read(server: Server) -> None:
+def test_the_report_can_be_read(server: PageServer) -> None:
     assert get(server, "/files/report.html")[:2] == (200, "<p>The report")
 
 
-def test_a_page_that_talks_too_much_is_cut_off(server: Server) -> None:
+def test_a_page_that_talks_too_much_is_cut_off(server: PageServer) -> None:
     with open_socket(server) as page:
-        page.send("x" * (LARGEST_REQUEST + 1))
+        page.send("x" * (MAX_REQUEST_SIZE + 1))
         with pytest.raises(ConnectionClosed, match="1009"):
             list(iter(lambda: page.recv(timeout=5), None))
 
 
-def test_an_address_of_another_machine_cannot_be_listened_on(broadcast: Broadcast) -> None:
+def test_an_address_of_another_machine_cannot_be_listened_on(broadcast: TraceBroadcast) -> None:
     with (
         pytest.raises(InputError, match=r"--host: 192\.0\.2\.1: cannot be listened on"),
-        serve(broadcast, "x", host="192.0.2.1"),
+        serve_run(broadcast, "x", host="192.0.2.1"),
     ):
         pass
 
 
-def test_a_taken_port_is_no_trouble(broadcast: Broadcast, server: Server) -> None:
-    with serve(broadcast, "x", port=port_of(server)) as other:
+def test_a_taken_port_is_no_trouble(broadcast: TraceBroadcast, server: PageServer) -> None:
+    with serve_run(broadcast, "x", port=port_of(server)) as other:
         assert port_of(other) != port_of(server)
-        assert (other.taken_port, server.taken_port) == (port_of(server), None)
+        assert (other.occupied_port, server.occupied_port) == (port_of(server), None)
         assert get(other)[0] == 200
 
 
 def test_one_waits_for_a_first_page_only_as_long_as_wished() -> None:
-    server = Server("http://127.0.0.1/")
+    server = PageServer("http://127.0.0.1/")
     before = time.monotonic()
-    assert not server.wait_until_nobody_watches(patience=0.4)
+    assert not server.wait_until_unwatched(timeout=0.4)
     assert 0.4 <= time.monotonic() - before < 5.0
-    server.page_came()
-    server.page_left()
-    assert server.wait_until_nobody_watches(patience=0.0)
+    server.page_connected()
+    server.page_disconnected()
+    assert server.wait_until_unwatched(timeout=0.0)
 
 
 def run_of(count: int) -> list[Record]:
@@ -216,12 +216,12 @@ def run_of(count: int) -> list[Record]:
     ]
 
 
-def counted(broadcast: Broadcast) -> tuple[int, int]:
+def counted(broadcast: TraceBroadcast) -> tuple[int, int]:
     """How many records of each kind a page gets that begins now: said, seen."""
     at, said, shown = 0, 0, 0
     while at < len(broadcast):
-        batch = broadcast.after(at)
-        at = batch.following
+        batch = broadcast.batch_from(at)
+        at = batch.next_index
         for frame in split_frames(batch.frames):
             said += b'"type":"Said"' in frame
             shown += b'"type":"Seen"' in frame
@@ -229,28 +229,28 @@ def counted(broadcast: Broadcast) -> tuple[int, int]:
 
 
 def test_a_slow_page_gets_fewer_moments_and_everything_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    broadcast = Broadcast()
+    broadcast = TraceBroadcast()
     for record in run_of(200):
         broadcast(record)
     assert counted(broadcast) == (200, 200)
-    monkeypatch.setattr(broadcasting, "LARGEST_BACKLOG", 10_000)
+    monkeypatch.setattr(broadcasting, "MAX_BACKLOG_SIZE", 10_000)
     said, shown = counted(broadcast)
     assert said == 200
     assert 10 < shown < 100
 
 
 def test_messages_are_of_limited_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(broadcasting, "LARGEST_MESSAGE", 2_000)
-    broadcast = Broadcast()
+    monkeypatch.setattr(broadcasting, "MAX_MESSAGE_SIZE", 2_000)
+    broadcast = TraceBroadcast()
     for record in run_of(50):
         broadcast(record)
-    assert len(broadcast.after(0).frames) <= 2_000
+    assert len(broadcast.batch_from(0).frames) <= 2_000
     assert counted(broadcast) == (50, 50)
 
 
 def test_a_long_run_keeps_fewer_moments_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(broadcasting, "LARGEST_HISTORY", 20_000)
-    broadcast = Broadcast()
+    monkeypatch.setattr(broadcasting, "MAX_HISTORY_SIZE", 20_000)
+    broadcast = TraceBroadcast()
     for record in run_of(500):
         broadcast(record)
     assert sum(map(len, broadcast._frames)) < 20_000 + 500 * 200
@@ -259,7 +259,7 @@ def test_a_long_run_keeps_fewer_moments_in_memory(monkeypatch: pytest.MonkeyPatc
     assert shown > 10
 
 
-def test_a_page_that_reads_nothing_holds_nobody_up(server: Server, broadcast: Broadcast) -> None:
+def test_a_page_that_reads_nothing_holds_nobody_up(server: PageServer, broadcast: TraceBroadcast) -> None:
     with socket.create_connection(("127.0.0.1", port_of(server))) as asleep:
         lines = (
             "GET /socket HTTP/1.1",

@@ -15,10 +15,11 @@ from rich.console import Console
 
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace.records import MapUpdate, Narration, Phase, Record, RobotSnapshot, StepTaken
-from wherry.views.drawing import MARGIN, MOST_PARTICLES, Scene, draw
-from wherry.views.report import Picture, Report, render
+from wherry.trace.records import MapUpdate, Narration, Phase, Record, RobotSnapshot, RunStarted, StepTaken
+from wherry.views.report import DeliveryReport, ReportPicture, render_report
+from wherry.views.snapshot_svg import MARGIN, MAX_PARTICLES, MapBackground, draw_snapshot
 from wherry.views.terminal import DeliveryProgress, print_rules, print_table
+from wherry_testing.runs import TERMS
 
 SVG = "{http://www.w3.org/2000/svg}"
 NO_POINTS = np.empty((0, 2))
@@ -31,7 +32,7 @@ def grid() -> OccupancyGrid:
     return OccupancyGrid(probability, 0.1, Pose(-1.0, 0.5))
 
 
-SCENE = Scene(
+SCENE = MapBackground(
     grid(),
     warehouse=np.array([[[0.0, 1.0], [0.6, 1.0], [0.6, 1.6], [0.0, 1.6]]]),
     true_walls=np.array([[[-1.0, 0.55], [1.0, 0.55]]]),
@@ -50,10 +51,10 @@ SEEN = RobotSnapshot(
 )
 
 
-def drawn(scene: Scene = SCENE, seen: RobotSnapshot = SEEN, **options: object) -> ElementTree.Element:
+def drawn(scene: MapBackground = SCENE, seen: RobotSnapshot = SEEN, **options: object) -> ElementTree.Element:
     """The picture as XML."""
     driven, goals = np.array([[0.0, 0.8], [0.25, 1.0]]), np.array([[0.3, 0.9], [0.9, 0.9]])
-    return ElementTree.fromstring(draw(scene, seen, driven, goals, label="The map", **options))  # type: ignore[arg-type]  # noqa: S314
+    return ElementTree.fromstring(draw_snapshot(scene, seen, driven, goals, label="The map", **options))  # type: ignore[arg-type]  # noqa: S314
 
 
 def of_class(picture: ElementTree.Element, style: str) -> list[ElementTree.Element]:
@@ -120,15 +121,15 @@ def test_a_close_up_shows_the_robot_in_its_middle() -> None:
 def test_what_is_not_there_is_not_drawn() -> None:
     nothing = replace(SEEN, points=NO_POINTS, particles=np.empty((0, 3)), path=NO_POINTS, boxes=NO_POINTS)
     scene = replace(SCENE, warehouse=np.empty((0, 4, 2)), true_walls=np.empty((0, 2, 2)))
-    picture = ElementTree.fromstring(draw(scene, nothing, NO_POINTS, NO_POINTS, label="x"))  # noqa: S314
+    picture = ElementTree.fromstring(draw_snapshot(scene, nothing, NO_POINTS, NO_POINTS, label="x"))  # noqa: S314
     for style in ("warehouse", "truth", "driven", "plan", "path", "laser", "beam", "particle", "box"):
         assert of_class(picture, style) == []
     assert len(of_class(picture, "robot")) == 1
 
 
 def test_thousands_of_particles_are_thinned() -> None:
-    many = replace(SEEN, particles=np.zeros((5 * MOST_PARTICLES + 1, 3), np.float32))
-    assert MOST_PARTICLES / 2 < len(of_class(drawn(seen=many), "particle")) <= MOST_PARTICLES
+    many = replace(SEEN, particles=np.zeros((5 * MAX_PARTICLES + 1, 3), np.float32))
+    assert MAX_PARTICLES / 2 < len(of_class(drawn(seen=many), "particle")) <= MAX_PARTICLES
 
 
 def test_a_map_that_knows_nothing_can_be_drawn() -> None:
@@ -138,27 +139,29 @@ def test_a_map_that_knows_nothing_can_be_drawn() -> None:
 
 @pytest.mark.parametrize("label", ['a "quoted" map', "<b> & more"])
 def test_a_label_cannot_break_the_picture(label: str) -> None:
-    picture = ElementTree.fromstring(draw(SCENE, SEEN, NO_POINTS, NO_POINTS, label=label))  # noqa: S314
+    picture = ElementTree.fromstring(draw_snapshot(SCENE, SEEN, NO_POINTS, NO_POINTS, label=label))  # noqa: S314
     assert picture.get("aria-label") == label
 
 
 EVIL = "<script>alert('x')</script> & \"more\""
 
 
-def report(words: str) -> Report:
-    pictures = [Picture(draw(SCENE, SEEN, NO_POINTS, NO_POINTS, label=words), words) for _ in range(2)]
-    return Report(words, words, True, words, pictures, {words: words}, [words], [Narration(1.0, Phase.LEARN, words)])
+def report(words: str) -> DeliveryReport:
+    pictures = [ReportPicture(draw_snapshot(SCENE, SEEN, NO_POINTS, NO_POINTS, label=words), words) for _ in range(2)]
+    return DeliveryReport(
+        words, words, True, words, pictures, {words: words}, [words], [Narration(1.0, Phase.LEARN, words)]
+    )
 
 
 def test_every_text_on_the_page_is_escaped() -> None:
-    page = render(report(EVIL))
+    page = render_report(report(EVIL))
     assert "<script" not in page
     assert page.count("alert(") >= 9  # two pictures with label and caption, and every other text
     assert "&lt;script&gt;" in page
 
 
 def test_the_page_needs_nothing_from_outside() -> None:
-    page = render(report("Delivery"))
+    page = render_report(report("Delivery"))
     without_names = page.replace("http://www.w3.org/2000/svg", "")
     assert not re.search(r"(https?:)?//[a-z]", without_names)
     assert not re.search(r"<(script|link|iframe)\b|@import|url\(", page)
@@ -166,9 +169,9 @@ def test_the_page_needs_nothing_from_outside() -> None:
 
 
 def test_the_page_shows_figures_rules_and_log() -> None:
-    page = render(
+    page = render_report(
         replace(
-            report("x"), figures={"actions": "42"}, rules=["N: robot.y += 1"], log=[Narration(7.4, Phase.LEARN, "Hm")]
+            report("x"), metrics={"actions": "42"}, rules=["N: robot.y += 1"], log=[Narration(7.4, Phase.LEARN, "Hm")]
         )
     )
     assert "<td>actions</td><td>42</td>" in page
@@ -181,6 +184,7 @@ RUN: list[Record] = [
     Narration(0.1, Phase.EXPLORE, "I drive to [where] my laser will see most."),
     MapUpdate(1.0, grid(), 0.5, 3.0),
     SEEN,
+    RunStarted("deliver", "hall", terms=TERMS),
     StepTaken(2.0, "0000100", "PICKUP", True, True, 3, 0, 2, NO_POINTS.astype(np.float32)),
     StepTaken(3.0, "0101011", "DROPOFF", False, True, 0, 1, 1, NO_POINTS.astype(np.float32)),
 ]
@@ -202,7 +206,13 @@ def test_without_a_terminal_there_are_lines_and_no_bars() -> None:
 
 def test_on_a_terminal_there_are_three_bars() -> None:
     text = shown(terminal=True)
-    for words in ("explored", "50%, 3.0 m of frontier left", "0 unknown pairs left", "0101011 DROPOFF", "1 of 2 boxes"):
+    for words in (
+        "explored",
+        "50%, 3.0 m of frontier left",
+        "0 unknown pairs left",
+        "DROPOFF · touch_S(robot, wall), touch_W",
+        "1 of 2 boxes",
+    ):
         assert words in text
 
 

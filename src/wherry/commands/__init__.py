@@ -1,1 +1,4 @@
-"""The commands, one file each: parse, call, print. What computes is imported inside them, so that --help is quick."""
+"""The commands, one file each: parse, call, print.
+
+Commands import what computes inside their functions, so that ``wherry --help`` starts quickly.
+"""

@@ -1,4 +1,4 @@
-"""``wherry bench``: how long things take, beside others."""
+"""``wherry bench``: times beside those of external implementations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wherry.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from wherry.experiments.bench import Bench
+    from wherry.experiments.bench import BenchResult, Timing
 
 NAMES = ("learning", "slam", "localization", "planning")
 
@@ -21,53 +21,58 @@ NAMES = ("learning", "slam", "localization", "planning")
 def bench(
     name: Annotated[str, typer.Argument(help=f"{', '.join(NAMES)}.", autocompletion=one_of(NAMES))],
     data: Annotated[
-        Path, typer.Option(envvar="WHERRY_DATA", help="The folder of recorded logs, with intel/ in it, for slam.")
+        Path, typer.Option(envvar="WHERRY_DATA", help="For slam: folder of recorded logs that contains intel/.")
     ] = Path("../shared/data"),
     efficient_rl: Annotated[
         Path | None,
         typer.Option(
             envvar="WHERRY_EFFICIENT_RL",
-            help="The Python interpreter of an environment in which efficient_rl is installed, for learning.",
+            help="For learning: Python interpreter of an environment in which efficient_rl is installed.",
         ),
     ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Measure how long things take, beside others where they are installed, else beside what they have published."""
+    """Measure times beside those of external implementations, where these are installed, or else published times."""
     if name not in NAMES:
         raise InputError("NAME", name, f"is none of {', '.join(NAMES)}")
-    from wherry.experiments.bench import Outside, run
+    from wherry.experiments.bench import BenchSettings, run_bench
 
     console = console_for(as_json=as_json, quiet=quiet)
     with console.status("measuring") as status:
-        measured = run(name, Outside(data, efficient_rl), lambda doing: status.update(f"measuring: {doing}"))
-    console.print(_table(measured))
+        result = run_bench(name, BenchSettings(data, efficient_rl), lambda task: status.update(f"measuring: {task}"))
+    console.print(_table(result))
     if as_json:
-        rows = [
-            {"task": row.task, "who": row.who, "ms": round(row.milliseconds, 4), "ratio": measured.ratio(row),
-             "source": row.source}
-            for row in measured.times
-        ]  # fmt: skip
-        print_json({"bench": name, "load": measured.load, "times": rows})
+        print_json({"bench": name, "load": result.load, "times": [_as_json(one, result) for one in result.timings]})
 
 
-def _table(measured: Bench) -> Table:
-    """One row a time; how many times longer than ours others take."""
+def _as_json(timing: Timing, result: BenchResult) -> dict[str, object]:
+    return {
+        "task": timing.task,
+        "who": timing.implementation,
+        "ms": round(timing.milliseconds, 4),
+        "ratio": result.ratio(timing),
+        "source": timing.source,
+    }
+
+
+def _table(result: BenchResult) -> Table:
+    """One row per timing, with the ratio to wherry's time."""
     from rich.table import Table
 
-    table = Table(title=f"{measured.name}: medians, at a {measured.load}", title_justify="left")
-    for heading in ("task", "who", "ms", "× ours", "measured"):
-        table.add_column(heading, justify="right" if heading in ("ms", "× ours") else "left")
+    table = Table(title=f"{result.name}: medians, at a {result.load}", title_justify="left")
+    for heading in ("task", "implementation", "ms", "× wherry", "measured"):
+        table.add_column(heading, justify="right" if heading in ("ms", "× wherry") else "left")
     last = ""
-    for row in measured.times:
-        ratio = measured.ratio(row)
+    for timing in result.timings:
+        ratio = result.ratio(timing)
         table.add_row(
-            row.task if row.task != last else "",
-            row.who,
-            f"{row.milliseconds:,.2f}" if row.milliseconds < 1000 else f"{row.milliseconds:,.0f}",
+            timing.task if timing.task != last else "",
+            timing.implementation,
+            f"{timing.milliseconds:,.2f}" if timing.milliseconds < 1000 else f"{timing.milliseconds:,.0f}",
             "" if ratio is None else f"{ratio:,.1f}" if ratio < 100 else f"{ratio:,.0f}",
-            row.source,
-            style="bold" if row.ours else "",
+            timing.source,
+            style="bold" if timing.is_ours else "",
         )
-        last = row.task
+        last = timing.task
     return table

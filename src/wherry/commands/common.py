@@ -1,4 +1,4 @@
-"""What the commands share: options that mean the same everywhere, and where to print."""
+"""Options and output that several commands share."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ if TYPE_CHECKING:
     from rich.progress import Progress, Task
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, as the last line.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors, and what --json prints.")]
-SeedOption = Annotated[int, typer.Option(min=0, help="Same seed, same run.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors, and what --json prints.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the random number generator.")]
 
 WorldArgument = Annotated[str, typer.Argument(help="A built-in world's name, or a world file.")]
-BoxesOption = Annotated[int | None, typer.Option(help="How many boxes; without it, what the world says.")]
+BoxesOption = Annotated[int | None, typer.Option(help="Number of boxes; by default as the world file says.")]
 MapOption = Annotated[Path | None, typer.Option("--map", help="A map.yaml to use instead of exploring.")]
-RulesOption = Annotated[Path | None, typer.Option(help="Learnt rules to start with.")]
-LearnerOption = Annotated[str, typer.Option(help="How the robot learns: bayes or doormax.")]
+RulesOption = Annotated[Path | None, typer.Option(help="Learnt rules to start with, as saved by an earlier run.")]
+LearnerOption = Annotated[str, typer.Option(help="The learner: bayes or doormax.")]
 LogArgument = Annotated[
     Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped, or a ROS bag.")
 ]
-LenientOption = Annotated[bool, typer.Option("--lenient", help="Leave out broken lines, and count them.")]
-ParamsOption = Annotated[Path | None, typer.Option(help="An amcl.yaml, of nav2 or of ROS 1.")]
+LenientOption = Annotated[bool, typer.Option("--lenient", help="Skip broken lines, and report their number.")]
+ParamsOption = Annotated[Path | None, typer.Option(help="An amcl.yaml of nav2 or ROS 1.")]
 
 
 def console_for(*, as_json: bool, quiet: bool = False) -> Console:
-    """Where people read: standard output, or standard error when standard output is for JSON.
+    """The console for people: standard output, or standard error where JSON goes to standard output.
 
-    Colours, bars and moving lines are left out where that is not a terminal.
+    Rich leaves out colours and progress bars where that is no terminal.
     """
     from rich.console import Console
 
@@ -40,23 +40,23 @@ def console_for(*, as_json: bool, quiet: bool = False) -> Console:
 
 
 def say(console: Console, line: str) -> None:
-    """Print a line as it is, and whole, so that a path in it can be copied, or found by another program."""
+    """Print a line unwrapped and without markup, so that paths in it can be copied or parsed."""
     console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def help_without_command(context: typer.Context) -> None:
-    """Print the help of a group of commands where none of them is called."""
+    """Print the help of a command group that is called without a command."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
 
 
 def one_of(names: Iterable[str]) -> Callable[[str], list[str]]:
-    """What a shell offers to complete an option or an argument with."""
+    """A function that completes a word on the command line with one of some names."""
     return lambda incomplete: [name for name in names if name.startswith(incomplete)]
 
 
 def print_json(result: Mapping[str, object]) -> None:
-    """Print one JSON object on a line of its own, figures rounded to what they can be trusted for."""
+    """Print one JSON object on a line of its own, with numbers rounded to six decimals."""
     typer.echo(json.dumps(_rounded(result), allow_nan=False))
 
 
@@ -70,12 +70,12 @@ def _rounded(value: object) -> object:
 
 
 def progress_bar(console: Console, unit: str) -> Progress:
-    """A bar with a rate and the time that is left; nothing where the console is not a terminal."""
+    """A progress bar with rate and remaining time; disabled where the console is no terminal."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
     from rich.text import Text
 
     class RateColumn(ProgressColumn):
-        """How many are done in a second."""
+        """Units per second."""
 
         def render(self, task: Task) -> Text:
             return Text(f"{task.speed:,.0f} {unit}/s" if task.speed else "")

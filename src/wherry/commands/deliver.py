@@ -20,7 +20,15 @@ from wherry.commands.common import (
     say,
 )
 from wherry.commands.recording import RecordOption, recorded
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, films, watched
+from wherry.commands.watching import (
+    DEFAULT_HOST,
+    DEFAULT_PORT,
+    HostOption,
+    PortOption,
+    ViewOption,
+    film_sinks,
+    trace_sink,
+)
 
 
 def deliver(
@@ -37,8 +45,8 @@ def deliver(
     rerun: Annotated[Path | None, typer.Option(help="Record the run for the Rerun viewer: NAME.rrd.")] = None,
     video: Annotated[Path | None, typer.Option(help="Film the simulated world: NAME.mp4.")] = None,
     view: ViewOption = False,
-    host: HostOption = LOOPBACK,
-    port: PortOption = PORT,
+    host: HostOption = DEFAULT_HOST,
+    port: PortOption = DEFAULT_PORT,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -62,8 +70,8 @@ def deliver(
         console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from the bottom cannot be reached.")
     with (
         recorded(record, laser_height=LASER_HEIGHT) as (recording, recorded_robot),
-        films(run.simulation, rerun=rerun, video=video) as film,
-        watched(f"wherry: {run.plan.name}", run.out, console, view=view, host=host, port=port) as sink,
+        film_sinks(run.simulation, rerun=rerun, video=video) as film,
+        trace_sink(f"wherry: {run.plan.name}", run.out, console, view=view, host=host, port=port) as sink,
     ):
         with DeliveryProgress(console, len(run.plan.boxes)) as progress:
             result = run(combine_sinks(progress, sink, recording, film), recorded_robot)

@@ -1,4 +1,4 @@
-"""``wherry doctor``: what is installed, what works, and what to do about the rest."""
+"""``wherry doctor``: check the installation."""
 
 from __future__ import annotations
 
@@ -9,44 +9,43 @@ import typer
 from wherry.commands.common import JsonOption, QuietOption, console_for, print_json
 
 if TYPE_CHECKING:
-    from wherry.pipelines.installation import Finding
+    from wherry.pipelines.installation import CheckResult
 
 
 def doctor(as_json: JsonOption = False, quiet: QuietOption = False) -> None:
-    """Say what is installed and works here, and what to do about what is not.
+    """Check which dependencies are installed and work, and print how to install the others.
 
-    Exit status 1 where something is broken that wherry cannot do without.
+    Exit status 1 if a required dependency is broken.
     """
-    from wherry.pipelines.installation import CHECKS, failed
+    from wherry.pipelines.installation import CHECKS, failed_check
 
     console = console_for(as_json=as_json, quiet=quiet)
-    findings = []
-    with console.status("looking") as status:
+    results = []
+    with console.status("checking") as status:
         for name, check in CHECKS.items():
-            status.update(f"looking at {name}")
+            status.update(f"checking {name}")
             try:
-                findings.append(check())
+                results.append(check())
             except Exception as error:  # noqa: BLE001, RUF100 - a broken installation may raise anything
-                findings.append(failed(name, error))
-    console.print(_table(findings), highlight=False)
-    broken = [finding.name for finding in findings if finding.required and not finding.works]
+                results.append(failed_check(name, error))
+    console.print(_table(results), highlight=False)
+    broken = [result.name for result in results if result.is_required and not result.works]
     if broken:
         console.print(f"Broken: {', '.join(broken)}", style="bold red")
     if as_json:
-        print_json({finding.name: {"works": finding.works, "detail": finding.detail, "advice": finding.advice,
-                                   "required": finding.required} for finding in findings})  # fmt: skip
+        print_json({result.name: result.as_json() for result in results})
     raise typer.Exit(1 if broken else 0)
 
 
-def _table(findings: list[Finding]) -> object:
+def _table(results: list[CheckResult]) -> object:
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=None, pad_edge=False)
-    for heading in ("", "what", "found", "what to do"):
+    for heading in ("", "dependency", "found", "what to do"):
         table.add_column(heading, overflow="fold")
-    for finding in findings:
-        sign, style = ("✓", "green") if finding.works else ("✗", "bold red") if finding.required else ("–", "dim")
-        advice = "" if finding.works else finding.advice
-        table.add_row(sign, *map(Text, (finding.name, finding.detail, advice)), style=style)
+    for result in results:
+        sign, style = ("✓", "green") if result.works else ("✗", "bold red") if result.is_required else ("–", "dim")
+        advice = "" if result.works else result.advice
+        table.add_row(sign, *map(Text, (result.name, result.detail, advice)), style=style)
     return table

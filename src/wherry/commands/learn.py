@@ -17,7 +17,7 @@ from wherry.commands.common import (
     progress_bar,
     say,
 )
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
+from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, ViewOption, trace_sink
 from wherry.errors import InputError
 
 DOMAINS = ("taxi", "delivery", "gymnasium-taxi")
@@ -52,8 +52,8 @@ def learn(
     rules_out: Annotated[Path | None, typer.Option(help="Where to save what the last learner knows, as JSON.")] = None,
     out: Annotated[Path | None, typer.Option(help="Where to draw the learning curve: a .png or an .svg file.")] = None,
     view: ViewOption = False,
-    host: HostOption = LOOPBACK,
-    port: PortOption = PORT,
+    host: HostOption = DEFAULT_HOST,
+    port: PortOption = DEFAULT_PORT,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -64,14 +64,14 @@ def learn(
     from wherry.files import write_atomically
     from wherry.learning.rule_files.files import save_rules
     from wherry.pipelines.grids.learning import Settings, TaxiExperiment
-    from wherry.views.figures import LEARNING
-    from wherry.views.terminal import print_figures, print_rules
+    from wherry.views.metrics_tables import LEARNING_METRICS
+    from wherry.views.terminal import print_metrics, print_rules
 
     experiment = TaxiExperiment(
         Settings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
     )
     console = console_for(as_json=as_json, quiet=quiet)
-    with watched("wherry: learning", None, console, view=view, host=host, port=port) as sink:
+    with trace_sink("wherry: learning", None, console, view=view, host=host, port=port) as sink:
         experiment.watch = sink if view else None
         with progress_bar(console, "repetitions") as progress:
             task = progress.add_task(f"{chosen}: {experiment.arena.title}", total=repetitions)
@@ -83,7 +83,7 @@ def learn(
         if rules_out is not None:
             save_rules(experiment.learner, rules_out)
     figures = result.as_json()
-    print_figures(console, experiment.arena.title, figures, LEARNING)
+    print_metrics(console, experiment.arena.title, figures, LEARNING_METRICS)
     if out is not None:
         from wherry.views.learning_curve import as_bytes, learning_curves
 

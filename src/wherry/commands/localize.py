@@ -20,7 +20,7 @@ from wherry.commands.common import (
     say,
 )
 from wherry.commands.recording import RecordOption, recorded_log
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
+from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, ViewOption, trace_sink
 
 if TYPE_CHECKING:
     from wherry.space.occupancy import OccupancyGrid
@@ -38,16 +38,16 @@ def localize(
     record: RecordOption = None,
     out: Annotated[Path | None, typer.Option(help="Where to write trajectory and picture.")] = None,
     view: ViewOption = False,
-    host: HostOption = LOOPBACK,
-    port: PortOption = PORT,
+    host: HostOption = DEFAULT_HOST,
+    port: PortOption = DEFAULT_PORT,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Find the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
     from wherry.pipelines.logs import localization
     from wherry.pipelines.logs.trace import LogTrace
-    from wherry.views.figures import LOCALIZATION
-    from wherry.views.terminal import print_figures
+    from wherry.views.metrics_tables import LOCALIZATION_METRICS
+    from wherry.views.terminal import print_metrics
 
     run = localization.prepare(
         localization.Settings(
@@ -63,7 +63,7 @@ def localize(
     console = console_for(as_json=as_json, quiet=quiet)
     if _begins_nowhere(run.grid, run.localizer.amcl.particles):
         say(console, "Where the log is taken to begin, the map has no free place; --global looks for it everywhere.")
-    with watched(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
+    with trace_sink(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
         trace = LogTrace("localize", log.name, run.log, sink)
         trace.map(run.grid)
         with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
@@ -80,7 +80,7 @@ def localize(
         if result.unknown_parameters:
             say(console, f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")
         figures = result.as_dict()
-        print_figures(console, f"{log.name} on {map_file.name}", figures, LOCALIZATION)
+        print_metrics(console, f"{log.name} on {map_file.name}", figures, LOCALIZATION_METRICS)
         if out is None:
             console.print("Nothing was saved; --out DIR saves trajectory and picture.")
         else:

@@ -22,7 +22,7 @@ from wherry.commands.common import (
     say,
 )
 from wherry.commands.recording import RecordOption, recorded_log
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
+from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, ViewOption, trace_sink
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
@@ -56,8 +56,8 @@ def map_log(
     ] = False,
     record: RecordOption = None,
     view: ViewOption = False,
-    host: HostOption = LOOPBACK,
-    port: PortOption = PORT,
+    host: HostOption = DEFAULT_HOST,
+    port: PortOption = DEFAULT_PORT,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -65,8 +65,8 @@ def map_log(
     from wherry.mapping.closures import refusals
     from wherry.pipelines.logs import mapping as slam
     from wherry.pipelines.logs.trace import LogTrace
-    from wherry.views.figures import MAPPING, REFUSALS
-    from wherry.views.terminal import print_figures, print_table
+    from wherry.views.metrics_tables import MAPPING_METRICS, REJECTION_LABELS
+    from wherry.views.terminal import print_metrics, print_table
 
     run = slam.prepare(
         slam.Settings(
@@ -84,7 +84,7 @@ def map_log(
         )
     )
     console = console_for(as_json=as_json, quiet=quiet)
-    with watched(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
+    with trace_sink(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
         trace = LogTrace("map", log.name, run.log, sink)
         shown_at = _map_times(run.scans, MAPS_SHOWN if view else MAPS_RECORDED if out is not None else 0)
         with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
@@ -103,8 +103,10 @@ def map_log(
             trace.closures(run.scans - 1, _closures(run.slam))
         assert run.result is not None  # noqa: S101 - steps() ends by setting it
         figures = asdict(run.result)
-        print_figures(console, f"Map of {log.name}", figures, MAPPING)
-        refused = {REFUSALS.get(gate, gate): str(number) for gate, number in refusals(_closures(run.slam)).items()}
+        print_metrics(console, f"Map of {log.name}", figures, MAPPING_METRICS)
+        refused = {
+            REJECTION_LABELS.get(gate, gate): str(number) for gate, number in refusals(_closures(run.slam)).items()
+        }
         if refused:
             print_table(console, "Loops refused because", refused)
         if out is None:

@@ -39,8 +39,8 @@ def replay(
     Localization is then compared with mapping's own trajectory.
     """
     from wherry.pipelines.logs import replay as experiment
-    from wherry.views.figures import LOCALIZATION, MAPPING
-    from wherry.views.terminal import print_figures
+    from wherry.views.metrics_tables import LOCALIZATION_METRICS, MAPPING_METRICS
+    from wherry.views.terminal import print_metrics
 
     run = experiment.prepare(
         experiment.Settings(
@@ -63,10 +63,10 @@ def replay(
     figures: dict[str, object] = {"bag": str(bag), "mapping": None}
     if run.mapping is not None:
         figures["mapping"] = asdict(run.mapping)
-        print_figures(console, f"Map of {bag.name}", asdict(run.mapping), MAPPING)
+        print_metrics(console, f"Map of {bag.name}", asdict(run.mapping), MAPPING_METRICS)
     found = run.localization.as_dict()
     figures["localization"] = found
-    print_figures(console, f"{bag.name} on {run.map_file.name}", found, LOCALIZATION)
+    print_metrics(console, f"{bag.name} on {run.map_file.name}", found, LOCALIZATION_METRICS)
     say(console, f"Written to {run.out}")
     if as_json:
         print_json(figures)

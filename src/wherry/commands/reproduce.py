@@ -1,4 +1,4 @@
-"""``wherry reproduce``: the tables of the docs, made again."""
+"""``wherry reproduce``: run the experiments behind docs/results.md."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _slam(data: Path, images: Path, progress: Progress) -> str:
     return slam_table.reproduce(data, progress)
 
 
-def _sites(data: Path, folder: Path, progress: Progress) -> str:
+def _sites(data: Path, images: Path, progress: Progress) -> str:
     from wherry.experiments.mapping import large_site
 
     return large_site.reproduce(progress)
@@ -63,34 +63,39 @@ REPRODUCTIONS: Mapping[str, Callable[[Path, Path, Progress], str]] = {
     "delivery": _delivery,
     "figures": _figures,
 }
-"""Each takes the folder of recorded logs, the folder for pictures and a progress, and returns Markdown."""
+"""The experiments by name; each returns Markdown. Arguments: folder of logs, folder for pictures, progress callback."""
 
-PROJECT = "pyproject.toml"
-RESULTS = Path("docs/results.md")  # in the project; elsewhere the same name in the present folder
+PROJECT_FILE = "pyproject.toml"
+RESULTS_FILE = Path("docs/results.md")  # in a checkout; elsewhere results.md in the current folder
 
 
 def reproduce(
     name: Annotated[
-        str, typer.Argument(help=f"What: {', '.join(REPRODUCTIONS)} or all.", autocompletion=one_of(REPRODUCTIONS))
+        str,
+        typer.Argument(
+            help=f"The experiment: {', '.join(REPRODUCTIONS)} or all.", autocompletion=one_of(REPRODUCTIONS)
+        ),
     ],
     data: Annotated[
-        Path, typer.Option(envvar="WHERRY_DATA", help="The folder of recorded logs, with intel/ in it.")
+        Path, typer.Option(envvar="WHERRY_DATA", help="Folder of recorded logs that contains intel/.")
     ] = Path("../shared/data"),
     out: Annotated[
         Path | None,
         typer.Option(
-            help="The results file in which to write the section; pictures go to images/ beside it. Without it, "
-            f"{RESULTS} in the project, else {RESULTS.name}."
+            help="Results file whose section is written; pictures go to images/ beside it. By default "
+            f"{RESULTS_FILE} in a checkout, else {RESULTS_FILE.name}."
         ),
     ] = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Run an experiment of the docs again, and write its section of the results file."""
+    """Run an experiment of the docs, and write its section of the results file."""
     from wherry.experiments.results import write_section
 
     if name != "all" and name not in REPRODUCTIONS:
         raise InputError("NAME", name, f"is none of {', '.join(REPRODUCTIONS)}, all")
-    results = out or (RESULTS if Path(PROJECT).exists() and RESULTS.exists() else Path(RESULTS.name))
+    results = out or (
+        RESULTS_FILE if Path(PROJECT_FILE).exists() and RESULTS_FILE.exists() else Path(RESULTS_FILE.name)
+    )
     if not results.absolute().parent.is_dir():
         raise InputError("--out", str(results), "is in a folder that does not exist")
     console = console_for(as_json=False, quiet=quiet)
@@ -102,7 +107,7 @@ def reproduce(
 
 
 def _run(name: str, data: Path, images: Path, console: Console) -> str:
-    """One experiment's Markdown, with a bar while it is made."""
+    """Run one experiment with a progress bar; its Markdown."""
     with progress_bar(console, "runs") as bar:
         task = bar.add_task(name)
 

@@ -24,7 +24,7 @@ from wherry.commands.common import (
     print_json,
 )
 from wherry.commands.recording import RecordOption, recorded_transport
-from wherry.commands.watching import LOOPBACK, PORT, HostOption, PortOption, ViewOption, watched
+from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, ViewOption, trace_sink
 
 if TYPE_CHECKING:
     import threading
@@ -151,8 +151,8 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         out: Annotated[Path | None, typer.Option(help="Where to write map and rules.")] = None,
         record: RecordOption = None,
         view: ViewOption = False,
-        host: HostOption = LOOPBACK,
-        port: PortOption = PORT,
+        host: HostOption = DEFAULT_HOST,
+        port: PortOption = DEFAULT_PORT,
         as_json: JsonOption = False,
         quiet: QuietOption = False,
     ) -> None:
@@ -194,7 +194,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
             stack = ros_delivery.Stack(robot, transport, called, wait, owns_map=owns_map, owns_pose=owns_pose)
             with (
                 AgentNode(robot, transport, called, owns_map=owns_map, owns_pose=owns_pose) as node,
-                watched("wherry: ROS", out, console, view=view, host=host, port=port) as sink,
+                trace_sink("wherry: ROS", out, console, view=view, host=host, port=port) as sink,
                 DeliveryProgress(console, 0) as progress,
             ):
                 if grid is not None:
@@ -229,8 +229,8 @@ def _add_monitor(app: typer.Typer, generation: int) -> None:
 
         from wherry.ros.names import load_names
         from wherry.ros.nodes.monitor import Monitor
-        from wherry.views.figures import HEARD
-        from wherry.views.terminal import print_figures
+        from wherry.views.metrics_tables import ROS_TRAFFIC_METRICS
+        from wherry.views.terminal import print_metrics
 
         called = load_names(names, namespace=namespace, remappings=remap or ())
         console = console_for(as_json=as_json, quiet=quiet)
@@ -240,7 +240,7 @@ def _add_monitor(app: typer.Typer, generation: int) -> None:
             with contextlib.suppress(KeyboardInterrupt):
                 time.sleep(duration)
             figures = listener.figures()
-        print_figures(console, f"ROS {generation}, heard", figures, HEARD)
+        print_metrics(console, f"ROS {generation}, heard", figures, ROS_TRAFFIC_METRICS)
         if as_json:
             print_json(figures)
         raise typer.Exit(0 if figures["scans"] else 1)

@@ -1,4 +1,4 @@
-"""``wherry view``: a recorded run, played again."""
+"""``wherry view``: replay a recorded run on a page."""
 
 from __future__ import annotations
 
@@ -8,21 +8,19 @@ from typing import Annotated
 import typer
 
 from wherry.commands.common import console_for, say
-from wherry.commands.watching import LOOPBACK, PORT, PageHostOption, PagePortOption, show
+from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, PageHostOption, PagePortOption, serve_until_closed
 
 
 def view(
-    run: Annotated[Path, typer.Argument(help="A run's folder, or its trace.wherry.")],
+    run: Annotated[Path, typer.Argument(help="Folder of a run, or its trace.wherry.")],
     out: Annotated[
         Path | None,
-        typer.Option(help="Write the page to this HTML file, which needs no server, instead of showing it."),
+        typer.Option(help="Write the page to this self-contained HTML file instead of serving it."),
     ] = None,
-    host: PageHostOption = LOOPBACK,
-    port: PagePortOption = PORT,
+    host: PageHostOption = DEFAULT_HOST,
+    port: PagePortOption = DEFAULT_PORT,
 ) -> None:
-    """Play a recorded run on a page, with a timeline to move in."""
-    import contextlib
-
+    """Replay a recorded run on a page with a timeline."""
     from wherry.files import write_atomically
     from wherry.trace.recordings import find_trace, load_frames
     from wherry.views.web.page import player_page
@@ -37,7 +35,4 @@ def view(
         say(console, f"Written: {out}")
         return
     with serve_recording(frames, title, host=host, port=port, folder=path.parent) as server:
-        show(server, console)
-        console.print("Close the page, or press Ctrl-C, to end.")
-        with contextlib.suppress(KeyboardInterrupt):
-            server.wait_until_nobody_watches()
+        serve_until_closed(server, console)

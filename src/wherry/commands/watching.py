@@ -1,4 +1,4 @@
-"""Options of the commands whose runs can be watched, and what they mean."""
+"""Options of commands that show a run on a page, and the trace sinks behind them."""
 
 from __future__ import annotations
 
@@ -19,47 +19,53 @@ if TYPE_CHECKING:
 
     from wherry.simulation import Simulation
     from wherry.trace.records import Sink
-    from wherry.views.web.server import Server
+    from wherry.views.web.server import PageServer
 
-ViewOption = Annotated[bool, typer.Option("--view", help="Show the run on a page in the browser, live.")]
+ViewOption = Annotated[bool, typer.Option("--view", help="Show the run live on a page in the browser.")]
 HostOption = Annotated[
-    str, typer.Option(help="With --view: the address to serve the page on; elsewhere than here it needs a token.")
+    str, typer.Option(help="With --view: address to serve the page on; pages of other machines need a token.")
 ]
-PortOption = Annotated[int, typer.Option(min=0, max=65535, help="With --view: the port of the page.")]
+PortOption = Annotated[int, typer.Option(min=0, max=65535, help="With --view: port of the page.")]
 PageHostOption = Annotated[
-    str, typer.Option("--host", help="The address to serve the page on; elsewhere than here it needs a token.")
+    str, typer.Option("--host", help="Address to serve the page on; pages of other machines need a token.")
 ]
-PagePortOption = Annotated[int, typer.Option("--port", min=0, max=65535, help="The port of the page.")]
+PagePortOption = Annotated[int, typer.Option("--port", min=0, max=65535, help="Port of the page.")]
 
-LOOPBACK, PORT = "127.0.0.1", 8642
-FIRST_VISITOR = 10.0  # s that a run which is over waits for one where no browser could be opened
-OPENED_VISITOR = 60.0  # s where one was opened, which may never get there
+DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8642
+FIRST_PAGE_TIMEOUT = 10.0  # s to wait after a run for the page to be opened, where no browser was started
+OPENED_PAGE_TIMEOUT = 60.0  # s to wait where a browser was started, which may fail to load the page
 
 
 @contextlib.contextmanager
-def watched(
-    title: str, out: Path | None, console: Console, *, view: bool, host: str = LOOPBACK, port: int = PORT
+def trace_sink(
+    title: str,
+    out: Path | None,
+    console: Console,
+    *,
+    view: bool,
+    host: str = DEFAULT_HOST,
+    port: int = DEFAULT_PORT,
 ) -> Iterator[Sink]:
-    """A sink that records the run in its folder and, if wished, shows it on a page.
+    """A sink that records the run and, with ``view``, shows it on a page.
 
     Args:
-        title: Of the page.
-        out: The folder for trace.wherry; None to record nothing.
-        console: Where to say where the page is.
-        view: Whether to show the run. The page then stays until everybody has closed it, or until Ctrl-C; where nobody
-            opens it, for `OPENED_VISITOR` or `FIRST_VISITOR`.
-        host: The address to serve on.
-        port: The port.
+        title: Title of the page.
+        out: Folder for trace.wherry; None to record nothing.
+        console: Console for the address of the page.
+        view: Whether to show the run. After the run the page is served until all pages are closed, until Ctrl-C or,
+            if it was never opened, for `OPENED_PAGE_TIMEOUT` or `FIRST_PAGE_TIMEOUT`.
+        host: Address to serve on.
+        port: Port to serve on.
 
     Raises:
-        InputError: The folder cannot be written to, or the address cannot be served on, or there is one without a page.
+        InputError: The folder cannot be written to, the address cannot be listened on, or it is given without ``view``.
     """
     from wherry.errors import InputError
     from wherry.trace.records import combine_sinks, null_sink
 
-    for option, given, usual in (("--host", host, LOOPBACK), ("--port", port, PORT)):
-        if given != usual and not view:
-            raise InputError(option, str(given), "is of the page, and needs --view")
+    for option, value, default in (("--host", host, DEFAULT_HOST), ("--port", port, DEFAULT_PORT)):
+        if value != default and not view:
+            raise InputError(option, str(value), "needs --view")
     with contextlib.ExitStack() as stack:
         sinks: list[Sink] = []
         if out is not None:
@@ -69,46 +75,46 @@ def watched(
             make_folder(out)
             sinks.append(stack.enter_context(TraceRecorder(out / TRACE_FILE_NAME)))
         if view:
-            from wherry.views.web.broadcast import Broadcast
-            from wherry.views.web.server import serve
+            from wherry.views.web.broadcast import TraceBroadcast
+            from wherry.views.web.server import serve_run
 
-            broadcast = Broadcast()
-            server = stack.enter_context(serve(broadcast, title, host=host, port=port, folder=out))
-            opened = show(server, console)
+            broadcast = TraceBroadcast()
+            server = stack.enter_context(serve_run(broadcast, title, host=host, port=port, folder=out))
+            has_browser = open_page(server, console)
             sinks.append(broadcast)
         yield combine_sinks(*sinks) if sinks else null_sink
         if view:
             broadcast.end()
-            _wait_for_visitors(server, OPENED_VISITOR if opened else FIRST_VISITOR, console)
+            _serve_finished_run(server, OPENED_PAGE_TIMEOUT if has_browser else FIRST_PAGE_TIMEOUT, console)
 
 
-def _wait_for_visitors(server: Server, patience: float, console: Console) -> None:
-    """Let people look at a run that is over, until they have closed the page or press Ctrl-C.
+def _serve_finished_run(server: PageServer, timeout: float, console: Console) -> None:
+    """Wait until all pages are closed or Ctrl-C is pressed.
 
     Args:
-        server: The page's.
-        patience: S to wait for the first page, if there was none yet.
-        console: Where to say what is waited for.
+        server: The server of the page.
+        timeout: Time to wait for the page to be opened, s.
+        console: Console for messages.
     """
     say(console, f"The run is over. Close the page, or press Ctrl-C: {server.url}")
-    if not server.had_pages:
-        say(console, f"Nobody has opened it yet: it waits for {patience:g} s.")
+    if not server.was_opened:
+        say(console, f"The page was not opened yet; waiting for {timeout:g} s.")
     with contextlib.suppress(KeyboardInterrupt):
-        if not server.wait_until_nobody_watches(patience):
-            console.print("Nobody has opened the page, so that it ends here.")
+        if not server.wait_until_unwatched(timeout):
+            console.print("The page was not opened; stopping.")
 
 
 @contextlib.contextmanager
-def films(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> Iterator[Sink]:
-    """A sink that records a run for others: for the Rerun viewer, and as a film of the simulated world.
+def film_sinks(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> Iterator[Sink]:
+    """A sink that records a run for the Rerun viewer, as a film of the simulated world, or both.
 
     Args:
-        simulation: The world.
-        rerun: A .rrd file; None for none.
-        video: An .mp4 file; None for none.
+        simulation: The simulated world.
+        rerun: The .rrd file to write; None for none.
+        video: The .mp4 file to write; None for none.
 
     Raises:
-        InputError: Something that this needs is not installed, or a file cannot be written.
+        InputError: An optional dependency is not installed, or a file cannot be written.
     """
     from wherry.trace.records import combine_sinks, null_sink
 
@@ -125,12 +131,20 @@ def films(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> 
         yield combine_sinks(*sinks) if sinks else null_sink
 
 
-def show(server: Server, console: Console) -> bool:
-    """Say where a page is, and open it where there is a screen; whether a browser took it."""
-    if server.taken_port is not None:
-        say(console, f"Port {server.taken_port} is taken: the page is on another one.")
+def open_page(server: PageServer, console: Console) -> bool:
+    """Print the address of a page and open it in a browser if there is a screen; whether a browser was started."""
+    if server.occupied_port is not None:
+        say(console, f"Port {server.occupied_port} is occupied; another one is used.")
     say(console, f"Page: {server.url}")
     has_screen = sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
     if has_screen or os.environ.get("BROWSER"):
         return webbrowser.open(server.url)
     return False
+
+
+def serve_until_closed(server: PageServer, console: Console) -> None:
+    """Open a page and wait until all pages are closed or Ctrl-C is pressed."""
+    open_page(server, console)
+    console.print("Close the page, or press Ctrl-C, to end.")
+    with contextlib.suppress(KeyboardInterrupt):
+        server.wait_until_unwatched()

@@ -1,6 +1,6 @@
-"""How long things take, beside others: run one after the other where they are installed.
+"""Benchmarks against external implementations, run one after the other where they are installed.
 
-Where others are not installed, figures that were published stand for them; these come from other machines.
+Where one is not installed, published times stand in for it; these were measured on other machines.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import os
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
 from wherry.experiments.localization.kidnapping import true_map
 from wherry.experiments.localization.speed import RANGE, angles_of, drive
-from wherry.experiments.machine import load_in_words
+from wherry.experiments.machine import machine_load
 from wherry.experiments.mapping.speed import measure
 from wherry.floorplan.world_files import find_world
 from wherry.localization.amcl import Amcl
@@ -39,23 +39,23 @@ from wherry.space.pose import IDENTITY, Floats, Pose
 
 PARTICLES, BEAMS = 2_000, 60
 UPDATES = 60
-STEP = 0.05  # m, from one update to the next
+STEP = 0.05  # m, distance driven between two updates
 INTEL = Path("intel/intel_910_rawodom.clf.gz")
-EFFICIENT_RL = Path(__file__).with_name("efficient_rl_taxi.py")  # run by another interpreter
-RIVAL, DIUK = "DOORMAX, efficient_rl", "DOORMAX, Diuk et al. 2008"
-MEASURED, ELSEWHERE = "here", "published, on another machine"
+EFFICIENT_RL_SCRIPT = Path(__file__).with_name("learning") / "efficient_rl_taxi.py"  # run by another interpreter
+EFFICIENT_RL, DIUK = "DOORMAX, efficient_rl", "DOORMAX, Diuk et al. 2008"
+MEASURED_HERE, PUBLISHED = "here", "published, on another machine"
 
 Progress = Callable[[str], None]
-"""Told what is being done."""
+"""Called with a description of the current measurement."""
 
 
 @dataclass(frozen=True, slots=True)
-class Outside:
-    """What measurements need that is not part of wherry.
+class BenchSettings:
+    """External data and programs.
 
     Attributes:
-        data: The folder of recorded logs.
-        efficient_rl: The Python interpreter of an environment in which efficient_rl is installed; None without one.
+        data: Folder of recorded logs.
+        efficient_rl: Python interpreter of an environment in which efficient_rl is installed; None for published times.
     """
 
     data: Path
@@ -63,75 +63,79 @@ class Outside:
 
 
 @dataclass(frozen=True, slots=True)
-class Time:
-    """How long one thing takes.
+class Timing:
+    """The time that one implementation takes for a task.
 
     Attributes:
-        task: What is done.
-        who: Who does it.
-        milliseconds: The median.
-        source: Whether it was measured here.
+        task: Description of the task.
+        implementation: Name of the implementation; wherry's begin with "wherry".
+        milliseconds: Median time, ms.
+        source: `MEASURED_HERE` or `PUBLISHED`.
     """
 
     task: str
-    who: str
+    implementation: str
     milliseconds: float
-    source: str = MEASURED
+    source: str = MEASURED_HERE
 
     @property
-    def ours(self) -> bool:
-        """Whether it is wherry's."""
-        return self.who.startswith("wherry")
+    def is_ours(self) -> bool:
+        """Whether the implementation is wherry's."""
+        return self.implementation.startswith("wherry")
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
-    """The times of one kind of work.
+class BenchResult:
+    """The timings of one benchmark.
 
     Attributes:
-        name: A key of `BENCHES`.
-        times: All of them, ours before others' in every task.
-        load: What the machine was busy with, in words.
+        name: Key of `BENCHES`.
+        timings: Timings by task; for each task, wherry's come first.
+        load: Load of the machine, as text.
     """
 
     name: str
-    times: tuple[Time, ...]
+    timings: tuple[Timing, ...]
     load: str
 
-    def ratio(self, other: Time) -> float | None:
-        """How many times longer others take than our first for the same task; None for ours."""
-        ours = next((row for row in self.times if row.ours and row.task == other.task), None)
-        return None if other.ours or ours is None else other.milliseconds / ours.milliseconds
+    def ratio(self, timing: Timing) -> float | None:
+        """Time ÷ time of wherry's first implementation of the same task; None for wherry's own."""
+        ours = next((one for one in self.timings if one.is_ours and one.task == timing.task), None)
+        return None if timing.is_ours or ours is None else timing.milliseconds / ours.milliseconds
 
 
-def learning(outside: Outside, progress: Progress) -> list[Time]:
-    """A whole learning step: predict, learn, plan; the median of repetitions' averages."""
-    times = []
-    for size, published in ((5, {RIVAL: 27.45, DIUK: 13.88}), (10, {RIVAL: 320.6, DIUK: 293.72})):
+def learning(settings: BenchSettings, progress: Progress) -> list[Timing]:
+    """A learning step (predict, learn, plan); median over repetitions of the mean time per step."""
+    timings = []
+    for size, published in ((5, {EFFICIENT_RL: 27.45, DIUK: 13.88}), (10, {EFFICIENT_RL: 320.6, DIUK: 293.72})):
         task = f"a step of Taxi {size}×{size}"
         for learner in ("doormax", "doormax-near-miss", "bayes"):
             progress(f"{learner}, {task}")
             experiment = TaxiExperiment(Settings(size=size, learner=learner, repetitions=5))
             list(experiment.repetitions())
-            times.append(Time(task, f"wherry, {learner}", experiment.result().ms_per_step))
-        others = {who: Time(task, who, milliseconds, ELSEWHERE) for who, milliseconds in published.items()}
-        if outside.efficient_rl is not None and size == 5:  # its tables of the large grid take gigabytes
+            timings.append(Timing(task, f"wherry, {learner}", experiment.result().ms_per_step))
+        others = {name: Timing(task, name, milliseconds, PUBLISHED) for name, milliseconds in published.items()}
+        if settings.efficient_rl is not None and size == 5:  # its tables of the large grid take gigabytes
             progress(f"efficient_rl, {task}")
-            others[RIVAL] = Time(task, RIVAL, _efficient_rl(outside.efficient_rl))
-        times += others.values()
-    return times
+            others[EFFICIENT_RL] = Timing(task, EFFICIENT_RL, _efficient_rl(settings.efficient_rl))
+        timings += others.values()
+    return timings
 
 
 def _efficient_rl(interpreter: Path) -> float:
-    """What a step takes efficient_rl in an environment of its own, ms.
+    """Median time per step of efficient_rl, run in its own environment, ms.
 
     Raises:
-        InputError: It cannot be run there.
+        InputError: The interpreter cannot be run, or efficient_rl is not installed in its environment.
     """
     one_core = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:
         done = subprocess.run(  # noqa: S603 - the interpreter is the user's own
-            [interpreter, EFFICIENT_RL], capture_output=True, text=True, env={**os.environ, **one_core}, check=False
+            [interpreter, EFFICIENT_RL_SCRIPT],
+            capture_output=True,
+            text=True,
+            env={**os.environ, **one_core},
+            check=False,
         )
     except OSError as error:
         raise InputError(interpreter, "efficient_rl", error.strerror or str(error)) from error
@@ -140,13 +144,14 @@ def _efficient_rl(interpreter: Path) -> float:
     return float(done.stdout)
 
 
-def planning(_outside: Outside, progress: Progress) -> list[Time]:
+def planning(settings: BenchSettings, progress: Progress) -> list[Timing]:
     """Optimal policies for all states of the large Taxi grid, and the plan of a whole delivery."""
     progress("value iteration")
     experiment = TaxiExperiment(Settings(learner="bayes", repetitions=1))
     list(experiment.repetitions())
     learner = experiment.learner
-    assert learner is not None  # noqa: S101 - bayes learns rules
+    if learner is None:
+        raise RuntimeError("the Bayesian learner learns rules")
     grid, space = taxi_grid(10), StateSpace()
     marks = sorted(grid.plan.marks)
     starts = [grid.state_of((0, 0), waits, wants) for waits, wants in permutations(marks, 2)]
@@ -158,113 +163,129 @@ def planning(_outside: Outside, progress: Progress) -> list[Time]:
 
     first = _milliseconds(solve, 1)
     again = _milliseconds(solve, 5)
-    task = f"optimal policies for {len(space.states):,} Taxi states, of learnt rules"
+    task = f"optimal policies for {len(space.states):,} Taxi states from learnt rules"
     progress("A*")
     plan = find_world("rooms")
     delivery = delivery_grid(plan, 4)
     state, successors = delivery.start(np.random.default_rng(0)), Successors(Grounded(delivery.domain, delivery))
     search = _milliseconds(lambda: a_star(successors, state, boxes_left, DeliverySteps()), 3)
     return [
-        Time(task, "wherry, with the states met for the first time", first),
-        Time(task, "wherry, with the states known", again),
-        Time(task, "simple_rl, 10,100 states", 38_000.0, ELSEWHERE),
-        Time(task, "BURLAP, 1,950 states", 37_000.0, ELSEWHERE),
-        Time("the plan of a delivery of 4 boxes, rooms", "wherry, A*", search),
+        Timing(task, "wherry, with the states met for the first time", first),
+        Timing(task, "wherry, with the states known", again),
+        Timing(task, "simple_rl, 10,100 states", 38_000.0, PUBLISHED),
+        Timing(task, "BURLAP, 1,950 states", 37_000.0, PUBLISHED),
+        Timing("the plan of a delivery of 4 boxes, rooms", "wherry, A*", search),
     ]
 
 
-def slam(outside: Outside, progress: Progress) -> list[Time]:
-    """A scan of the Intel log; beside yag_slam where that is installed."""
+def slam(settings: BenchSettings, progress: Progress) -> list[Timing]:
+    """Mapping time per scan of the Intel log; yag_slam's too where it is installed."""
     progress("mapping Intel")
-    return [Time("a scan of Intel", who, milliseconds) for who, milliseconds in measure(outside.data / INTEL).items()]
+    return [
+        Timing("a scan of Intel", name, milliseconds) for name, milliseconds in measure(settings.data / INTEL).items()
+    ]
 
 
-def localization(_outside: Outside, progress: Progress) -> list[Time]:
-    """One update: predict, weigh, resample; beside the amcl of the Python Package Index where that is installed."""
+def localization(settings: BenchSettings, progress: Progress) -> list[Timing]:
+    """One AMCL update (predict, reweight, resample); that of PyPI's amcl too where it is installed."""
     task = f"an update, {PARTICLES:,} particles, {BEAMS} beams"
     progress(task)
     grid = true_map(find_world("rooms"))
     odometry, scans = drive(grid, UPDATES, STEP, BEAMS)
-    times = [Time(task, "wherry", _wherry_amcl(grid, odometry, scans))]
+    timings = [Timing(task, "wherry", _wherry_amcl(grid, odometry, scans))]
     if importlib.util.find_spec("amcl") is not None:
         progress("PyPI amcl")
-        times.append(Time(task, "PyPI amcl", _pypi_amcl(grid, odometry, scans)))
-    return [*times, Time(task, "ROS 1 amcl", 9.0, ELSEWHERE)]
+        timings.append(Timing(task, "PyPI amcl", _pypi_amcl(grid, odometry, scans)))
+    return [*timings, Timing(task, "ROS 1 amcl", 9.0, PUBLISHED)]
 
 
-BENCHES: Mapping[str, Callable[[Outside, Progress], list[Time]]] = {
+BENCHES: Mapping[str, Callable[[BenchSettings, Progress], list[Timing]]] = {
     "learning": learning,
     "slam": slam,
     "localization": localization,
     "planning": planning,
 }
-"""The kinds of work whose time is measured."""
+"""The benchmarks by name."""
 
 
-def run(name: str, outside: Outside, progress: Progress) -> Bench:
-    """Measure.
+def run_bench(name: str, settings: BenchSettings, progress: Progress) -> BenchResult:
+    """Run a benchmark.
 
     Args:
-        name: A key of `BENCHES`.
-        outside: What measurements need that is not part of wherry.
-        progress: Told what is being done.
+        name: Key of `BENCHES`.
+        settings: External data and programs.
+        progress: Called with a description of the current measurement.
 
     Raises:
-        InputError: A log is missing, or another library cannot be run.
+        InputError: A log is missing, or an external program cannot be run.
     """
-    times = BENCHES[name](outside, progress)
-    return Bench(name, tuple(times), load_in_words())
+    return BenchResult(name, tuple(BENCHES[name](settings, progress)), machine_load())
 
 
-def _milliseconds(work: Callable[[], object], times: int) -> float:
-    """The median time that some work takes of a core."""
-    taken = []
-    for _ in range(times):
-        began = time.thread_time()
+def _milliseconds(work: Callable[[], object], repetitions: int) -> float:
+    """Median CPU time of some work, ms."""
+    durations = []
+    for _ in range(repetitions):
+        started = time.thread_time()
         work()
-        taken.append(1e3 * (time.thread_time() - began))
-    return float(np.median(taken))
+        durations.append(1e3 * (time.thread_time() - started))
+    return float(np.median(durations))
 
 
 def _wherry_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Floats]) -> float:
-    parameters = replace(
-        AmclParameters(), min_particles=PARTICLES, max_particles=PARTICLES, max_beams=BEAMS, update_min_d=0.0,
-        update_min_a=0.0, initial_pose=poses[0],
-    )  # fmt: skip
+    parameters = AmclParameters(
+        min_particles=PARTICLES,
+        max_particles=PARTICLES,
+        max_beams=BEAMS,
+        update_min_d=0.0,
+        update_min_a=0.0,
+        initial_pose=poses[0],
+    )
     amcl = Amcl(grid, IDENTITY, parameters, np.random.default_rng(0))
-    taken = []
-    for at, (pose, ranges) in enumerate(zip(poses, scans, strict=True)):
-        scan = Scan(0.1 * at, ranges, -math.pi, 2 * math.pi / BEAMS, 0.05, RANGE)
-        began = time.perf_counter()
-        amcl.update(Odometry(0.1 * at, pose, Velocity()), scan)
-        taken.append(1e3 * (time.perf_counter() - began))
-    return float(np.median(taken[1:]))  # the first compiles
+    durations = []
+    for index, (pose, ranges) in enumerate(zip(poses, scans, strict=True)):
+        scan = Scan(0.1 * index, ranges, -math.pi, 2 * math.pi / BEAMS, 0.05, RANGE)
+        started = time.perf_counter()
+        amcl.update(Odometry(0.1 * index, pose, Velocity()), scan)
+        durations.append(1e3 * (time.perf_counter() - started))
+    return float(np.median(durations[1:]))  # without the first, which compiles the kernels
 
 
 def _pypi_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Floats]) -> float:
-    """The same drive, with the same numbers of particles and beams, and amcl's own defaults."""
+    """The same drive with the same numbers of particles and beams, and amcl's own defaults otherwise."""
     import amcl  # noqa: PLC0415 - optional
 
     motion = amcl.MotionParameters(alpha1=0.2, alpha2=0.2, alpha3=0.2, alpha4=0.2, alpha5=0.2)
     laser = amcl.LaserParameters(
-        z_hit=0.5, z_short=0.05, z_max=0.05, z_rand=0.5, sigma_hit=0.2, lambda_short=0.1, chi_outlier=0.0,
+        z_hit=0.5,
+        z_short=0.05,
+        z_max=0.05,
+        z_rand=0.5,
+        sigma_hit=0.2,
+        lambda_short=0.1,
+        chi_outlier=0.0,
         max_beams=BEAMS,
-    )  # fmt: skip
+    )
     other = amcl.AMCL(
-        min_particles=PARTICLES, max_particles=PARTICLES, alpha_slow=0.0, alpha_fast=0.0, motion_params=motion,
-        laser_params=laser, robot_model_type="differential",
-    )  # fmt: skip
+        min_particles=PARTICLES,
+        max_particles=PARTICLES,
+        alpha_slow=0.0,
+        alpha_fast=0.0,
+        motion_params=motion,
+        laser_params=laser,
+        robot_model_type="differential",
+    )
     cells = np.where(grid.occupied, 100, np.where(grid.free, 0, -1))
     other.set_map(amcl.create_occupancy_grid_from_list(cells.tolist(), grid.resolution, grid.origin.x, grid.origin.y))
     other.set_laser_pose(amcl.Vector3D(0.0, 0.0, 0.0))
     other.set_initial_pose(
         amcl.Vector3D(poses[0].x, poses[0].y, poses[0].theta), amcl.create_diagonal_covariance(0.1, 0.1, 0.05)
     )
-    taken, angles = [], angles_of(BEAMS)
+    durations, angles = [], angles_of(BEAMS)
     for pose, ranges in zip(poses, scans, strict=True):
         readings = np.column_stack([np.minimum(ranges, RANGE), angles]).tolist()
         scan, odometry = amcl.create_laser_scan_from_list(readings, RANGE), amcl.Vector3D(pose.x, pose.y, pose.theta)
-        began = time.perf_counter()
+        started = time.perf_counter()
         other.update(scan, odometry)
-        taken.append(1e3 * (time.perf_counter() - began))
-    return float(np.median(taken[1:]))
+        durations.append(1e3 * (time.perf_counter() - started))
+    return float(np.median(durations[1:]))

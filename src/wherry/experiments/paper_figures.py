@@ -1,4 +1,4 @@
-"""The paper's figures, from our own runs: the world (Fig. 1), laser and particles (Fig. 3), map and path (Fig. 4)."""
+"""The paper's figures from our own runs: worlds (Fig. 1), laser and particles (Fig. 3), map and path (Fig. 4)."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ from wherry.simulation import Simulation, build
 from wherry.simulation.rendering import SceneRenderer
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import Record, RobotSnapshot
-from wherry.views.drawing import Scene, draw
+from wherry.views.snapshot_svg import MapBackground, draw_snapshot
 
 Progress = Callable[[int, int], None]
 
 SEED = 0
 BUILDING, MAZE = "rooms", "taxi10"
 PARTICLES = 5000
-INSTANTS = (0.0, 0.3, 10.0)  # s after the robot was switched on somewhere
-NOTHING = np.empty((0, 2))
+DRAWN_TIMES = (0.0, 0.3, 10.0)  # s after the start of global localization
+NO_POINTS = np.empty((0, 2))
 
 CAPTIONS = {
-    "fig1a-taxi.png": "Fig. 1a: the Taxi world: taxi yellow, passenger blue, destination green",
+    "fig1a-taxi.png": "Fig. 1a: the Taxi world with taxi (yellow), passenger (blue) and destination (green)",
     "fig1b-world.png": "Fig. 1b: the simulated building with walls, obstacles and cylindrical boxes",
-    "fig3-laser.svg": "Fig. 3: walls and boxes stop the laser's beams (blue) while the robot maps",
-    "fig3-particles-0.svg": "Fig. 3: AMCL in a maze, switched on somewhere: the robot could be anywhere (red)",
-    "fig3-particles-1.svg": "The first scans leave few places that look alike",
-    "fig3-particles-2.svg": f"After {INSTANTS[2]:.0f} s of driving, one place is left",
-    "fig4-map.svg": "Fig. 4: the robot's own map, and in green where it means to drive",
+    "fig3-laser.svg": "Fig. 3: the laser's beams (blue) end on walls and boxes while the robot maps",
+    "fig3-particles-0.svg": "Fig. 3: AMCL in a maze, global localization: the particles (red) cover all free space",
+    "fig3-particles-1.svg": "After the first scans, a few modes are left where the maze looks alike",
+    "fig3-particles-2.svg": f"After {DRAWN_TIMES[2]:.0f} s of driving, one mode is left",
+    "fig4-map.svg": "Fig. 4: the robot's map and its planned path (green)",
 }
 
 
@@ -55,22 +55,22 @@ def reproduce(images: Path, progress: Progress) -> str:
     """Make the figures and return a section of Markdown that shows them.
 
     Args:
-        images: The folder for the pictures; it stands beside the results file.
-        progress: Told how many pictures are done, of how many.
+        images: Folder for the pictures, beside the results file.
+        progress: Called with the number of finished pictures and their total.
 
     Raises:
-        InputError: The folder cannot be written to, or nothing can be rendered here.
+        InputError: The folder cannot be written to, or rendering does not work here.
     """
-    shown = []
+    sections = []
     for done, (name, content) in enumerate(figures()):
         progress(done, len(CAPTIONS))
-        shown.append(f"{write_picture(images, name, content, CAPTIONS[name])}\n*{CAPTIONS[name]}.*")
+        sections.append(f"{write_picture(images, name, content, CAPTIONS[name])}\n*{CAPTIONS[name]}.*")
     worlds = f"From the worlds `{BUILDING}` and `{MAZE}`, seed {SEED}."
-    return "\n\n".join(["## The paper's figures", worlds, *shown]) + "\n"
+    return "\n\n".join(["## The paper's figures", worlds, *sections]) + "\n"
 
 
 def figures() -> Iterator[tuple[str, bytes]]:
-    """Each figure's file name and content."""
+    """File name and content of each figure."""
     taxi = taxi_grid(5)
     state = taxi.state_of((2, 2), passenger="Y", destination="R")
     yield "fig1a-taxi.png", _png(in_colour(taxi.plan, taxi_figures(state)))
@@ -80,8 +80,8 @@ def figures() -> Iterator[tuple[str, bytes]]:
         yield "fig1b-world.png", _png(renderer.overhead())
     laser, carrying = _delivery_pictures(simulation, plan)
     yield "fig3-laser.svg", laser.encode()
-    for number, picture in enumerate(_particles()):
-        yield f"fig3-particles-{number}.svg", picture.encode()
+    for index, picture in enumerate(_particles()):
+        yield f"fig3-particles-{index}.svg", picture.encode()
     yield "fig4-map.svg", carrying.encode()
 
 
@@ -92,9 +92,9 @@ def _png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def _delivery_pictures(simulation: Simulation, plan: FloorPlan) -> tuple[str, str]:
-    """The laser while the robot maps, and the path while it carries a box."""
+    """Two pictures of a delivery: beams while the robot maps, and the path while it carries a box."""
     records: list[Record] = []
-    world_from_map = simulation.physics.robot_pose  # the map's frame is where the robot starts
+    world_from_map = simulation.physics.robot_pose  # the map frame is the robot's start pose
     rng = np.random.default_rng(SEED)
     ready = Mission(simulation.robot, order_from_plan(plan), records.append, rng).explore()
     delivery = DeliveryEpisode(ready, delivery_learner("bayes"), records.append, rng)
@@ -105,42 +105,42 @@ def _delivery_pictures(simulation: Simulation, plan: FloorPlan) -> tuple[str, st
 
 
 def _particles() -> Iterator[str]:
-    """The cloud of particles while a robot that was switched on somewhere finds out where it is."""
+    """Pictures of the particles during global localization, at `DRAWN_TIMES`."""
     plan = find_world(MAZE).with_boxes(())
     simulation = build(plan, np.random.default_rng(SEED))
     robot, grid = simulation.robot, true_map(plan)
     parameters = AmclParameters(max_particles=PARTICLES, update_min_d=0.05, update_min_a=0.05)
     amcl = Amcl(grid, robot.body.lidar, parameters, np.random.default_rng(SEED))
     amcl.initialize_globally()
-    scene = Scene(grid, np.empty((0, 4, 2)), np.empty((0, 2, 2)), robot.body.radius, robot.body.box_radius)
-    wanderer, instants = Wanderer(np.random.default_rng(SEED)), list(INSTANTS)
+    background = MapBackground(grid, np.empty((0, 4, 2)), np.empty((0, 2, 2)), robot.body.radius, robot.body.box_radius)
+    wanderer, drawn_times = Wanderer(np.random.default_rng(SEED)), list(DRAWN_TIMES)
     odometry: Odometry | None = None
     driven: list[tuple[float, float]] = []
-    while instants:
+    while drawn_times:
         measurement = robot.receive()
         if isinstance(measurement, Odometry):
             odometry = measurement
         elif odometry is not None:
             truth = simulation.physics.robot_pose
             driven.append((truth.x, truth.y))
-            if measurement.time >= instants[0]:
-                instants.pop(0)
-                yield _moment(scene, amcl, truth, measurement.time, np.array(driven))
+            if measurement.time >= drawn_times[0]:
+                drawn_times.pop(0)
+                yield _particles_at(background, amcl, truth, measurement.time, np.array(driven))
             amcl.update(odometry, measurement)
             robot.command(safe_velocity(wanderer.velocity(measurement), measurement, robot.body))
 
 
-def _moment(scene: Scene, amcl: Amcl, truth: Pose, time: float, driven: Floats) -> str:
-    """One instant; the robot is drawn where it truly is."""
-    seen = RobotSnapshot(
+def _particles_at(background: MapBackground, amcl: Amcl, truth: Pose, time: float, driven: Floats) -> str:
+    """A picture of the particles, with the robot at its true pose."""
+    snapshot = RobotSnapshot(
         time=time,
         pose=truth,
         lidar=truth,
-        points=NOTHING.astype(np.float32),
+        points=NO_POINTS.astype(np.float32),
         particles=amcl.particles.astype(np.float32),
-        path=NOTHING.astype(np.float32),
-        boxes=NOTHING.astype(np.float32),
+        path=NO_POINTS.astype(np.float32),
+        boxes=NO_POINTS.astype(np.float32),
         has_load=False,
     )
-    label = f"Particles {time:.1f} s after the robot was switched on"
-    return draw(scene, seen, driven, NOTHING, label=label)
+    label = f"Particles {time:.1f} s after the start of global localization"
+    return draw_snapshot(background, snapshot, driven, NO_POINTS, label=label)

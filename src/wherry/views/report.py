@@ -1,22 +1,20 @@
-"""The picture page of a delivery: one HTML file that opens from disk, without a server or a network."""
+"""The report of a delivery: one HTML file that needs neither a server nor a network."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from importlib import resources
-
-import jinja2
+from dataclasses import dataclass, fields
 
 from wherry.trace.records import Narration
+from wherry.views.templates import render_template
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
-    """A drawing and what it shows.
+class ReportPicture:
+    """A picture with its caption.
 
     Attributes:
-        svg: An SVG element, made by `drawing.draw`.
+        svg: An SVG element from `snapshot_svg.draw_snapshot`.
         caption: Plain text.
     """
 
@@ -25,41 +23,30 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """Everything that the page shows.
+class DeliveryReport:
+    """Content of the page.
 
     Attributes:
-        title: The page's heading.
-        verdict: Two or three words.
-        good: Whether the verdict is a good one.
-        lead: A sentence below the heading.
-        pictures: The first is shown large; at least one.
-        figures: What was measured, name to value.
-        rules: The learnt rules in words.
-        log: What the robot said.
+        title: Heading of the page.
+        verdict: Result in two or three words.
+        is_success: Whether the verdict is shown as a success.
+        summary: Sentence below the heading.
+        pictures: At least one picture; the first is shown large.
+        metrics: Names and formatted values.
+        rules: The learnt rules as text.
+        log: The narrations, in order of time.
     """
 
     title: str
     verdict: str
-    good: bool
-    lead: str
-    pictures: Sequence[Picture]
-    figures: Mapping[str, str]
+    is_success: bool
+    summary: str
+    pictures: Sequence[ReportPicture]
+    metrics: Mapping[str, str]
     rules: Sequence[str]
     log: Sequence[Narration]
 
 
-def render(report: Report) -> str:
-    """The page as HTML; every text in it is escaped."""
-    template = resources.files("wherry.views").joinpath("templates/report.html.j2").read_text("utf-8")
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=False)
-    return environment.from_string(template).render(
-        title=report.title,
-        verdict=report.verdict,
-        good=report.good,
-        lead=report.lead,
-        pictures=report.pictures,
-        figures=report.figures,
-        rules=report.rules,
-        log=report.log,
-    )
+def render_report(report: DeliveryReport) -> str:
+    """The report as HTML; all text in it is escaped."""
+    return render_template("report.html.j2", **{field.name: getattr(report, field.name) for field in fields(report)})

@@ -1,4 +1,4 @@
-"""A trace as a recording for the Rerun viewer: map, scan, particles and robot in space; terms and counts in time."""
+"""Traces as recordings for the Rerun viewer: map, scan, particles and robot in space; terms and counts over time."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from wherry.errors import InputError
 from wherry.files import growing_file
+from wherry.oomdp.conditions import Condition
 from wherry.trace.records import (
     CellLayout,
     LearntModel,
@@ -31,24 +32,24 @@ if TYPE_CHECKING:
 
 BLUE, RED, GREEN, BROWN, YELLOW = (31, 111, 235), (209, 36, 47), (26, 156, 75), (160, 98, 45), (244, 196, 48)
 WHITE = (240, 240, 240)
-PATH_HEIGHT, PARTICLE_HEIGHT, SCAN_HEIGHT = 0.02, 0.03, 0.2  # m over the floor, so that nothing hides anything
+PATH_HEIGHT, PARTICLE_HEIGHT, SCAN_HEIGHT = 0.02, 0.03, 0.2  # m over the floor; distinct, so that all are visible
 ROBOT_HEIGHT, BOX_HEIGHT = 0.15, 0.3  # m
-ARROW = 0.12  # m, length of a particle
+PARTICLE_LENGTH = 0.12  # m, length of a particle's arrow
 UNKNOWN, FREE, OCCUPIED = 255, 0, 100  # the values of nav_msgs/OccupancyGrid, as unsigned bytes
 
 
 @contextmanager
 def rerun_recording(path: Path) -> Iterator[Sink]:
-    """A sink that writes a .rrd file, which has its name when the run is over.
+    """A sink that writes a .rrd file; the file appears under its name when the context ends.
 
     Args:
-        path: The file.
+        path: The .rrd file.
 
     Raises:
         InputError: The viewer's library is not installed, or the file cannot be written.
     """
     try:
-        import rerun  # noqa: PLC0415 - an extra
+        import rerun  # noqa: PLC0415 - an optional dependency
     except ImportError as error:
         raise InputError("--rerun", "rerun-sdk", 'is not installed: pip install "wherry[rerun]"') from error
     with growing_file(path) as unfinished:
@@ -61,15 +62,15 @@ def rerun_recording(path: Path) -> Iterator[Sink]:
 
 
 def _layout() -> rerun.blueprint.Blueprint:
-    """Space on the left; the log, the rules and what changes over time on the right."""
+    """The 3D view on the left; log, rules, terms and counts on the right."""
     from rerun import blueprint  # noqa: PLC0415
 
     return blueprint.Blueprint(
         blueprint.Horizontal(
             blueprint.Spatial3DView(origin="/map", name="World"),
             blueprint.Vertical(
-                blueprint.TextLogView(origin="/log", name="What the robot does and why"),
-                blueprint.TextDocumentView(origin="/rules", name="What it learnt"),
+                blueprint.TextLogView(origin="/log", name="Log"),
+                blueprint.TextDocumentView(origin="/rules", name="Learnt rules"),
                 blueprint.StateTimelineView(origin="/terms", name="Terms"),
                 blueprint.TimeSeriesView(origin="/counts", name="Counts"),
             ),
@@ -80,10 +81,10 @@ def _layout() -> rerun.blueprint.Blueprint:
 
 
 class RerunSink:
-    """Logs every record to a stream.
+    """A sink that logs every record to a stream.
 
     Args:
-        stream: Where to.
+        stream: An open recording stream.
     """
 
     def __init__(self, stream: rerun.RecordingStream) -> None:
@@ -94,7 +95,7 @@ class RerunSink:
     def __call__(self, record: Record) -> None:
         """Log one record at its time."""
         if isinstance(record, RunStarted):
-            self._begin(record)
+            self._start(record)
             return
         self._stream.set_time("robot", duration=record.time)
         match record:
@@ -103,27 +104,27 @@ class RerunSink:
             case MapUpdate():
                 self._map(record)
             case RobotSnapshot():
-                self._sight(record)
+                self._snapshot(record)
             case CellLayout():
-                self._cells(record)
+                self._cell_layout(record)
             case StepTaken():
                 self._step(record)
             case PerceivedState():
-                for name, sign in zip(self._terms, record.condition, strict=False):
-                    self._log(["terms", name], "StateChange", state="true" if sign == "1" else "false")
+                for name, bit in zip(self._terms, record.condition, strict=False):
+                    self._log(["terms", name], "StateChange", state="true" if bit == "1" else "false")
             case LearntModel():
                 self._rules(record)
 
     def _log(
         self, entity: str | list[object], archetype: str, *values: object, static: bool = False, **fields: object
     ) -> None:
-        """Log one thing by its archetype's name."""
+        """Log an entity, given the name of its archetype."""
         import rerun  # noqa: PLC0415
 
         made: Any = getattr(rerun, archetype)(*values, **fields)
         self._stream.log(entity, made, static=static)
 
-    def _begin(self, record: RunStarted) -> None:
+    def _start(self, record: RunStarted) -> None:
         self._terms = record.terms
         self._robot_radius, self._box_radius = record.robot_radius, record.box_radius
         self._stream.send_recording_name(f"{record.task} {record.subject}")
@@ -161,7 +162,7 @@ class RerunSink:
         )
         self._count("mapped", record.explored_fraction)
 
-    def _sight(self, record: RobotSnapshot) -> None:
+    def _snapshot(self, record: RobotSnapshot) -> None:
         pose = record.pose
         self._log("map/robot", "Transform3D", translation=[pose.x, pose.y, 0.0], quaternion=_quaternion(pose.theta))
         self._log("map/scan", "Points3D", _raised(record.points, SCAN_HEIGHT), colors=[BLUE], radii=[0.015])
@@ -170,7 +171,7 @@ class RerunSink:
             "map/particles",
             "Arrows3D",
             origins=_raised(np.column_stack([x, y]), PARTICLE_HEIGHT),
-            vectors=_raised(ARROW * np.column_stack([np.cos(theta), np.sin(theta)]), 0.0),
+            vectors=_raised(PARTICLE_LENGTH * np.column_stack([np.cos(theta), np.sin(theta)]), 0.0),
             colors=[RED],
             radii=[0.004],
         )
@@ -179,15 +180,15 @@ class RerunSink:
         load = np.zeros((1 if record.has_load else 0, 2), np.float32)
         self._boxes("map/robot/load", load)
 
-    def _cells(self, record: CellLayout) -> None:
+    def _cell_layout(self, record: CellLayout) -> None:
         half = record.frame.cell_size / 2
-        middles = [record.frame.centre(int(x), int(y)) for x, y in record.warehouse]
+        centres = [record.frame.centre(int(x), int(y)) for x, y in record.warehouse]
         self._log(
             "map/warehouse",
             "Boxes3D",
-            centers=_raised(np.array(middles).reshape(-1, 2), 0.005),
-            half_sizes=[(half, half, 0.005)] * len(middles),
-            quaternions=[_quaternion(record.frame.origin.theta)] * len(middles),
+            centers=_raised(np.array(centres).reshape(-1, 2), 0.005),
+            half_sizes=[(half, half, 0.005)] * len(centres),
+            quaternions=[_quaternion(record.frame.origin.theta)] * len(centres),
             colors=[YELLOW],
             fill_mode="solid",
         )
@@ -199,11 +200,16 @@ class RerunSink:
         self._count("remaining", record.remaining)
 
     def _rules(self, record: LearntModel) -> None:
-        rules = [f"- `{rule.action}` `{rule.condition}` {rule.effect}" for rule in record.rules]
-        failures = [
-            f"- `{action}` does nothing in " + ", ".join(f"`{c}`" for c in cs) for action, cs in record.failures
-        ]
-        self._log("rules", "TextDocument", "\n".join(rules + failures), media_type="text/markdown")
+        lines = [f"- `{rule.action}`: {rule.effect} – {self._in_words(rule.condition)}" for rule in record.rules]
+        for action, conditions in record.failures:
+            lines.append(f"- `{action}`: no effect")
+            lines += [f"    - {self._in_words(condition)}" for condition in conditions]
+        self._log("rules", "TextDocument", "\n".join(lines), media_type="text/markdown")
+
+    def _in_words(self, condition: str) -> str:
+        """The condition as terms: "if touch_N(robot, wall) and not box.in_bot", or "always"."""
+        words = Condition.parse(condition).words(self._terms)
+        return words if words == "always" else f"if {words}"
 
     def _count(self, name: str, value: float) -> None:
         self._log(f"counts/{name}", "Scalars", float(value))
@@ -212,24 +218,24 @@ class RerunSink:
         strips = [_raised(points, PATH_HEIGHT)] if len(points) > 1 else []
         self._log(entity, "LineStrips3D", strips, colors=[GREEN], radii=[0.02])
 
-    def _boxes(self, entity: str, places: NDArray[np.float32]) -> None:
-        count = len(places)
+    def _boxes(self, entity: str, positions: NDArray[np.float32]) -> None:
+        count = len(positions)
         self._log(
             entity,
             "Cylinders3D",
             lengths=[BOX_HEIGHT] * count,
             radii=[self._box_radius] * count,
-            centers=_raised(places, BOX_HEIGHT / 2),
+            centers=_raised(positions, BOX_HEIGHT / 2),
             colors=[BROWN],
             fill_mode="solid",
         )
 
 
 def _raised(points: NDArray[Any], height: float) -> NDArray[np.float32]:
-    """[N, 3] m: points of the floor, [N, 2], at a height."""
+    """[N, 3] m, points of the floor, [N, 2] m, raised to a height."""
     return np.column_stack([points, np.full(len(points), height)]).astype(np.float32)
 
 
 def _quaternion(theta: float) -> list[float]:
-    """x, y, z, w of a turn about the vertical."""
+    """Quaternion (x, y, z, w) of a rotation about the vertical."""
     return [0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2)]

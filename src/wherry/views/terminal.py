@@ -1,4 +1,4 @@
-"""Progress of a delivery on a terminal: what is explored, what is unknown, what is delivered."""
+"""Progress and results on a terminal."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from wherry.trace.records import MapUpdate, Narration, Record, StepTaken
-from wherry.views.figures import Words, in_words, not_measured
+from wherry.trace.records import MapUpdate, Narration, Record, RunStarted, StepTaken
+from wherry.views.metrics_tables import MetricLabels, format_metrics, unmeasured_metrics
 
 
 class DeliveryProgress:
-    """A sink that shows three bars and what the robot says; use it as a context manager.
+    """A sink that shows progress as three bars and narrations as lines; use it as a context manager.
 
     Args:
-        console: Where to print; bars are left out where it is not a terminal.
-        boxes: How many boxes there are to deliver.
+        console: The console; bars are left out where it is no terminal.
+        boxes: Number of boxes to deliver.
     """
 
     def __init__(self, console: Console, boxes: int) -> None:
@@ -36,8 +36,9 @@ class DeliveryProgress:
         self._explored = self._progress.add_task("explored", total=1.0, words="")
         self._unknown = self._progress.add_task("learnt", total=None, words="", start=False)
         self._delivered = self._progress.add_task("delivered", total=boxes, words=f"0 of {boxes} boxes", start=False)
-        self._most_unknown = 0
+        self._max_unknown = 0
         self._started: set[TaskID] = set()
+        self._terms: tuple[str, ...] = ()
 
     def __enter__(self) -> Self:
         self._progress.start()
@@ -49,8 +50,10 @@ class DeliveryProgress:
         self._progress.stop()
 
     def __call__(self, record: Record) -> None:
-        """Show a record."""
+        """Update bars, or print a narration."""
         match record:
+            case RunStarted():
+                self._terms = record.terms
             case Narration(time=time, phase=phase, text=text):
                 console = self._progress.console
                 line = f"[dim]{time:7.1f} s[/dim]  [bold]{phase:<8}[/bold] {escape(text)}"
@@ -61,7 +64,7 @@ class DeliveryProgress:
             case StepTaken():
                 self._step(record)
             case _:
-                pass  # too much, or too often, for a terminal
+                pass  # too detailed for a terminal
 
     def _step(self, step: StepTaken) -> None:
         for task in (self._unknown, self._delivered):
@@ -69,35 +72,42 @@ class DeliveryProgress:
                 self._progress.start_task(task)
                 self._started.add(task)
         self._progress.stop_task(self._explored)
-        self._most_unknown = max(self._most_unknown, step.unknown_pairs, 1)
-        words = f"{step.unknown_pairs} unknown pairs left   {step.condition} {step.action}"
+        self._max_unknown = max(self._max_unknown, step.unknown_pairs, 1)
         self._progress.update(
-            self._unknown, total=self._most_unknown, completed=self._most_unknown - step.unknown_pairs, words=words
+            self._unknown,
+            total=self._max_unknown,
+            completed=self._max_unknown - step.unknown_pairs,
+            words=f"{step.unknown_pairs} unknown pairs left   {step.action} · {self._holding(step.condition)}",
         )
         total = step.delivered + step.remaining
         self._progress.update(
             self._delivered, total=total, completed=step.delivered, words=f"{step.delivered} of {total} boxes"
         )
 
+    def _holding(self, condition: str) -> str:
+        """Names of the terms that hold in a condition."""
+        names = [term for term, bit in zip(self._terms, condition, strict=False) if bit == "1"]
+        return ", ".join(names) or "no term holds"
 
-def print_figures(console: Console, title: str, figures: Mapping[str, object], words: Words) -> None:
-    """Print what was measured as a closing table, in words and with units, and below it what was not.
+
+def print_metrics(console: Console, title: str, metrics: Mapping[str, object], labels: MetricLabels) -> None:
+    """Print metrics as a table with labels and units, and below it those that were not measured.
 
     Args:
-        console: Where to print.
-        title: Of the table.
-        figures: By their names in JSON.
-        words: What people call them, of `wherry.views.figures`.
+        console: The console.
+        title: Title of the table.
+        metrics: Values by their names in JSON.
+        labels: Labels and formats from `wherry.views.metrics_tables`.
     """
-    _print_rows(console, title, in_words(figures, words))
-    lacking = not_measured(figures, words)
-    if lacking:
-        console.print(f"Not measured: {', '.join(lacking)}.", highlight=False, soft_wrap=True)
+    _print_rows(console, title, format_metrics(metrics, labels))
+    unmeasured = unmeasured_metrics(metrics, labels)
+    if unmeasured:
+        console.print(f"Not measured: {', '.join(unmeasured)}.", highlight=False, soft_wrap=True)
 
 
-def print_table(console: Console, title: str, figures: Mapping[str, str]) -> None:
-    """Print figures, name and value, as a closing table."""
-    _print_rows(console, title, figures.items())
+def print_table(console: Console, title: str, rows: Mapping[str, str]) -> None:
+    """Print names and values as a table."""
+    _print_rows(console, title, rows.items())
 
 
 def _print_rows(console: Console, title: str, rows: Iterable[tuple[str, str]]) -> None:
@@ -110,7 +120,7 @@ def _print_rows(console: Console, title: str, rows: Iterable[tuple[str, str]]) -
 
 
 def print_rules(console: Console, rules: Sequence[str]) -> None:
-    """Print what was learnt, a rule a line."""
-    console.print("[bold]What is known of the actions[/bold]")
+    """Print learnt rules, one per line."""
+    console.print("[bold]Learnt rules[/bold]")
     for rule in rules:
         console.print(f"  {rule}", highlight=False, markup=False, soft_wrap=True)

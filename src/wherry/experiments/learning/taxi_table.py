@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from wherry.experiments.machine import load_in_words
+from wherry.experiments.machine import machine_load
 from wherry.experiments.results import markdown_table, write_picture
 from wherry.pipelines.grids.arenas import Arena
 from wherry.pipelines.grids.learning import (
@@ -142,7 +142,7 @@ def markdown(results: Mapping[int, Mapping[str, Result]], transfers: list[str], 
         "## Taxi\nSteps until the policy is optimal from six probes: mean ± standard deviation, and the 95th "
         "percentile, over as many repetitions as the last column says; rewards and ends of episodes learnt. Times are "
         "a core's, for a whole step (predict, learn, plan), medians of the repetitions, on a machine with a "
-        f"{load_in_words()}; the published ones are from the machines of their time. Q-learning, R-max "
+        f"{machine_load()}; the published ones are from the machines of their time. Q-learning, R-max "
         "and Factored R-max are compiled together with the grid. Factored R-max is told what depends on what in terms "
         "of the taxi's cell, the passenger's location and the destination; factored-rmax-minimal is told that, once "
         f"the passenger is in the taxi, it does not matter where that was. Of {LETTER} a repetition that has not "

@@ -14,7 +14,7 @@ from wherry.experiments.localization import calibration, kidnapping, recorded
 from wherry.experiments.localization import speed as localization_speed
 from wherry.experiments.localization import study as localization_study
 from wherry.experiments.localization.reliability import Reliability, reliability_table
-from wherry.experiments.machine import load_in_words
+from wherry.experiments.machine import machine_load
 from wherry.experiments.mapping.drifting_odometry import BUILDINGS
 from wherry.experiments.results import markdown_table, write_picture
 from wherry.localization.lost import Calibration
@@ -64,7 +64,7 @@ def reproduce(data: Path, images: Path, progress: Progress, extent: Extent | Non
         InputError: A log or a map is missing or broken.
     """
     chosen = extent or Extent()
-    sections = [f"## Localization\n\nTimes are a core's, on a machine with a {load_in_words()}."]
+    sections = [f"## Localization\n\nTimes are a core's, on a machine with a {machine_load()}."]
     progress(0, len(PARTS))
     with ProcessPoolExecutor(AT_ONCE, get_context("spawn")) as pool:
         running = {pool.submit(part, data, images, chosen): part for part in PARTS}

@@ -12,15 +12,15 @@ from wherry.realization.mission import SurveyedWorld
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import MapUpdate, Narration, Record, RobotSnapshot, StepTaken
-from wherry.views.drawing import Scene, draw
-from wherry.views.report import Picture, Report, render
+from wherry.views.report import DeliveryReport, ReportPicture, render_report
+from wherry.views.snapshot_svg import MapBackground, draw_snapshot
 
 CLOSE_UP_RADIUS = 0.8  # m shown on each side of the robot in the close-up
 NO_POINTS = np.empty((0, 2))
 
 
 def render_page(
-    result: DeliveryResult, pictures: Sequence[Picture], rules: Sequence[str], records: Sequence[Record]
+    result: DeliveryResult, pictures: Sequence[ReportPicture], rules: Sequence[str], records: Sequence[Record]
 ) -> str:
     """Render the page as HTML.
 
@@ -30,18 +30,17 @@ def render_page(
         rules: The learnt rules in words.
         records: The run's records.
     """
-    lead = (
-        f"In the world “{result.world}” (seed {result.seed}) the robot brought {result.delivered} of {result.boxes} "
-        f"boxes to the warehouse, {result.real_time_factor:.0f} times faster than real time."
-    )
-    return render(
-        Report(
+    return render_report(
+        DeliveryReport(
             title="wherry: a delivery",
             verdict=result.verdict,
-            good=result.status is DeliveryStatus.DELIVERED,
-            lead=lead,
+            is_success=result.status is DeliveryStatus.DELIVERED,
+            summary=(
+                f"In the world “{result.world}” (seed {result.seed}) the robot delivered {result.delivered} of "
+                f"{result.boxes} boxes, {result.real_time_factor:.0f} times faster than real time."
+            ),
             pictures=pictures,
-            figures=result.metrics,
+            metrics=result.metrics,
             rules=rules,
             log=[record for record in records if isinstance(record, Narration)],
         )
@@ -50,7 +49,7 @@ def render_page(
 
 def choose_pictures(
     records: Sequence[Record], world: SurveyedWorld, plan: FloorPlan, world_from_map: Pose | None
-) -> list[Picture]:
+) -> list[ReportPicture]:
     """Draw the most informative snapshots: carrying a box, the same close up, mapping, and the end.
 
     Args:
@@ -59,39 +58,53 @@ def choose_pictures(
         plan: The true plan, whose walls are drawn faintly under the map.
         world_from_map: The map frame in the world frame; None to draw no true walls.
     """
-    snapshots = [record for record in records if isinstance(record, RobotSnapshot)]
-    mapping = [record for record in snapshots if not len(record.particles)]
-    localized = [record for record in snapshots if len(record.particles)]
-    warehouse = _warehouse_corners(world)
-    walls = NO_POINTS.reshape(0, 2, 2) if world_from_map is None else _true_walls(plan, world_from_map.inverse)
-    body = world.environment.pilot.body
-
-    def picture(moment: RobotSnapshot, grid: OccupancyGrid, caption: str, around_robot: float | None = None) -> Picture:
-        scene = Scene(grid, warehouse, walls, body.radius, body.box_radius)
-        driven = np.array([(record.pose.x, record.pose.y) for record in snapshots if record.time <= moment.time])
-        goals = _plan_at(records, moment.time)
-        return Picture(draw(scene, moment, driven, goals, label=caption, around_robot=around_robot), caption)
-
+    artist = _SnapshotArtist(records, world, plan, world_from_map)
+    mapping = [snapshot for snapshot in artist.snapshots if not len(snapshot.particles)]
+    localized = [snapshot for snapshot in artist.snapshots if len(snapshot.particles)]
     pictures = []
     if localized:
-        moment = _most_informative(localized, records)
-        doing = "The robot carries a box to the warehouse" if moment.has_load else "The robot at work"
+        snapshot = _most_informative(localized, records)
+        doing = "The robot carries a box to the warehouse" if snapshot.has_load else "The robot at work"
         caption = (
-            f"{doing}, {moment.time:.0f} s after its start: end points of the lidar's beams, particles of the "
+            f"{doing}, {snapshot.time:.0f} s after its start: end points of the lidar's beams, particles of the "
             "localization, and the cells of the plan."
         )
-        pictures.append(picture(moment, world.grid, caption))
+        pictures.append(artist.draw(snapshot, world.grid, caption))
         caption = "The same snapshot close up: the particles, the fork and its load."
-        pictures.append(picture(moment, world.grid, caption, around_robot=CLOSE_UP_RADIUS))
+        pictures.append(artist.draw(snapshot, world.grid, caption, around_robot=CLOSE_UP_RADIUS))
     if mapping:
-        moment = mapping[len(mapping) // 3]
-        grids = [record for record in records if isinstance(record, MapUpdate) and record.time <= moment.time]
-        grid = grids[-1].grid if grids else world.grid
-        pictures.append(picture(moment, grid, f"The map after {moment.time:.0f} s of exploring."))
+        snapshot = mapping[len(mapping) // 3]
+        grid = _map_at(records, snapshot.time, world.grid)
+        pictures.append(artist.draw(snapshot, grid, f"The map after {snapshot.time:.0f} s of exploring."))
     if localized:
-        last = localized[-1]
-        pictures.append(picture(last, world.grid, f"The end, after {last.time:.0f} s, with the whole trajectory."))
+        snapshot = localized[-1]
+        caption = f"The end, after {snapshot.time:.0f} s, with the whole trajectory."
+        pictures.append(artist.draw(snapshot, world.grid, caption))
     return pictures
+
+
+class _SnapshotArtist:
+    """Draws snapshots of a run on the map, with the trajectory until then and the plan; arguments as above."""
+
+    def __init__(
+        self, records: Sequence[Record], world: SurveyedWorld, plan: FloorPlan, world_from_map: Pose | None
+    ) -> None:
+        self.snapshots = [record for record in records if isinstance(record, RobotSnapshot)]
+        self._records = records
+        self._warehouse = _warehouse_corners(world)
+        no_walls = NO_POINTS.reshape(0, 2, 2)
+        self._walls = no_walls if world_from_map is None else _true_walls(plan, world_from_map.inverse)
+        self._body = world.environment.pilot.body
+
+    def draw(
+        self, snapshot: RobotSnapshot, grid: OccupancyGrid, caption: str, around_robot: float | None = None
+    ) -> ReportPicture:
+        """Draw a snapshot; around_robot, m, limits the picture to the robot's surroundings."""
+        background = MapBackground(grid, self._warehouse, self._walls, self._body.radius, self._body.box_radius)
+        positions = [(earlier.pose.x, earlier.pose.y) for earlier in self.snapshots if earlier.time <= snapshot.time]
+        goals = _plan_at(self._records, snapshot.time)
+        svg = draw_snapshot(background, snapshot, np.array(positions), goals, label=caption, around_robot=around_robot)
+        return ReportPicture(svg, caption)
 
 
 def _most_informative(snapshots: Sequence[RobotSnapshot], records: Sequence[Record]) -> RobotSnapshot:
@@ -105,6 +118,12 @@ def _most_informative(snapshots: Sequence[RobotSnapshot], records: Sequence[Reco
     return max(snapshots, key=information)
 
 
+def _map_at(records: Sequence[Record], time: float, default: OccupancyGrid) -> OccupancyGrid:
+    """The last map recorded until a time, s."""
+    updates = [record for record in records if isinstance(record, MapUpdate) and record.time <= time]
+    return updates[-1].grid if updates else default
+
+
 def _plan_at(records: Sequence[Record], time: float) -> Floats:
     """[M, 2] centres of the planned cells at a time, s; m, map frame."""
     plans = [record.plan for record in records if isinstance(record, StepTaken) and record.time <= time]
@@ -115,25 +134,24 @@ def _warehouse_corners(world: SurveyedWorld) -> Floats:
     """[K, 4, 2] corners of the warehouse's cells, m, map frame."""
     half = world.frame.cell_size / 2
     square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
-    turned = Pose(theta=world.frame.origin.theta).transform(square)
+    corners = Pose(theta=world.frame.origin.theta).transform(square)
     cells = sorted(world.environment.site.warehouse)
-    return np.array([world.frame.centre(cell.x, cell.y) + turned for cell in cells]).reshape(-1, 4, 2)
+    return np.array([world.frame.centre(cell.x, cell.y) + corners for cell in cells]).reshape(-1, 4, 2)
 
 
 def _true_walls(plan: FloorPlan, map_from_world: Pose) -> Floats:
     """[S, 2, 2] ends of every cell edge that a wall, an obstacle or the plan's border blocks, m, map frame."""
-    size = plan.cell_size
-    segments = []
-    for cell in plan.cells():
-        for direction in Direction:
-            if plan.blocked(cell, direction):
-                segments.append(_edge(cell, direction, size))
-    ends = map_from_world.transform(np.array(segments).reshape(-1, 2))
-    return ends.reshape(-1, 2, 2)
+    edges = [
+        _edge(cell, direction, plan.cell_size)
+        for cell in plan.cells()
+        for direction in Direction
+        if plan.blocked(cell, direction)
+    ]
+    return map_from_world.transform(np.array(edges).reshape(-1, 2)).reshape(-1, 2, 2)
 
 
 def _edge(cell: Cell, direction: Direction, size: float) -> list[list[float]]:
-    """[2][2] ends of a cell's edge, m, world frame."""
+    """[2, 2] ends of a cell's edge, m, world frame."""
     middle_x, middle_y = (cell.x + 0.5 + direction.dx / 2) * size, (cell.y + 0.5 + direction.dy / 2) * size
     along_x, along_y = abs(direction.dy) * size / 2, abs(direction.dx) * size / 2
     return [[middle_x - along_x, middle_y - along_y], [middle_x + along_x, middle_y + along_y]]

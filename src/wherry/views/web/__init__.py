@@ -1,1 +1,1 @@
-"""The live page: a server on this machine, and the page that plays a trace while it grows or after it was recorded."""
+"""The pages in the browser: live runs, recorded runs, and the world editor."""

@@ -1,4 +1,4 @@
-"""A run's frames for any number of pages, of which none can hold the run up."""
+"""The frames of a run, buffered for any number of pages; a slow page never blocks the run."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from itertools import accumulate
 from wherry.trace.codec import Encoder
 from wherry.trace.records import Record, RobotSnapshot
 
-LARGEST_MESSAGE = 1_000_000  # bytes, after which the rest goes into the next message
-LARGEST_BACKLOG = 16_000_000  # bytes of Seen that a page may lie behind; beyond that it is sent fewer of them
-LARGEST_HISTORY = 256_000_000  # bytes of Seen that are kept for pages that come later
+MAX_MESSAGE_SIZE = 1_000_000  # bytes; more frames go into the next message
+MAX_BACKLOG_SIZE = 16_000_000  # bytes of snapshots that a page may lag behind; beyond that it is sent fewer of them
+MAX_HISTORY_SIZE = 256_000_000  # bytes of snapshots that are kept for pages opened later
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
-    """What to send to a page next.
+class FrameBatch:
+    """Frames to send to a page in one message.
 
     Attributes:
-        frames: Whole frames in a row.
-        following: The number of the first frame after these.
+        frames: Concatenated frames.
+        next_index: Index of the first frame after these.
     """
 
     frames: bytes
-    following: int
+    next_index: int
 
 
-class Broadcast:
-    """A sink that keeps every frame of a run for those who watch; the run calls it, the server's thread reads it.
+class TraceBroadcast:
+    """A sink that buffers all frames of a run; the run calls it, and the server's thread reads it.
 
-    Pages ask for what follows the frames that they have, so there is no queue to overflow. A page that is too slow for
-    the run gets fewer snapshots; a run that is too long for the memory keeps fewer of them. All other records are kept and
-    sent without exception.
+    Pages ask for the frames after those that they have, so there is no queue to overflow. A page that is too slow for
+    the run is sent fewer snapshots, and of a run that is too long for the memory fewer snapshots are kept. All other
+    records are always kept and sent.
 
     Attributes:
-        name: Tells this run from others, so that a page which comes back knows whether to go on or to begin anew.
+        name: Random name of the run, by which a page that reconnects knows whether to continue or to start over.
         ended: Whether the run is over.
     """
 
@@ -44,58 +44,57 @@ class Broadcast:
         self.ended = False
         self._encoder = Encoder()
         self._frames: list[bytes] = []
-        self._moments: list[int | None] = []  # for each frame, which Seen it is, or None for another record
-        self._moment_count = 0
-        self._history = 0  # bytes of Seen in _frames
-        self._kept_every = 1
+        self._snapshot_numbers: list[int | None] = []  # of each frame; None for other records
+        self._snapshot_count = 0
+        self._history_size = 0  # bytes of snapshots in _frames
+        self._stride = 1  # of the snapshots that are kept
 
     def __call__(self, record: Record) -> None:
-        """Keep a record."""
-        self.add(self._encoder.encode(record), is_moment=isinstance(record, RobotSnapshot))
+        """Add a record."""
+        self.add(self._encoder.encode(record), is_snapshot=isinstance(record, RobotSnapshot))
 
-    def add(self, frame: bytes, *, is_moment: bool) -> None:
-        """Keep a frame; pages see it as soon as it is in the list.
+    def add(self, frame: bytes, *, is_snapshot: bool) -> None:
+        """Add a frame; pages are sent it from then on.
 
         Args:
             frame: A record's frame.
-            is_moment: Whether it is a `RobotSnapshot`, of which some may be left out.
+            is_snapshot: Whether the record is a `RobotSnapshot`, which may be dropped.
         """
-        self._moments.append(self._moment_count if is_moment else None)
-        if is_moment:
-            frame = b"" if self._moment_count % self._kept_every else frame
-            self._moment_count += 1
-            self._history += len(frame)
+        self._snapshot_numbers.append(self._snapshot_count if is_snapshot else None)
+        if is_snapshot:
+            frame = b"" if self._snapshot_count % self._stride else frame
+            self._snapshot_count += 1
+            self._history_size += len(frame)
         self._frames.append(frame)
-        if self._history > LARGEST_HISTORY:
-            self._forget_half()
+        if self._history_size > MAX_HISTORY_SIZE:
+            self._drop_every_second_snapshot()
 
     def end(self) -> None:
-        """Say that nothing more comes."""
+        """Mark the run as over."""
         self.ended = True
 
     def __len__(self) -> int:
-        """How many frames there are."""
+        """Number of frames, dropped ones included."""
         return len(self._frames)
 
-    def after(self, start: int) -> Batch:
-        """The next frames from number ``start`` on, as many as fit into one message; at least one if there is one."""
-        pending = self._frames[start:]
-        moments = self._moments[start : start + len(pending)]
-        backlog = sum(len(frame) for frame, moment in zip(pending, moments, strict=True) if moment is not None)
-        every = 1 + backlog // LARGEST_BACKLOG
+    def batch_from(self, start: int) -> FrameBatch:
+        """The frames from index ``start`` on that fit into one message; at least one if there is one."""
+        frames = self._frames[start:]
+        numbers = self._snapshot_numbers[start : start + len(frames)]
+        backlog = sum(len(frame) for frame, number in zip(frames, numbers, strict=True) if number is not None)
+        stride = 1 + backlog // MAX_BACKLOG_SIZE
         chosen = [
-            frame if moment is None or moment % every == 0 else b""
-            for frame, moment in zip(pending, moments, strict=True)
+            frame if number is None or number % stride == 0 else b""
+            for frame, number in zip(frames, numbers, strict=True)
         ]
-        count = max(1, sum(total <= LARGEST_MESSAGE for total in accumulate(map(len, chosen))))
-        return Batch(b"".join(chosen[:count]), min(start + count, start + len(pending)))
+        count = max(1, sum(total <= MAX_MESSAGE_SIZE for total in accumulate(map(len, chosen))))
+        return FrameBatch(b"".join(chosen[:count]), min(start + count, start + len(frames)))
 
-    def _forget_half(self) -> None:
-        """Forget every second Seen; their numbers stay, so that pages lose nothing else."""
-        self._kept_every *= 2
-        for at, moment in enumerate(self._moments):
-            if moment is not None and moment % self._kept_every:
-                self._frames[at] = b""
-        self._history = sum(
-            len(frame) for frame, moment in zip(self._frames, self._moments, strict=True) if moment is not None
-        )
+    def _drop_every_second_snapshot(self) -> None:
+        """Empty the frames of every second snapshot; indices stay, so that pages continue where they are."""
+        self._stride *= 2
+        for index, number in enumerate(self._snapshot_numbers):
+            if number is not None and number % self._stride:
+                self._frames[index] = b""
+        sizes = zip(map(len, self._frames), self._snapshot_numbers, strict=True)
+        self._history_size = sum(size for size, number in sizes if number is not None)

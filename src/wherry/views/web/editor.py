@@ -1,4 +1,4 @@
-"""The world editor: a page that draws a world file, checked and saved by `wherry.floorplan.plan` alone."""
+"""The world editor: a page that draws a world file, which `wherry.floorplan` checks and saves."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from pathlib import Path
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from wherry.errors import InputError
 from wherry.files import write_atomically
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
 from wherry.floorplan.world_files import LARGEST_FILE, format_world, load_world, parse_world
-from wherry.views.web.page import assemble
-from wherry.views.web.server import DEFAULT_HOST, DEFAULT_PORT, Server, running
+from wherry.views.web.page import render_page
+from wherry.views.web.server import DEFAULT_HOST, DEFAULT_PORT, PageServer, keep_open, run_server
 
-PLACE = re.compile(r"line (\d+)(?:, column (\d+))?")
+ERROR_POSITION = re.compile(r"line (\d+)(?:, column (\d+))?")
 
 
-def first_draft(name: str) -> FloorPlan:
-    """An empty hall with a robot and a warehouse, to begin drawing in."""
+def new_plan(name: str) -> FloorPlan:
+    """An empty hall with a robot and a warehouse, with which a new file starts."""
     return FloorPlan(
         name,
         width=10,
@@ -34,13 +34,21 @@ def first_draft(name: str) -> FloorPlan:
     )
 
 
-def checked(text: str, source: str) -> dict[str, object]:
-    """What there is to say about a world's text: what is wrong and where, or what it holds."""
+def check_world(text: str, source: str) -> dict[str, object]:
+    """Check the text of a world file.
+
+    Args:
+        text: Content of the file.
+        source: Name of the file in errors.
+
+    Returns:
+        For the page: ``error``, with ``line`` and ``column``, or else the plan's size and boxes.
+    """
     try:
         plan = parse_world(text, source)
     except InputError as error:
-        place = PLACE.match(error.field)
-        line, column = place.groups() if place else (None, None)
+        position = ERROR_POSITION.match(error.field)
+        line, column = position.groups() if position else (None, None)
         return {
             "error": f"{error.field}: {error.reason}",
             "line": None if line is None else int(line),
@@ -59,20 +67,20 @@ def checked(text: str, source: str) -> dict[str, object]:
 
 
 @contextlib.contextmanager
-def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT) -> Iterator[Server]:
-    """Edit a world file on a page for as long as the context lasts.
+def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT) -> Iterator[PageServer]:
+    """Serve a page that edits a world file, while the context lasts.
 
     Args:
-        path: The file; where there is none, it is made when it is first saved.
-        host: The address to listen on.
-        port: The port; where it is taken, any other.
+        path: The file; where there is none, it is written when it is first saved.
+        host: Address to listen on; pages need a token unless it is a loopback address.
+        port: Port to listen on; where it is occupied, any other. 0 for any.
 
     Raises:
-        InputError: The file is there but is no world, or there is no listening on this address.
+        InputError: The file is no world file, or the address cannot be listened on.
     """
     is_new = not path.exists()
     if is_new:
-        text = format_world(first_draft(path.stem))
+        text = format_world(new_plan(path.stem))
     else:
         load_world(path)
         text = path.read_text(encoding="utf-8")
@@ -80,31 +88,27 @@ def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PO
     async def page(request: Request) -> Response:
         current = text if not path.exists() else path.read_text(encoding="utf-8")
         settings = {"file": path.name, "path": str(path), "text": current, "new": not path.exists()}
-        values = {"title": f"{path.name} - wherry", "settings": settings}
-        return HTMLResponse(assemble("editor.html", ("editor.js",), values, styles=("style.css", "editor.css")))
+        styles = ("style.css", "editor.css")
+        title = f"{path.name} - wherry"
+        return HTMLResponse(
+            render_page("editor.html.j2", ("editor.js",), title=title, settings=settings, styles=styles)
+        )
 
     async def check(request: Request) -> Response:
-        return JSONResponse(checked(await _body(request), path.name))
+        return JSONResponse(check_world(await _body(request), path.name))
 
     async def save(request: Request) -> Response:
-        wanted = await _body(request)
-        found = checked(wanted, path.name)
+        edited = await _body(request)
+        found = check_world(edited, path.name)
         if found["error"] is None:
             try:
-                write_atomically(path, wanted)
+                write_atomically(path, edited)
             except InputError as error:
                 found = {"error": str(error), "line": None, "column": None}
         return JSONResponse(found)
 
     async def stay(page: WebSocket) -> None:
-        await page.accept()
-        server.page_came()
-        try:
-            with contextlib.suppress(WebSocketDisconnect):
-                while True:
-                    await page.receive_text()
-        finally:
-            server.page_left()
+        await keep_open(page, server)
 
     routes = [
         Route("/", page),
@@ -112,12 +116,12 @@ def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PO
         Route("/save", save, methods=["POST"]),
         WebSocketRoute("/socket", stay),
     ]
-    with running(routes, host=host, port=port) as server:
+    with run_server(routes, host=host, port=port) as server:
         yield server
 
 
 async def _body(request: Request) -> str:
-    """A request's text; what is too long is cut off, so that it is refused as no world."""
+    """Text of a request; a text that is too long is truncated, and then refused as no world."""
     parts, size = [], 0
     async for part in request.stream():
         parts.append(part)

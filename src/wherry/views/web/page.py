@@ -1,15 +1,17 @@
-"""The page as one HTML file: style, scripts and, for a recorded trace, the trace itself."""
+"""The pages as single HTML files: style, scripts and, for a recorded run, its trace."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-import html
 import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
 
+from markupsafe import Markup
+
 from wherry.trace.recordings import pack_frames
+from wherry.views.templates import render_template
 
 SCRIPTS = ("trace.js", "map.js", "player.js", "scene.js", "panels.js", "app.js")
 
@@ -18,45 +20,50 @@ def player_page(title: str, settings: Mapping[str, object], frames: bytes | None
     """The page that plays a trace.
 
     Args:
-        title: Of the window.
-        settings: What the scripts are told: ``source`` is "socket" or "file".
-        frames: A trace for the page to carry with it, as from `recordings.load_frames`.
+        title: Title of the window.
+        settings: Settings of the scripts: ``source`` is "socket" or "file".
+        frames: Frames to embed in the page, as from `recordings.load_frames`; None to receive them from the server.
     """
     trace = "" if frames is None else base64.b64encode(pack_frames(frames)).decode("ascii")
-    return assemble("player.html", SCRIPTS, {"title": title, "settings": settings, "trace": trace})
+    return render_page("player.html.j2", SCRIPTS, title=title, settings=settings, trace=trace)
 
 
-def assemble(
-    name: str, scripts: Sequence[str], values: Mapping[str, object], *, styles: Sequence[str] = ("style.css",)
+def render_page(
+    template: str,
+    scripts: Sequence[str],
+    *,
+    title: str,
+    settings: Mapping[str, object],
+    trace: str = "",
+    styles: Sequence[str] = ("style.css",),
 ) -> str:
-    """A page of its skeleton, styles and scripts, under a policy that lets no other script run.
+    """A page with embedded styles and scripts, and a content security policy that allows no other script.
 
     Args:
-        name: The skeleton's file.
-        scripts: The scripts' files, in the order in which they build on each other.
-        values: ``title``, ``settings`` and, if the page carries one, ``trace``.
-        styles: The styles' files.
+        template: File name of the template.
+        scripts: File names of the scripts, in the order in which they build on each other.
+        title: Title of the window.
+        settings: Settings of the scripts.
+        trace: A trace file in Base64.
+        styles: File names of the style sheets.
     """
-    style, program = ("\n".join(_text(file) for file in files) for files in (styles, scripts))
+    style, program = ("\n".join(_static_text(file) for file in files) for files in (styles, scripts))
     digest = base64.b64encode(hashlib.sha256(f"\n{program}\n".encode()).digest()).decode("ascii")
     policy = (
         f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data: blob:; "
         "connect-src 'self' data:; base-uri 'none'; form-action 'none'"
     )
-    # "<" inside JSON could end the script element that it stands in.
-    settings = json.dumps(values["settings"]).replace("<", "\\u003c")
-    parts = {
-        "POLICY": html.escape(policy),
-        "TITLE": html.escape(str(values["title"])),
-        "STYLE": style,
-        "SETTINGS": settings,
-        "TRACE": str(values.get("trace", "")),
-        "PROGRAM": program,
-    }
-    page = _text(name)
-    head, *rest = page.split("{{")
-    return head + "".join(parts[key] + after for key, _, after in (part.partition("}}") for part in rest))
+    return render_template(
+        template,
+        policy=policy,
+        title=title,
+        # style, scripts and Base64 are ours; in JSON, "<" could end the script element
+        style=Markup(style),  # noqa: S704
+        settings=Markup(json.dumps(settings).replace("<", "\\u003c")),  # noqa: S704
+        trace=Markup(trace),  # noqa: S704
+        program=Markup(program),  # noqa: S704
+    )
 
 
-def _text(name: str) -> str:
+def _static_text(name: str) -> str:
     return (resources.files("wherry.views.web") / "static" / name).read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A web server in a thread of its own, for as long as a run or a person needs it."""
+"""The page server, in a thread of its own, for live runs, recorded runs and the world editor."""
 
 from __future__ import annotations
 
@@ -23,84 +23,84 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from wherry.errors import InputError
 from wherry.trace.framing import split_frames
-from wherry.views.web.broadcast import Broadcast
-from wherry.views.web.guard import Door, Guard
+from wherry.views.web.access import AccessMiddleware, AccessPolicy
+from wherry.views.web.broadcast import TraceBroadcast
 from wherry.views.web.page import player_page
 
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8642
-ANY_ADDRESS = {"0.0.0.0", "::"}  # noqa: S104 - to say how such a server is reached
-LARGEST_REQUEST = 4_096  # bytes, of a message that a page may send
-OVER, HAS_REPORT = 1, 2  # bits of a message
-REPORT = "report.html"
-SENT_EVERY = 0.03  # s between two messages to a page
-LEAVING = 2.0  # s without a page after which everybody has gone
-ASKED_EVERY = 0.2  # s between two looks at whether anybody is there
+WILDCARD_ADDRESSES = {"0.0.0.0", "::"}  # noqa: S104 - for which the machine's name is printed
+MAX_REQUEST_SIZE = 4_096  # bytes, largest message that a page may send
+RUN_OVER, HAS_REPORT = 1, 2  # flags of a message to a page
+REPORT_FILE_NAME = "report.html"
+SEND_PERIOD = 0.03  # s between two messages to a page
+RECONNECT_TIMEOUT = 2.0  # s without any page after which the page counts as closed, and not as reloading
+POLL_PERIOD = 0.2  # s between two checks whether a page is connected
 
 
-class Server:
+class PageServer:
     """A running server.
 
     Attributes:
-        url: Where to look.
-        pages: How many pages are connected.
-        had_pages: Whether any ever was.
-        taken_port: The port that was wished for, if it was taken.
+        url: Address of the page, with the token if one is needed.
+        occupied_port: The requested port, if another program uses it; otherwise None.
+        page_count: Number of connected pages.
+        was_opened: Whether any page was ever connected.
     """
 
-    def __init__(self, url: str, taken_port: int | None = None) -> None:
+    def __init__(self, url: str, occupied_port: int | None = None) -> None:
         self.url = url
-        self.taken_port = taken_port
-        self.pages = 0
-        self.had_pages = False
+        self.occupied_port = occupied_port
+        self.page_count = 0
+        self.was_opened = False
 
-    def page_came(self) -> None:
-        """Count a page."""
-        self.pages, self.had_pages = self.pages + 1, True
+    def page_connected(self) -> None:
+        """Count a page that has connected."""
+        self.page_count, self.was_opened = self.page_count + 1, True
 
-    def page_left(self) -> None:
-        """Count one less."""
-        self.pages -= 1
+    def page_disconnected(self) -> None:
+        """Count a page that has disconnected."""
+        self.page_count -= 1
 
-    def wait_until_nobody_watches(self, patience: float = math.inf) -> bool:
-        """Wait until at least one page was there and all have been gone for a while.
+    def wait_until_unwatched(self, timeout: float = math.inf) -> bool:
+        """Wait until at least one page was opened and all pages are closed.
 
         Args:
-            patience: S to wait for the first page, if there was none yet.
+            timeout: Time to wait for the first page, s.
 
         Returns:
-            Whether there ever was a page.
+            Whether a page was ever opened.
         """
-        waited = gone = 0.0
-        while gone < LEAVING:
-            if not self.had_pages and waited >= patience:
+        waited = unwatched = 0.0
+        while unwatched < RECONNECT_TIMEOUT:
+            if not self.was_opened and waited >= timeout:
                 return False
-            time.sleep(ASKED_EVERY)
-            waited += ASKED_EVERY
-            gone = gone + ASKED_EVERY if self.had_pages and self.pages == 0 else 0.0
+            time.sleep(POLL_PERIOD)
+            waited += POLL_PERIOD
+            unwatched = unwatched + POLL_PERIOD if self.was_opened and self.page_count == 0 else 0.0
         return True
 
 
 @contextlib.contextmanager
-def serve(
-    broadcast: Broadcast,
+def serve_run(
+    broadcast: TraceBroadcast,
     title: str,
     *,
     host: str = DEFAULT_HOST,
     port: int = DEFAULT_PORT,
     folder: Path | None = None,
-) -> Iterator[Server]:
-    """Show a run on a page for as long as the context lasts.
+) -> Iterator[PageServer]:
+    """Serve a page that shows a run, while the context lasts.
 
     Args:
-        broadcast: The sink that the run writes to.
-        title: Of the window.
-        host: The address to listen on; on another one than this machine's own, pages need a token.
-        port: The port; where it is taken, any other. 0 for any.
-        folder: The run's results, which the page links to.
+        broadcast: The sink that the run reports to.
+        title: Title of the window.
+        host: Address to listen on; pages need a token unless it is a loopback address.
+        port: Port to listen on; where it is occupied, any other. 0 for any.
+        folder: Folder of the run's results, to which the page links.
 
     Raises:
-        InputError: There is no listening on this address.
+        InputError: The address cannot be listened on.
     """
 
     async def page(request: Request) -> Response:
@@ -108,62 +108,58 @@ def serve(
 
     async def frames(page: WebSocket) -> None:
         await page.accept()
-        server.page_came()
-        try:
-            await _send_frames(page, broadcast, None if folder is None else folder / REPORT)
-        finally:
-            server.page_left()
+        with _counted(server):
+            await _send_frames(page, broadcast, None if folder is None else folder / REPORT_FILE_NAME)
 
     routes: list[BaseRoute] = [Route("/", page), WebSocketRoute("/socket", frames)]
     if folder is not None:
         routes.append(Mount("/files", StaticFiles(directory=folder, html=True)))
-    with running(routes, host=host, port=port) as server:
+    with run_server(routes, host=host, port=port) as server:
         yield server
 
 
 @contextlib.contextmanager
 def serve_recording(
     frames: bytes, title: str, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT, folder: Path | None = None
-) -> Iterator[Server]:
-    """Play a recorded trace on a page for as long as the context lasts.
+) -> Iterator[PageServer]:
+    """Serve a page that plays a recorded run, while the context lasts.
 
     Args:
-        frames: As from `recordings.load_frames`.
-        title: As for `serve`, like the rest.
-        host: The address.
-        port: The port.
-        folder: The run's results.
+        frames: Frames as from `recordings.load_frames`.
+        title: Title of the window.
+        host: Address to listen on; pages need a token unless it is a loopback address.
+        port: Port to listen on; where it is occupied, any other. 0 for any.
+        folder: Folder of the run's results, to which the page links.
 
     Raises:
-        InputError: There is no listening on this address.
+        InputError: The address cannot be listened on.
     """
-    broadcast = Broadcast()
+    broadcast = TraceBroadcast()
     for frame in split_frames(frames):
-        broadcast.add(frame, is_moment=False)
+        broadcast.add(frame, is_snapshot=False)  # so that none is dropped
     broadcast.end()
-    with serve(broadcast, title, host=host, port=port, folder=folder) as server:
+    with serve_run(broadcast, title, host=host, port=port, folder=folder) as server:
         yield server
 
 
 @contextlib.contextmanager
-def running(routes: Sequence[BaseRoute], *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT) -> Iterator[Server]:
-    """Run a server with these routes in a thread.
+def run_server(
+    routes: Sequence[BaseRoute], *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT
+) -> Iterator[PageServer]:
+    """Run a server with these routes in a thread, while the context lasts.
 
     Raises:
-        InputError: There is no listening on this address.
+        InputError: The address cannot be listened on.
     """
-    listener, wanted = _listen(host, port), port
+    listener, requested_port = _listen(host, port), port
     port = listener.getsockname()[1]
-    loopback = host in {"127.0.0.1", "localhost", "::1"}
-    token = None if loopback else secrets.token_urlsafe(16)
-    named = socket.gethostname() if host in ANY_ADDRESS else host
-    shown_host = f"[{named}]" if ":" in named else named
-    url = f"http://{shown_host}:{port}/" + (f"?token={token}" if token else "")
-    server = Server(url, None if wanted in (0, port) else wanted)
+    is_loopback = host in {"127.0.0.1", "localhost", "::1"}
+    token = None if is_loopback else secrets.token_urlsafe(16)
+    server = PageServer(_url(host, port, token), None if requested_port in (0, port) else requested_port)
     config = uvicorn.Config(
-        Guard(Starlette(routes=routes), Door(port, token)),
+        AccessMiddleware(Starlette(routes=routes), AccessPolicy(port, token)),
         ws="websockets-sansio",
-        ws_max_size=LARGEST_REQUEST,
+        ws_max_size=MAX_REQUEST_SIZE,
         ws_per_message_deflate=False,
         lifespan="off",
         log_level="critical",
@@ -183,54 +179,78 @@ def running(routes: Sequence[BaseRoute], *, host: str = DEFAULT_HOST, port: int 
         listener.close()
 
 
+def _url(host: str, port: int, token: str | None) -> str:
+    """The address under which a server is reached."""
+    name = socket.gethostname() if host in WILDCARD_ADDRESSES else host
+    authority = f"[{name}]:{port}" if ":" in name else f"{name}:{port}"
+    return f"http://{authority}/" + (f"?token={token}" if token else "")
+
+
 def _listen(host: str, port: int) -> socket.socket:
-    """A socket on the port or, where that is taken, on any.
+    """A socket that listens on the port or, where that is occupied, on any.
 
     Raises:
-        InputError: There is no such address on this machine.
+        InputError: The address cannot be listened on.
     """
     error: OSError | None = None
-    for wanted in (port, 0):
+    for candidate in (port, 0):
         try:
             family = socket.AF_INET6 if ":" in host else socket.AF_INET
-            return socket.create_server((host, wanted), family=family)
+            return socket.create_server((host, candidate), family=family)
         except OSError as problem:
             error = problem
     raise InputError("--host", host, f"cannot be listened on: {error.strerror if error else ''}") from error
 
 
-async def _send_frames(page: WebSocket, broadcast: Broadcast, report: Path | None) -> None:
-    """Send what there is and what comes, until the page goes.
+@contextlib.contextmanager
+def _counted(server: PageServer) -> Iterator[None]:
+    """Count a page as connected while the context lasts."""
+    server.page_connected()
+    try:
+        yield
+    finally:
+        server.page_disconnected()
 
-    A message is the number of the first frame that is not in it, `OVER` and `HAS_REPORT` as bits, and frames.
+
+async def keep_open(page: WebSocket, server: PageServer) -> None:
+    """Accept a page's socket and count the page as connected until it disconnects."""
+    await page.accept()
+    with _counted(server):
+        await _until_disconnected(page)
+
+
+async def _send_frames(page: WebSocket, broadcast: TraceBroadcast, report: Path | None) -> None:
+    """Send all frames, and new ones as they come, until the page disconnects.
+
+    A message is the index of the first frame after it, the flags `RUN_OVER` and `HAS_REPORT`, and frames.
 
     Args:
-        page: Where to.
-        broadcast: Whose frames.
-        report: Where the run leaves its report, if it does.
+        page: The page's socket; it may ask to continue a run from a frame on.
+        broadcast: The run's frames.
+        report: File of the run's report, if it writes one.
     """
     query = page.query_params
-    known = query.get("run") == broadcast.name and query.get("from", "").isdecimal()
-    at = min(int(query["from"]), len(broadcast)) if known else 0
+    can_continue = query.get("run") == broadcast.name and query.get("from", "").isdecimal()
+    index = min(int(query["from"]), len(broadcast)) if can_continue else 0
     with contextlib.suppress(WebSocketDisconnect):
-        await page.send_json({"run": broadcast.name, "from": at})
-        listening = asyncio.create_task(_until_it_leaves(page))
-        told_end = False
-        while not listening.done():
-            ended = broadcast.ended  # asked first, so that nothing can come in between
-            batch = broadcast.after(at) if at < len(broadcast) else None
+        await page.send_json({"run": broadcast.name, "from": index})
+        disconnected = asyncio.create_task(_until_disconnected(page))
+        sent_end = False
+        while not disconnected.done():
+            ended = broadcast.ended  # read before the frames, since none is added once it is set
+            batch = broadcast.batch_from(index) if index < len(broadcast) else None
             if batch is not None:
-                at = batch.following
-            over = ended and at == len(broadcast)
-            if batch is not None or over != told_end:
-                told_end = over
-                bits = OVER * over | HAS_REPORT * (over and report is not None and report.is_file())
-                await page.send_bytes(struct.pack("<II", at, bits) + (batch.frames if batch else b""))
-            await asyncio.sleep(SENT_EVERY)
+                index = batch.next_index
+            over = ended and index == len(broadcast)
+            if batch is not None or over != sent_end:
+                sent_end = over
+                flags = RUN_OVER * over | HAS_REPORT * (over and report is not None and report.is_file())
+                await page.send_bytes(struct.pack("<II", index, flags) + (batch.frames if batch else b""))
+            await asyncio.sleep(SEND_PERIOD)
 
 
-async def _until_it_leaves(page: WebSocket) -> None:
-    """Wait for a page to go; nothing that it says matters."""
+async def _until_disconnected(page: WebSocket) -> None:
+    """Wait until a page disconnects; its messages are ignored."""
     with contextlib.suppress(WebSocketDisconnect):
         while True:
             await page.receive_text()

@@ -1,4 +1,8 @@
-"""A map and what the robot knows, drawn as one SVG picture (paper, Fig. 3 and 4)."""
+"""A robot snapshot drawn on its map as one SVG element (paper, Fig. 3 and 4).
+
+Written as SVG rather than with matplotlib: its colours are CSS variables, so that it follows the theme of the page that
+contains it, and every shape carries a class by which tests find it.
+"""
 
 from __future__ import annotations
 
@@ -18,26 +22,25 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import RobotSnapshot
 
-Coordinates = NDArray[np.floating[Any]]  # traces keep single precision
+Coordinates = NDArray[np.floating[Any]]  # traces store single precision
 
-MARGIN = 0.3  # m of paper around the mapped area
-MOST_PARTICLES = 600  # drawn; more only make the picture heavy
-PIXELS_ACROSS = 700  # of a picture's longer side, where nothing else says how large it is
+MARGIN = 0.3  # m around the mapped area
+MAX_PARTICLES = 600  # drawn; more only make the file larger
+LONGER_SIDE = 700  # px; the size where the page does not set one
 
-# Shades of grey of the map's picture: occupied, free, unknown. Unknown is transparent, so that both themes show it.
-OCCUPIED_GREY, FREE_GREY = 45, 250
+OCCUPIED_GREY, FREE_GREY = 45, 250  # of the map's image; unknown cells are transparent, to suit both themes
 
 
 @dataclass(frozen=True)
-class Scene:
-    """What stands still while the robot drives, all in the map frame.
+class MapBackground:
+    """What is drawn below the robot, in the map frame.
 
     Attributes:
-        grid: The map.
+        grid: The occupancy grid.
         warehouse: [K, 4, 2] m, the corners of the warehouse's cells.
-        true_walls: [S, 2, 2] m, ends of the true walls' faces, to be shown faintly under the map; may be empty.
-        robot_radius: m.
-        box_radius: m.
+        true_walls: [S, 2, 2] m, ends of the true walls' faces, drawn faintly; may be empty.
+        robot_radius: Radius of the robot's footprint, m.
+        box_radius: Radius of a box, m.
     """
 
     grid: OccupancyGrid
@@ -47,39 +50,47 @@ class Scene:
     box_radius: float
 
 
-def draw(
-    scene: Scene, seen: RobotSnapshot, driven: Floats, goals: Floats, *, label: str, around_robot: float | None = None
+def draw_snapshot(
+    background: MapBackground,
+    snapshot: RobotSnapshot,
+    driven: Floats,
+    plan: Floats,
+    *,
+    label: str,
+    around_robot: float | None = None,
 ) -> str:
-    """Draw one instant of a run.
+    """Draw a snapshot.
 
     Args:
-        scene: What stands still.
-        seen: What the robot senses and believes.
-        driven: [D, 2] m, map frame: the way it came.
-        goals: [G, 2] m, map frame: the cells that it means to drive through; may be empty.
-        label: What the picture shows, in words, for those who cannot see it.
-        around_robot: m to each side of the robot that are shown; None for the whole map.
+        background: Map, warehouse and true walls.
+        snapshot: Measurements and estimates of the robot.
+        driven: [D, 2] m, map frame, the path driven so far.
+        plan: [G, 2] m, map frame, centres of the cells that the plan leads through; may be empty.
+        label: Text alternative for screen readers.
+        around_robot: Half the side of the square around the robot that is shown, m; None for the whole map.
 
     Returns:
-        An SVG element; its colours are CSS variables with defaults, so that it also stands alone.
+        An SVG element; its colours are CSS variables with defaults, so that it is complete on its own.
     """
-    west, south, east, north = _extent(scene) if around_robot is None else _surroundings(seen.pose, around_robot)
+    west, south, east, north = (
+        _extent(background) if around_robot is None else _square_around(snapshot.pose, around_robot)
+    )
     width, height = east - west, north - south
-    scale = PIXELS_ACROSS / max(width, height)
+    scale = LONGER_SIDE / max(width, height)
     layers = [
-        _map_image(scene.grid),
-        _polygons(scene.warehouse, "warehouse"),
-        _segments(scene.true_walls, "truth"),
+        _map_image(background.grid),
+        _polygons(background.warehouse, "warehouse"),
+        _segments(background.true_walls, "truth"),
         _line(driven, "driven"),
-        _laser(seen),
-        _line(goals, "plan"),
-        _line(seen.path, "path"),
-        *(_circle(x, y, scene.box_radius, "box") for x, y in seen.boxes),
-        _robot(seen.pose, scene.robot_radius, scene.box_radius, loaded=seen.has_load),
-        _circle(seen.lidar.x, seen.lidar.y, 0.035, "lidar"),
-        _particles(seen.particles),
+        _laser(snapshot),
+        _line(plan, "plan"),
+        _line(snapshot.path, "path"),
+        *(_circle(x, y, background.box_radius, "box") for x, y in snapshot.boxes),
+        _robot(snapshot.pose, background.robot_radius, background.box_radius, has_load=snapshot.has_load),
+        _circle(snapshot.lidar.x, snapshot.lidar.y, 0.035, "lidar"),
+        _particles(snapshot.particles),
     ]
-    # SVG's y axis points down: everything is drawn in map coordinates and mirrored once.
+    # SVG's y axis points down: shapes have map coordinates, and the group is mirrored.
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{html.escape(label)}" '
         f'viewBox="0 0 {width:.3f} {height:.3f}" width="{width * scale:.0f}" '
@@ -105,25 +116,25 @@ STYLE = """<style>
 </style>"""
 
 
-def _extent(scene: Scene) -> tuple[float, float, float, float]:
+def _extent(background: MapBackground) -> tuple[float, float, float, float]:
     """West, south, east, north edge of the known area, m, map frame."""
-    rows, columns = np.nonzero(~scene.grid.unknown)
+    rows, columns = np.nonzero(~background.grid.unknown)
     if not len(rows):
         return -1.0, -1.0, 1.0, 1.0
-    corners = (np.column_stack([columns, rows]) + 0.5) * scene.grid.resolution
-    points = scene.grid.origin.transform(corners)
+    corners = (np.column_stack([columns, rows]) + 0.5) * background.grid.resolution
+    points = background.grid.origin.transform(corners)
     west, south = points.min(axis=0) - MARGIN
     east, north = points.max(axis=0) + MARGIN
     return float(west), float(south), float(east), float(north)
 
 
-def _surroundings(pose: Pose, reach: float) -> tuple[float, float, float, float]:
+def _square_around(pose: Pose, half_side: float) -> tuple[float, float, float, float]:
     """West, south, east, north edge of a square around the robot, m, map frame."""
-    return pose.x - reach, pose.y - reach, pose.x + reach, pose.y + reach
+    return pose.x - half_side, pose.y - half_side, pose.x + half_side, pose.y + half_side
 
 
 def _map_image(grid: OccupancyGrid) -> str:
-    """The map as an embedded PNG, one pixel a grid cell."""
+    """The map as an embedded PNG, one pixel per grid cell."""
     grey = np.where(grid.occupied, OCCUPIED_GREY, FREE_GREY).astype(np.uint8)
     alpha = np.where(grid.unknown, 0, 255).astype(np.uint8)
     buffer = io.BytesIO()
@@ -131,7 +142,7 @@ def _map_image(grid: OccupancyGrid) -> str:
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     height, width = grid.probability.shape
     origin = grid.origin
-    # Row 0 of the picture is the map's smallest y, so with y pointing up it needs no further mirroring.
+    # Row 0 of the image is at the map's smallest y, which the mirrored group puts at the bottom.
     return (
         f'<image href="data:image/png;base64,{data}" width="{width * grid.resolution:.4f}" '
         f'height="{height * grid.resolution:.4f}" preserveAspectRatio="none" style="image-rendering:pixelated" '
@@ -161,18 +172,18 @@ def _circle(x: float, y: float, radius: float, style: str) -> str:
     return f'<circle class="{style}" cx="{x:.3f}" cy="{y:.3f}" r="{radius:.3f}"/>'
 
 
-def _laser(seen: RobotSnapshot) -> str:
-    """Beams as hairlines, with a dot where each one ended."""
+def _laser(snapshot: RobotSnapshot) -> str:
+    """Beams as hairlines, with a dot at each end point."""
     beams = "".join(
-        f'<line class="beam" x1="{seen.lidar.x:.3f}" y1="{seen.lidar.y:.3f}" x2="{x:.3f}" y2="{y:.3f}"/>'
-        for x, y in seen.points
+        f'<line class="beam" x1="{snapshot.lidar.x:.3f}" y1="{snapshot.lidar.y:.3f}" x2="{x:.3f}" y2="{y:.3f}"/>'
+        for x, y in snapshot.points
     )
-    return beams + "".join(_circle(x, y, 0.022, "laser") for x, y in seen.points)
+    return beams + "".join(_circle(x, y, 0.022, "laser") for x, y in snapshot.points)
 
 
 def _particles(particles: Coordinates) -> str:
-    """Each particle as a short stroke in the direction that it looks."""
-    drawn = particles[:: max(1, math.ceil(len(particles) / MOST_PARTICLES))]
+    """Each particle as a short stroke along its heading."""
+    drawn = particles[:: max(1, math.ceil(len(particles) / MAX_PARTICLES))]
     return "".join(
         f'<line class="particle" x1="{x:.3f}" y1="{y:.3f}" '
         f'x2="{x + 0.12 * math.cos(theta):.3f}" y2="{y + 0.12 * math.sin(theta):.3f}"/>'
@@ -180,10 +191,10 @@ def _particles(particles: Coordinates) -> str:
     )
 
 
-def _robot(pose: Pose, radius: float, box_radius: float, *, loaded: bool) -> str:
-    """The robot from above: its footprint, the two prongs, the lidar at the back, and its load."""
+def _robot(pose: Pose, radius: float, box_radius: float, *, has_load: bool) -> str:
+    """The robot from above: footprint, prongs of the fork, and load."""
     prong, tip = 0.8 * radius, 0.55 * radius
-    load = _circle(0.0, 0.0, box_radius, "box") if loaded else ""
+    load = _circle(0.0, 0.0, box_radius, "box") if has_load else ""
     return (
         f'<g transform="translate({pose.x:.3f} {pose.y:.3f}) rotate({math.degrees(pose.theta):.2f})">'
         + _circle(0.0, 0.0, radius, "robot")

@@ -1,4 +1,4 @@
-"""Who may talk to the server: this machine's own pages, or whoever knows the token."""
+"""Access control of the page server: pages of this machine, or whoever presents the token."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
-POLICY_VIOLATION = 1008  # RFC 6455, 7.4.1
+LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
+POLICY_VIOLATION = 1008  # close code of RFC 6455, section 7.4.1
 SAFE_METHODS = ("GET", "HEAD")
 
-HEADERS = {
+SECURITY_HEADERS = {
     b"cache-control": b"no-store",
     b"cross-origin-opener-policy": b"same-origin",
     b"cross-origin-resource-policy": b"same-origin",
@@ -25,59 +25,59 @@ HEADERS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
-    """Who is let in.
+class AccessPolicy:
+    """Which requests are allowed.
 
     Attributes:
-        port: The server's port.
-        token: What everyone has to know; None for a server that only this machine can reach.
+        port: Port of the server.
+        token: Token that every request must carry; None for a server on the loopback interface.
     """
 
     port: int
     token: str | None = None
 
     def refusal(self, scope: Scope) -> str:
-        """Why a request is refused, or nothing.
+        """Why a request is refused; "" if it is allowed.
 
-        A page from elsewhere, opened in this machine's browser, reaches the loopback too. It cannot forge Host, so a
-        name of its own that it has pointed here (DNS rebinding) is refused; and a browser tells its Origin.
+        A foreign page that is open in this machine's browser can send requests to the loopback interface, too. It
+        cannot forge the Host header, which reveals DNS rebinding, nor Origin, which reveals cross-site requests.
         """
         headers = Headers(scope=scope)
         host, origin = headers.get("host", ""), headers.get("origin")
-        if self.token is None and host not in {f"{name}:{self.port}" for name in LOOPBACK}:
+        if self.token is None and host not in {f"{name}:{self.port}" for name in LOOPBACK_NAMES}:
             return "this server answers only to its own address"
-        if self.token is not None and not hmac.compare_digest(self._given_token(scope), self.token.encode()):
+        if self.token is not None and not hmac.compare_digest(self._presented_token(scope), self.token.encode()):
             return "the address lacks the token that the command printed"
-        asks_only = scope["type"] == "http" and scope["method"] in SAFE_METHODS and origin is None
-        if not asks_only and origin not in {f"http://{host}", f"https://{host}"}:
+        is_plain_read = scope["type"] == "http" and scope["method"] in SAFE_METHODS and origin is None
+        if not is_plain_read and origin not in {f"http://{host}", f"https://{host}"}:
             return "this server answers only to its own page"
         return ""
 
     @staticmethod
-    def _given_token(scope: Scope) -> bytes:
+    def _presented_token(scope: Scope) -> bytes:
         values = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])
-        given: str = values[0]
-        return given.encode()
+        token: str = values[0]
+        return token.encode()
 
 
-class Guard:
-    """An ASGI application that lets through what the door lets in, and adds headers that keep browsers careful.
+class AccessMiddleware:
+    """ASGI middleware that refuses requests by a policy and adds security headers to responses.
 
     Args:
-        app: What is guarded.
-        door: Who is let in.
+        app: The wrapped application.
+        policy: Which requests are allowed.
     """
 
-    def __init__(self, app: ASGIApp, door: Door) -> None:
+    def __init__(self, app: ASGIApp, policy: AccessPolicy) -> None:
         self._app = app
-        self._door = door
+        self._policy = policy
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """As every ASGI application."""
+        """Handle a request, as ASGI defines it."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        refusal = self._door.refusal(scope)
+        refusal = self._policy.refusal(scope)
         if not refusal:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
@@ -88,11 +88,11 @@ class Guard:
 
 
 def _with_headers(send: Send) -> Send:
-    """Send every response with the headers."""
+    """A send function that adds the security headers to every response."""
 
     async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
-            message["headers"] = [*message.get("headers", ()), *HEADERS.items()]
+            message["headers"] = [*message.get("headers", ()), *SECURITY_HEADERS.items()]
         await send(message)
 
     return send_with_headers
