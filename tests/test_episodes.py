@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 from wherry.domains.delivery import (
-    Box,
-    DeliverySteps,
-    Site,
+    BoxState,
+    DeliveryHeuristic,
+    DeliverySite,
     all_delivered,
     boxes_left,
     delivery_grid,
-    reward,
-    transition,
+    delivery_reward,
+    delivery_transition,
 )
 from wherry.domains.taxi import taxi_grid
-from wherry.episodes import GoalAgent, PolicyAgent, Step, run
+from wherry.episodes import GoalAgent, PolicyAgent, Step, run_episode
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import built_in_worlds, find_world
 from wherry.learning.doormax import Doormax, FailureScope
@@ -36,12 +36,12 @@ BOXES = {"small": 2, "taxi": 2}
 
 
 def new_learner(name: str, domain: Domain) -> RuleLearner:
-    return LEARNERS[name](domain, reward=reward, terminated=all_delivered)
+    return LEARNERS[name](domain, reward=delivery_reward, terminated=all_delivered)
 
 
 def deliver(environment: Environment, learner: RuleLearner, seed: int, max_steps: int = 1000) -> list[Step]:
-    agent = GoalAgent(learner, boxes_left, DeliverySteps())
-    return list(run(environment, agent, np.random.default_rng(seed), max_steps=max_steps))
+    agent = GoalAgent(learner, boxes_left, DeliveryHeuristic())
+    return list(run_episode(environment, agent, np.random.default_rng(seed), max_steps=max_steps))
 
 
 def grid(world: str) -> DeterministicMdp:
@@ -50,7 +50,7 @@ def grid(world: str) -> DeterministicMdp:
 
 def boxes_after_learning(steps: list[Step]) -> int:
     """How many boxes were left when the last step that taught something was over."""
-    last = max(step.number for step in steps if step.learning)
+    last = max(step.number for step in steps if step.is_learning)
     return boxes_left(steps[last - 1].transition.next_state)
 
 
@@ -60,8 +60,8 @@ def test_a_robot_that_knows_nothing_delivers_everything(seed: int) -> None:
     assert steps[-1].transition.terminated
     assert boxes_left(steps[-1].transition.next_state) == 0
     assert boxes_after_learning(steps) == 3  # it takes one delivery to find out what a delivery is
-    assert sum(step.learning for step in steps) <= 100
-    assert not any(step.surprise for step in steps if not step.exploring)
+    assert sum(step.is_learning for step in steps) <= 100
+    assert not any(step.is_surprise for step in steps if not step.is_exploring)
 
 
 def test_doormax_delivers_everything_too() -> None:
@@ -74,8 +74,8 @@ def test_after_learning_the_way_is_the_shortest() -> None:
     learner = new_learner("bayes", environment.domain)
     deliver(environment, learner, seed=0)
     steps = deliver(environment, learner, seed=7)
-    assert len(steps) == DeliverySteps()(steps[0].state)  # no way can be shorter
-    assert not any(step.learning for step in steps)
+    assert len(steps) == DeliveryHeuristic()(steps[0].state)  # no way can be shorter
+    assert not any(step.is_learning for step in steps)
 
 
 @pytest.mark.parametrize(
@@ -89,10 +89,10 @@ def test_rules_of_any_world_need_no_learning_in_any_other(world: str, tmp_path: 
     save_rules(learner, tmp_path / "rules.json")
     for other in built_in_worlds():
         elsewhere = grid(other)
-        loaded = load_rules(tmp_path / "rules.json", elsewhere.domain, reward=reward, terminated=all_delivered)
+        loaded = load_rules(tmp_path / "rules.json", elsewhere.domain, reward=delivery_reward, terminated=all_delivered)
         steps = deliver(elsewhere, loaded, seed=2)
         assert boxes_left(steps[-1].transition.next_state) == 0
-        assert sum(step.learning for step in steps) == 0, other
+        assert sum(step.is_learning for step in steps) == 0, other
 
 
 class Slippery:
@@ -111,7 +111,7 @@ class Slippery:
         state = self.environment.state
         assert state is not None
         if self.rng.random() < self.chance:
-            return Transition(state, action, state, reward(state, action, state), False)
+            return Transition(state, action, state, delivery_reward(state, action, state), False)
         return self.environment.step(action)
 
 
@@ -120,10 +120,12 @@ def test_slips_do_not_stop_it(seed: int) -> None:
     environment = Slippery(grid("rooms"), 0.05, seed)
     learner = new_learner("bayes", environment.domain)
     steps = list(
-        run(environment, GoalAgent(learner, boxes_left, DeliverySteps()), np.random.default_rng(seed), max_steps=800)
+        run_episode(
+            environment, GoalAgent(learner, boxes_left, DeliveryHeuristic()), np.random.default_rng(seed), max_steps=800
+        )
     )
     assert boxes_left(steps[-1].transition.next_state) == 0
-    assert any(step.surprise for step in steps)
+    assert any(step.is_surprise for step in steps)
 
 
 @pytest.mark.parametrize("name", LEARNERS)
@@ -148,7 +150,7 @@ class Jammed(DeterministicMdp):
         super().__init__(environment.domain, self._jam, environment.start)
 
     def _jam(self, state: State, action: Action) -> Transition:
-        done = transition(state, action)
+        done = delivery_transition(state, action)
         robots = state["robot"], done.next_state["robot"]
         if {(robot.x, robot.y) for robot in robots} == {(1, 0), (2, 0)}:
             return Transition(state, action, state, -1.0, False)
@@ -163,9 +165,9 @@ def test_what_fails_again_and_again_is_left_alone(name: str) -> None:
     for seed in range(3):
         deliver(delivery_grid(plan), learner, seed)
     steps = list(
-        run(
+        run_episode(
             Jammed(environment),
-            GoalAgent(learner, boxes_left, DeliverySteps()),
+            GoalAgent(learner, boxes_left, DeliveryHeuristic()),
             np.random.default_rng(0),
             max_steps=400,
         )
@@ -176,24 +178,27 @@ def test_what_fails_again_and_again_is_left_alone(name: str) -> None:
 
 
 def test_nothing_to_do_takes_no_step() -> None:
-    site = Site.of_plan(find_world("small"))
-    environment = DeterministicMdp(site.domain, transition, lambda rng: site.state(Cell(0, 0), []))
+    site = DeliverySite.of_plan(find_world("small"))
+    environment = DeterministicMdp(site.domain, delivery_transition, lambda rng: site.state(Cell(0, 0), []))
     assert (
-        list(run(environment, GoalAgent(new_learner("bayes", site.domain), boxes_left), np.random.default_rng(0))) == []
+        list(
+            run_episode(environment, GoalAgent(new_learner("bayes", site.domain), boxes_left), np.random.default_rng(0))
+        )
+        == []
     )
 
 
 def test_steps_tell_what_happened() -> None:
     plan = FloorPlan("plan", 3, 1, warehouse=frozenset({Cell(0, 0)}), start=Cell(1, 0)).with_boxes([Cell(2, 0)])
     environment = delivery_grid(plan)
-    agent = GoalAgent(new_learner("bayes", environment.domain), boxes_left, DeliverySteps())
-    steps = list(run(environment, agent, np.random.default_rng(0), max_steps=200))
+    agent = GoalAgent(new_learner("bayes", environment.domain), boxes_left, DeliveryHeuristic())
+    steps = list(run_episode(environment, agent, np.random.default_rng(0), max_steps=200))
     assert [step.number for step in steps] == list(range(1, len(steps) + 1))
     assert str(steps[0].condition) == "1100000"
-    assert steps[0].exploring
-    assert steps[0].learning
-    assert steps[0].unknown > 0
-    assert steps[-1].unknown == 0
+    assert steps[0].is_exploring
+    assert steps[0].is_learning
+    assert steps[0].unknown_pairs > 0
+    assert steps[-1].unknown_pairs == 0
     for earlier, later in pairwise(steps):
         assert earlier.transition.next_state == later.state
 
@@ -203,7 +208,7 @@ def test_the_plan_is_there_to_be_drawn() -> None:
     environment = delivery_grid(plan)
     learner = new_learner("bayes", environment.domain)
     deliver(environment, learner, seed=0, max_steps=200)
-    agent = GoalAgent(learner, boxes_left, DeliverySteps(), detour=0.0)
+    agent = GoalAgent(learner, boxes_left, DeliveryHeuristic(), detour=0.0)
     decision = agent.decide(environment.reset(np.random.default_rng(0)))
     assert decision is not None
     assert decision.action == Action("E")
@@ -214,20 +219,20 @@ class Enlightened(DeterministicMdp):
     """A robot that sees, when it looks again before it acts, that a wall it believed in is not there."""
 
     def __init__(self) -> None:
-        wide = Site.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
+        wide = DeliverySite.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
         self.truth = wide
-        narrow = Site(
-            wide.walls | Site.of_cells([Cell(1, 0)], [], []).walls, wide.warehouse, wide.x_range, wide.y_range
+        narrow = DeliverySite(
+            wide.walls | DeliverySite.of_cells([Cell(1, 0)], [], []).walls, wide.warehouse, wide.x_range, wide.y_range
         )
-        boxes = [Box("box", Cell(2, 0))]
-        super().__init__(wide.domain, transition, lambda rng: narrow.state(Cell(1, 0), boxes))
+        boxes = [BoxState("box", Cell(2, 0))]
+        super().__init__(wide.domain, delivery_transition, lambda rng: narrow.state(Cell(1, 0), boxes))
 
     def step(self, action: Action) -> Transition:
         assert self.state is not None
         if self.state.scene != self.truth.scene:
             robot, boxes = self.state["robot"], self.state.of_class("Box")
             self.state = self.truth.state(
-                Cell(robot.x, robot.y), [Box(box.name, Cell(box.x, box.y), box.in_bot) for box in boxes]
+                Cell(robot.x, robot.y), [BoxState(box.name, Cell(box.x, box.y), box.in_bot) for box in boxes]
             )
         return super().step(action)
 
@@ -235,7 +240,7 @@ class Enlightened(DeterministicMdp):
 def test_what_is_seen_before_the_action_counts() -> None:
     environment = Enlightened()
     agent = GoalAgent(new_learner("bayes", environment.domain), boxes_left)
-    first = next(run(environment, agent, np.random.default_rng(0)))
+    first = next(run_episode(environment, agent, np.random.default_rng(0)))
     assert first.state.scene == environment.truth.scene
     assert str(first.condition) == "1100000"
 
@@ -244,7 +249,7 @@ def test_a_policy_agent_learns_taxi() -> None:
     environment, rng = taxi_grid(5), np.random.default_rng(0)
     learner = Doormax(environment.domain)
     agent = PolicyAgent(learner, ValueIteration(learner))
-    lengths = [sum(1 for _ in run(environment, agent, rng, max_steps=100)) for _ in range(40)]
+    lengths = [sum(1 for _ in run_episode(environment, agent, rng, max_steps=100)) for _ in range(40)]
     assert max(lengths[:10]) == 100
     assert max(lengths[-10:]) <= 40
 
@@ -262,9 +267,9 @@ def test_doormax_says_which_assumption_several_objects_violate_and_goes_on(seed:
     learner = Doormax(example["DOMAIN"], failure_scope=scope)
     agent = GoalAgent(learner, example["lit"])
     environment = DeterministicMdp(example["DOMAIN"], example["what_happens"], example["begin"])
-    steps = list(run(environment, agent, np.random.default_rng(seed), max_steps=100))
+    steps = list(run_episode(environment, agent, np.random.default_rng(seed), max_steps=100))
     assert example["lit"](steps[-1].transition.next_state) == 0
-    assert agent.gave_up is None
+    assert agent.failure_reason is None
     said = [violation for violation in learner.violations if violation.startswith("SWITCH_OFF, lamp.lit")]
     assert len(said) == (scope == "action")
 
@@ -276,7 +281,7 @@ def test_doormax_delivers_two_boxes_with_rewards_learnt(scope: FailureScope) -> 
     learner = Doormax(environment.domain, failure_scope=scope)
     agent, rng = PolicyAgent(learner, ValueIteration(learner)), np.random.default_rng(0)
     for _ in range(5):
-        steps = list(run(environment, agent, rng, max_steps=2000))
+        steps = list(run_episode(environment, agent, rng, max_steps=2000))
         assert steps[-1].transition.terminated
     assert any(violation.startswith("DROPOFF: the reward, or whether") for violation in learner.violations)
 
@@ -291,6 +296,6 @@ def test_an_agent_that_gives_up_says_why() -> None:
 
     agent = GoalAgent(Doormax(example["DOMAIN"]), example["lit"])
     environment = DeterministicMdp(example["DOMAIN"], broken, example["begin"])
-    steps = list(run(environment, agent, np.random.default_rng(0), max_steps=500))
+    steps = list(run_episode(environment, agent, np.random.default_rng(0), max_steps=500))
     assert len(steps) < 500
-    assert agent.gave_up == "3 left to do, and no way to do it is known or can be found out"
+    assert agent.failure_reason == "3 left to do, and no way to do it is known or can be found out"

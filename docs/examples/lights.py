@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from wherry.episodes import GoalAgent, run
+from wherry.episodes import GoalAgent, run_episode
 from wherry.learning.bayes import BayesianLearner
+from wherry.oomdp.attributes import boolean, integer
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Transition
-from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer
+from wherry.oomdp.objects import ObjectClass, Scene, State
 from wherry.oomdp.relations import ON, TOUCH
 from wherry.oomdp.terms import attribute_holds, related
 
@@ -55,6 +56,6 @@ def begin(rng: np.random.Generator) -> State:
 
 if __name__ == "__main__":
     agent = GoalAgent(BayesianLearner(DOMAIN), lit)
-    for step in run(DeterministicMdp(DOMAIN, what_happens, begin), agent, np.random.default_rng(0)):
-        print(step.condition, step.action, "(an experiment)" if step.learning else "")  # noqa: T201
+    for step in run_episode(DeterministicMdp(DOMAIN, what_happens, begin), agent, np.random.default_rng(0)):
+        print(step.condition, step.action, "(an experiment)" if step.is_learning else "")  # noqa: T201
     print(*agent.learner.sentences(), sep="\n")  # noqa: T201

@@ -1,7 +1,7 @@
 """The agent loop, and the agents that run in it (paper, section 6).
 
-One loop serves the grid, the simulated robot and the real one: perceive, decide, act, learn. What it yields is all that
-anyone who watches needs.
+The same loop runs on a grid, on the simulated robot and on a real one: perceive, decide, act, learn. It yields every
+step, so that whoever records or displays a run needs nothing else.
 """
 
 from __future__ import annotations
@@ -14,56 +14,56 @@ from typing import Protocol
 import numpy as np
 
 from wherry.learning.unknowns import UnknownPairs
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Environment, Learner, Prediction, Transition
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import ConditionalModel
 from wherry.planning.policy import Planner
-from wherry.planning.search import Heuristic, Plan, Remaining, a_star, cheapest_experiment, no_heuristic
-from wherry.planning.successors import Successors
+from wherry.planning.prediction_cache import PredictionCache
+from wherry.planning.search import Heuristic, Plan, UnmetGoals, a_star, cheapest_experiment, zero_heuristic
 
-PATIENCE = 3  # how often an action that fails is tried in one and the same state
+MAX_FAILED_ATTEMPTS = 3  # failures of an action in one state after which it is not tried there again
 
 
 class ConditionalLearner(ConditionalModel, Learner, Protocol):
-    """A learner whose predictions depend on conditions alone."""
+    """A learner that is a conditional model: it predicts the same for all states with the same key."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What an agent is about to do.
+    """An agent's choice of action.
 
     Attributes:
         action: a.
-        prediction: What it expects of that.
-        exploring: Whether it does it in order to find something out.
+        prediction: The agent's prediction for the action.
+        is_exploring: Whether the action is an experiment, or a step on the way to one.
     """
 
     action: Action
     prediction: Prediction
-    exploring: bool
+    is_exploring: bool
 
 
 class Agent(Protocol):
-    """Decides what to do, and learns from what comes of it."""
+    """Chooses actions and learns from their results."""
 
     @property
     def domain(self) -> Domain:
-        """What its states are described with."""
+        """The domain of its states."""
         ...
 
     @property
-    def unknown(self) -> int:
-        """How many pairs of a condition met so far and an action it cannot predict; 0 if it does not count them."""
+    def unknown_pairs(self) -> int:
+        """Number of pairs of a condition met so far and an action with unknown outcome; 0 if they are not counted."""
         ...
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """What it expects of an action."""
+        """Predict the outcomes of an action."""
         ...
 
     def decide(self, state: State) -> Decision | None:
-        """Choose an action; None where there is nothing (more) to do."""
+        """Choose an action; None where the agent has nothing (more) to do."""
         ...
 
     def learn(self, transition: Transition) -> None:
@@ -73,17 +73,17 @@ class Agent(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One turn of the loop.
+    """One iteration of the agent loop.
 
     Attributes:
-        number: From 1.
-        state: s, as perceived when the action was done.
+        number: Index of the step in its episode, from 1.
+        state: s, as perceived when the action was carried out.
         condition: cond(s).
         action: a.
-        prediction: What was expected.
-        transition: What came of it.
-        exploring: Whether it was done in order to find something out, or on the way to that.
-        unknown: How many pairs of a condition met so far and an action cannot be predicted after this step.
+        prediction: The agent's prediction before the action.
+        transition: The experience.
+        is_exploring: Whether the action was an experiment, or a step on the way to one.
+        unknown_pairs: Number of pairs of a condition and an action with unknown outcome after this step.
     """
 
     number: int
@@ -92,31 +92,31 @@ class Step:
     action: Action
     prediction: Prediction
     transition: Transition
-    exploring: bool
-    unknown: int
+    is_exploring: bool
+    unknown_pairs: int
 
     @property
-    def surprise(self) -> bool:
-        """Whether something else happened than was expected."""
-        expected = self.prediction.state
+    def is_surprise(self) -> bool:
+        """Whether the next state differs from the predicted one."""
+        expected = self.prediction.most_likely.next_state
         return expected is not None and expected.objects != self.transition.next_state.objects
 
     @property
-    def learning(self) -> bool:
-        """Whether it served to learn, or was foretold wrongly."""
-        return self.exploring or self.surprise
+    def is_learning(self) -> bool:
+        """Whether the step was exploration, or its prediction was wrong."""
+        return self.is_exploring or self.is_surprise
 
 
-def run(
+def run_episode(
     environment: Environment, agent: Agent, rng: np.random.Generator, *, max_steps: int | None = None
 ) -> Iterator[Step]:
-    """Run one episode: until it ends, the agent has nothing more to do, or a number of steps is reached.
+    """Run one episode until it terminates, the agent has nothing more to do, or a number of steps is reached.
 
     Args:
-        environment: The world.
-        agent: Who acts in it.
-        rng: Where the environment's randomness comes from.
-        max_steps: The most steps to take; None for no limit.
+        environment: The environment to act in.
+        agent: The agent that acts.
+        rng: Draws the first state of the environment.
+        max_steps: The largest number of steps; None for no limit.
     """
     state = environment.reset(rng)
     number = 0
@@ -127,12 +127,18 @@ def run(
         number += 1
         action, prediction = decision.action, decision.prediction
         transition = environment.step(action)
-        if transition.state != state:  # a robot that looked again before it acted saw something new
+        if transition.state != state:  # a robot perceives once more before it acts, and may see something new
             prediction = agent.predict(transition.state, action)
         agent.learn(transition)
-        condition = agent.domain.cond(transition.state)
         yield Step(
-            number, transition.state, condition, action, prediction, transition, decision.exploring, agent.unknown
+            number,
+            transition.state,
+            agent.domain.cond(transition.state),
+            action,
+            prediction,
+            transition,
+            decision.is_exploring,
+            agent.unknown_pairs,
         )
         if transition.terminated:
             return
@@ -140,120 +146,120 @@ def run(
 
 
 class GoalAgent:
-    """An agent that lives once and has a job to do.
+    """An agent with a task that it does once, such as delivering all boxes.
 
-    As soon as it knows enough for a plan that does the whole job, it follows the shortest such plan, and goes on
-    learning while it does. Until then it does experiments, each time the one that costs least. When there is nothing
-    left to find out and no plan does the whole job, it does as much of it as can be done.
+    Once it can plan the whole task it follows the shortest plan, and keeps learning meanwhile. Until then it carries
+    out experiments, the cheapest first. When nothing is left to find out and no plan completes the task, it does as
+    much of the task as possible.
 
     Args:
-        learner: What it learns with.
-        remaining: How much of the job is left in a state; 0 when it is done.
-        heuristic: Never more than the number of steps from a state to the end of the job; makes planning fast.
-        detour: How much it gives for settling a doubt when it already knows enough to do the job, in steps.
+        learner: The learner, on whose predictions the agent plans.
+        unmet_goals: How many goals a state leaves unmet; 0 when the task is done.
+        heuristic: Admissible heuristic on the steps until the task is done, which speeds up planning.
+        detour: The largest cost of an experiment, in steps, for which the agent interrupts a plan that completes the
+            task.
     """
 
     def __init__(
         self,
         learner: ConditionalLearner,
-        remaining: Remaining,
-        heuristic: Heuristic = no_heuristic,
+        unmet_goals: UnmetGoals,
+        heuristic: Heuristic = zero_heuristic,
         *,
         detour: float = 30.0,
     ) -> None:
         self.learner = learner
         self.detour = detour
-        self.remaining = remaining
+        self.unmet_goals = unmet_goals
         self.heuristic = heuristic
-        self._successors = Successors(learner)
-        self._unknown = UnknownPairs(learner)
+        self._cache = PredictionCache(learner)
+        self._unknown_pair_counter = UnknownPairs(learner)
         self._plan = Plan((), (), 0.0)
-        self._exploring = False
-        self._planned_with: dict[str, int] = {}
-        self._failed = Counter[tuple[State, Action]]()
-        self._gave_up: str | None = None
+        self._is_exploring = False
+        self._planned_revisions: dict[str, int] = {}
+        self._failures = Counter[tuple[State, Action]]()
+        self._failure_reason: str | None = None
 
     @property
     def domain(self) -> Domain:
-        """What its states are described with."""
+        """The domain of its states."""
         return self.learner.domain
 
     @property
-    def unknown(self) -> int:
-        """How many pairs of a condition and an action, among the conditions met so far, it cannot predict."""
-        return self._unknown.count()
+    def unknown_pairs(self) -> int:
+        """Number of pairs of a condition met so far and an action with unknown outcome."""
+        return self._unknown_pair_counter.count()
 
     @property
-    def gave_up(self) -> str | None:
-        """Why it stopped before the job was done, in words; None as long as it did not."""
-        return self._gave_up
+    def failure_reason(self) -> str | None:
+        """Why the agent stopped before the task was done; None unless it did."""
+        return self._failure_reason
 
     @property
     def plan(self) -> tuple[State, ...]:
-        """The states that it means to go through, the present one first."""
+        """The states on the current plan, the present one first."""
         return self._plan.states
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """What it expects of an action."""
+        """The learner's prediction."""
         return self.learner.predict(state, action)
 
     def decide(self, state: State) -> Decision | None:
-        """The next action of its plan, which it makes anew when anything came otherwise; None when it is done."""
-        self._unknown.meet(state)
-        if self._plan.states[:1] != (state,) or self._planned_with != self.learner.revisions:
-            self._make_plan(state)
-        if not self._exploring and self.learner.doubtful:
-            self._settle_doubt(state)
+        """The next action of the plan, replanning after a revision or an unplanned state; None at the end."""
+        self._unknown_pair_counter.meet(state)
+        if self._plan.states[:1] != (state,) or self._planned_revisions != self.learner.revisions:
+            self._replan(state)
+        if not self._is_exploring and self.learner.has_disagreement:
+            self._plan_detour(state)
         if not self._plan.actions:
-            self._gave_up = self._why_nothing_is_left(state)
+            self._failure_reason = self._why_incomplete(state)
             return None
         action = self._plan.actions[0]
-        return Decision(action, self.learner.predict(state, action), self._exploring)
+        return Decision(action, self.learner.predict(state, action), self._is_exploring)
 
     def learn(self, transition: Transition) -> None:
-        """Learn from one experience, and go one step on in the plan.
+        """Learn from one experience and advance the plan.
 
-        What fails again and again in one state, although the learner thinks that it should not, is not tried there any
-        more.
+        An action that fails repeatedly in one state against the learner's prediction is not tried there again.
         """
         self.learner.add_experience(transition)
         self._plan = Plan(self._plan.actions[1:], self._plan.states[1:], self._plan.cost)
-        tried = transition.state, transition.action
-        self._failed[tried] += transition.failed
-        if self._failed[tried] == PATIENCE:
-            self._successors.bar(*tried)
-            self._planned_with = {}
+        attempt = transition.state, transition.action
+        self._failures[attempt] += transition.failed
+        if self._failures[attempt] == MAX_FAILED_ATTEMPTS:
+            self._cache.exclude(*attempt)
+            self._planned_revisions = {}
 
-    def _make_plan(self, state: State) -> None:
-        """Plan the whole job, or else the cheapest experiment, or else as much of the job as can be done."""
-        self._planned_with = dict(self.learner.revisions)
-        self._plan, left = a_star(self._successors, state, self.remaining, self.heuristic)
-        self._exploring = False
-        experiment = cheapest_experiment(self._successors, state) if left > 0 else None
+    def _replan(self, state: State) -> None:
+        """Plan the whole task, or else the cheapest experiment, or else as much of the task as possible."""
+        self._planned_revisions = dict(self.learner.revisions)
+        self._plan, unmet = a_star(self._cache, state, self.unmet_goals, self.heuristic)
+        self._is_exploring = False
+        experiment = cheapest_experiment(self._cache, state) if unmet > 0 else None
         if experiment is not None:
-            self._plan, self._exploring = experiment, True
+            self._plan, self._is_exploring = experiment, True
 
-    def _why_nothing_is_left(self, state: State) -> str | None:
-        """What is left of the job, and which of the learner's assumptions were violated; None when the job is done."""
-        left = self.remaining(state)
-        if left <= 0:
+    def _plan_detour(self, state: State) -> None:
+        """Replace the plan by a cheap experiment on which explanations disagree; its result may matter elsewhere."""
+        experiment = cheapest_experiment(self._cache, state, disagreements_only=True, max_cost=self.detour)
+        if experiment is not None:
+            self._plan, self._is_exploring = experiment, True
+
+    def _why_incomplete(self, state: State) -> str | None:
+        """What is left to do, and which assumptions of the learner were violated; None when the task is done."""
+        unmet = self.unmet_goals(state)
+        if unmet <= 0:
             return None
-        reasons = (f"{left:g} left to do, and no way to do it is known or can be found out", *self.learner.violations)
+        reasons = (f"{unmet:g} left to do, and no way to do it is known or can be found out", *self.learner.violations)
         return "; ".join(reasons)
-
-    def _settle_doubt(self, state: State) -> None:
-        """Leave the plan for an experiment nearby, so that what is learnt here holds elsewhere, too."""
-        experiment = cheapest_experiment(self._successors, state, doubts_only=True, limit=self.detour)
-        if experiment is not None:
-            self._plan, self._exploring = experiment, True
 
 
 class PolicyAgent:
-    """An agent that follows the policy of a planner, step by step; the planner sees to it that it explores.
+    """An agent that follows a planner's policy; exploration is up to the planner.
 
     Args:
-        learner: What it learns with.
-        planner: Knows the best action by what was learnt so far.
+        learner: The learner that is taught.
+        planner: A planner on the learner's predictions.
     """
 
     def __init__(self, learner: Learner, planner: Planner) -> None:
@@ -262,23 +268,23 @@ class PolicyAgent:
 
     @property
     def domain(self) -> Domain:
-        """What its states are described with."""
+        """The domain of its states."""
         return self.learner.domain
 
     @property
-    def unknown(self) -> int:
-        """Always 0: it does not count what it cannot predict."""
+    def unknown_pairs(self) -> int:
+        """Always 0: it does not count unknown outcomes."""
         return 0
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """What it expects of an action."""
+        """The learner's prediction."""
         return self.learner.predict(state, action)
 
     def decide(self, state: State) -> Decision:
         """The policy's action."""
         action = self.planner.policy(state)
         prediction = self.learner.predict(state, action)
-        return Decision(action, prediction, exploring=not prediction.known)
+        return Decision(action, prediction, is_exploring=not prediction.most_likely.is_known)
 
     def learn(self, transition: Transition) -> None:
         """Learn from one experience."""

@@ -1,4 +1,4 @@
-"""What the files that people write in YAML have in common: a mapping at the top, and numbers that must make sense."""
+"""The old checks of YAML files, replaced by `wherry.documents`; gone once nothing imports it."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 
 from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi, delivered, reward
-from wherry.episodes import PolicyAgent, run
+from wherry.episodes import PolicyAgent, run_episode
 from wherry.errors import InputError
 from wherry.learning.learners import LEARNERS
 from wherry.oomdp.domain import Action
@@ -68,7 +68,7 @@ def test_learners_solve_it(name: str, task: dict) -> None:
     learner, rng = LEARNERS[name](view.domain, **task), np.random.default_rng(0)
     agent = PolicyAgent(learner, ValueIteration(learner))
     for _ in range(20):
-        steps = list(run(view, agent, rng, max_steps=2000))
+        steps = list(run_episode(view, agent, rng, max_steps=2000))
         assert steps[-1].transition.terminated
     assert learner.violations == ()
     planner = ValueIteration(learner, optimistic=False)

@@ -12,13 +12,13 @@ from minigrid.core.world_object import Door
 from minigrid.minigrid_env import MiniGridEnv
 
 from wherry.adapters.minigrid import ACTIONS, EFFECT_TYPES, MiniGrid, at_goal
-from wherry.episodes import PolicyAgent, run
+from wherry.episodes import PolicyAgent, run_episode
 from wherry.errors import InputError
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.oomdp.attributes import enumeration
 from wherry.oomdp.domain import Action
-from wherry.oomdp.effects import Effect, eff_att
-from wherry.oomdp.objects import enumeration
+from wherry.oomdp.effects import Effect, effects_between
 from wherry.planning.value_iteration import ValueIteration
 from wherry_testing.environment_contract import EnvironmentContract
 
@@ -37,7 +37,7 @@ def learner_for(view: MiniGrid, name: str) -> RuleLearner:
 def train(view: MiniGrid, learner: RuleLearner, episodes: int) -> None:
     agent, rng = PolicyAgent(learner, ValueIteration(learner, r_max=1.0)), np.random.default_rng(0)
     for _ in range(episodes):
-        steps = list(run(view, agent, rng, max_steps=2000))
+        steps = list(run_episode(view, agent, rng, max_steps=2000))
         assert steps[-1].transition.terminated
 
 
@@ -120,7 +120,7 @@ def test_states_say_all_that_matters(name: str) -> None:
         for item in state.objects:
             after = done.next_state[item.name]
             for attribute, old, new in zip(item.object_class.attributes, item.values, after.values, strict=True):
-                effects = eff_att(attribute, old, new, EFFECT_TYPES)
+                effects = effects_between(attribute, old, new, EFFECT_TYPES)
                 assert effects
                 assert all(EFFECT_TYPES[effect.type].apply(old, effect.argument) == new for effect in effects)
         state = view.reset(rng) if done.terminated else done.next_state
@@ -137,11 +137,11 @@ def test_a_key_that_is_carried_rides_along() -> None:
 
 def test_turns_are_an_effect_type_of_their_own() -> None:
     facing = enumeration("facing", "east", "north", "west", "south")
-    assert Effect("turn", 1) in eff_att(facing, "south", "east", EFFECT_TYPES)
+    assert Effect("turn", 1) in effects_between(facing, "south", "east", EFFECT_TYPES)
     assert EFFECT_TYPES["turn"].apply("south", 1) == "east"
-    assert EFFECT_TYPES["turn"].words("agent.facing", 3) == "agent.facing turns right"
+    assert EFFECT_TYPES["turn"].describe("agent.facing", 3) == "agent.facing turns right"
     colour = enumeration("colour", "red", "green")
-    assert eff_att(colour, "red", "green", EFFECT_TYPES) == (Effect("assignment", "green"),)
+    assert effects_between(colour, "red", "green", EFFECT_TYPES) == (Effect("assignment", "green"),)
 
 
 @pytest.mark.parametrize("learner_name", ["doormax", "bayes"])

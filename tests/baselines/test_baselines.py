@@ -11,10 +11,11 @@ from wherry.baselines.factored_rmax import FactoredRmax
 from wherry.baselines.q_learning import QLearning
 from wherry.baselines.rmax import Rmax
 from wherry.domains.taxi import minimal_parents, taxi_grid
-from wherry.episodes import PolicyAgent, run
+from wherry.episodes import PolicyAgent, run_episode
+from wherry.oomdp.attributes import integer
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Transition
-from wherry.oomdp.objects import ObjectClass, State, integer
+from wherry.oomdp.objects import ObjectClass, State
 from wherry.planning.value_iteration import ValueIteration
 
 LENGTH = 5
@@ -61,7 +62,7 @@ def test_they_learn_to_walk_to_the_end(make: Callable[[np.random.Generator], Pol
     environment, rng = corridor(), np.random.default_rng(0)
     agent = make(rng)
     for _ in range(60):
-        for _ in run(environment, agent, rng, max_steps=20):
+        for _ in run_episode(environment, agent, rng, max_steps=20):
             pass
     best = agent.learner.best if isinstance(agent.learner, QLearning) else agent.planner.policy
     assert [best(at(x)).name for x in range(LENGTH - 1)] == ["RIGHT"] * (LENGTH - 1)
@@ -80,9 +81,9 @@ def test_q_values_are_the_discounted_sums() -> None:
 def test_rmax_knows_what_it_saw_and_nothing_else() -> None:
     learner = Rmax(DOMAIN)
     learner.add_experience(walk(at(1), Action("RIGHT")))
-    assert learner.predict(at(1), Action("RIGHT")).state == at(2)
-    assert learner.predict(at(1), Action("LEFT")).state is None
-    assert learner.predict(at(2), Action("RIGHT")).state is None
+    assert learner.predict(at(1), Action("RIGHT")).most_likely.next_state == at(2)
+    assert learner.predict(at(1), Action("LEFT")).most_likely.next_state is None
+    assert learner.predict(at(2), Action("RIGHT")).most_likely.next_state is None
     assert learner.revisions == {"LEFT": 0, "RIGHT": 1}
 
 
@@ -92,11 +93,14 @@ def test_factored_rmax_knows_a_step_when_it_knows_all_its_parts() -> None:
     first = environment.state_of((2, 2), "Y", "R")
     learner.add_experience(environment.transition(first, Action("N")))
     other = environment.state_of((2, 2), "Y", "G")  # the same cell; only the destination is new
-    assert learner.predict(first, Action("N")).known
-    assert not learner.predict(other, Action("N")).known
+    assert learner.predict(first, Action("N")).most_likely.is_known
+    assert not learner.predict(other, Action("N")).most_likely.is_known
     learner.add_experience(environment.transition(environment.state_of((1, 2), "Y", "G"), Action("N")))
-    assert learner.predict(other, Action("N")).state == environment.transition(other, Action("N")).next_state
-    assert not learner.predict(other, Action("S")).known
+    assert (
+        learner.predict(other, Action("N")).most_likely.next_state
+        == environment.transition(other, Action("N")).next_state
+    )
+    assert not learner.predict(other, Action("S")).most_likely.is_known
 
 
 def test_factored_rmax_learns_that_an_object_leaves() -> None:
@@ -106,9 +110,9 @@ def test_factored_rmax_learns_that_an_object_leaves() -> None:
     learner = FactoredRmax(domain, lambda action, variable: (variable,) if variable[0] == "walker" else together)
     here, there = (State((walker("walker", x=1), apple("apple", x=x))) for x in (1, 2))
     learner.add_experience(Transition(here, Action("EAT"), here.without("apple"), 1.0, terminated=False))
-    assert learner.predict(here, Action("EAT")).state == here.without("apple")
-    assert not learner.predict(there, Action("EAT")).known
+    assert learner.predict(here, Action("EAT")).most_likely.next_state == here.without("apple")
+    assert not learner.predict(there, Action("EAT")).most_likely.is_known
     after = here.without("apple")
-    assert not learner.predict(after, Action("EAT")).known
+    assert not learner.predict(after, Action("EAT")).most_likely.is_known
     learner.add_experience(Transition(after, Action("EAT"), after, 0.0, terminated=False))
-    assert learner.predict(after, Action("EAT")).state == after
+    assert learner.predict(after, Action("EAT")).most_likely.next_state == after

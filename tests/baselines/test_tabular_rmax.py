@@ -13,7 +13,7 @@ from wherry.baselines.compiled.tables import Curve
 from wherry.baselines.factored_rmax import WORTH, FactoredRmax
 from wherry.baselines.rmax import Rmax
 from wherry.domains.taxi import minimal_parents, published_parents
-from wherry.episodes import PolicyAgent, run
+from wherry.episodes import PolicyAgent, run_episode
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import State
@@ -37,7 +37,7 @@ def on_objects(arena: Arena, learner: Rmax | FactoredRmax, seed: int, patience: 
     planner, rng = ValueIteration(learner), np.random.default_rng(seed)
     agent, steps, solved, curve = PolicyAgent(learner, planner), 0, 0, list[tuple[int, int]]()
     while solved < len(arena.probes) and steps < patience:
-        steps += sum(1 for _ in run(world, agent, rng, max_steps=LONGEST_EPISODE))
+        steps += sum(1 for _ in run_episode(world, agent, rng, max_steps=LONGEST_EPISODE))
         solved = arena.solved(planner.policy)
         curve.append((steps, solved))
     return tuple(curve)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wherry.domains.delivery import Box, Site, all_delivered, delivery_grid, transition
+from wherry.domains.delivery import BoxState, DeliverySite, all_delivered, delivery_grid, delivery_transition
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan, Wall
 from wherry.floorplan.world_files import find_world
@@ -22,7 +22,7 @@ PLAN = FloorPlan(
     warehouse=frozenset({Cell(0, 2), Cell(1, 2)}),
     start=Cell(0, 0),
 )
-SITE = Site.of_plan(PLAN)
+SITE = DeliverySite.of_plan(PLAN)
 
 
 def bits(state: State, this: str | None = None) -> str:
@@ -31,7 +31,7 @@ def bits(state: State, this: str | None = None) -> str:
 
 def run(state: State, *actions: Action) -> State:
     for action in actions:
-        state = transition(state, action).next_state
+        state = delivery_transition(state, action).next_state
     return state
 
 
@@ -54,52 +54,52 @@ def test_touch_feels_walls_edges_and_obstacles() -> None:
 
 
 def test_moves_stop_at_walls() -> None:
-    state = SITE.state(Cell(0, 0), [Box("b", Cell(3, 0))])
+    state = SITE.state(Cell(0, 0), [BoxState("b", Cell(3, 0))])
     for action in (S, E, W):
-        blocked = transition(state, action)
+        blocked = delivery_transition(state, action)
         assert blocked.next_state == state
         assert (blocked.reward, blocked.terminated) == (-1.0, False)
-    moved = transition(state, N)
+    moved = delivery_transition(state, N)
     assert (moved.next_state["robot"].x, moved.next_state["robot"].y) == (0, 1)
     assert moved.reward == -1.0
 
 
 def test_a_delivery_from_pickup_to_the_end() -> None:
-    state = SITE.state(Cell(2, 0), [Box("b", Cell(2, 0))])
+    state = SITE.state(Cell(2, 0), [BoxState("b", Cell(2, 0))])
     assert bits(state) == "0100100"
-    assert transition(state, DROPOFF).reward == -10.0
-    taken = transition(state, PICKUP)
+    assert delivery_transition(state, DROPOFF).reward == -10.0
+    taken = delivery_transition(state, PICKUP)
     assert taken.reward == -1.0
     assert taken.next_state["b"].in_bot
     assert bits(taken.next_state) == "0100001"  # in_bot, and not on it any more
-    assert transition(taken.next_state, PICKUP).reward == -10.0
+    assert delivery_transition(taken.next_state, PICKUP).reward == -10.0
     state = run(taken.next_state, W, N)
     assert (state["b"].x, state["b"].y) == (2, 0)  # does not ride along
-    assert transition(state, DROPOFF).next_state == state  # the latch opens only over the warehouse
+    assert delivery_transition(state, DROPOFF).next_state == state  # the latch opens only over the warehouse
     state = run(state, W, N)
     assert bits(state) == "1001011"
-    done = transition(state, DROPOFF)
+    done = delivery_transition(state, DROPOFF)
     assert done.next_state == state.without("b")
     assert (done.reward, done.terminated) == (20.0, True)
     assert all_delivered(done.next_state)
 
 
 def test_delivering_one_of_two_does_not_end_the_episode() -> None:
-    state = SITE.state(Cell(0, 2), [Box("a", Cell(2, 0), in_bot=True), Box("b", Cell(3, 0))])
-    done = transition(state, DROPOFF)
+    state = SITE.state(Cell(0, 2), [BoxState("a", Cell(2, 0), in_bot=True), BoxState("b", Cell(3, 0))])
+    done = delivery_transition(state, DROPOFF)
     assert [box.name for box in done.next_state.of_class("Box")] == ["b"]
     assert not done.terminated
 
 
 def test_a_full_fork_cannot_enter_another_boxs_cell() -> None:
-    boxes = [Box("a", Cell(1, 0)), Box("b", Cell(2, 0))]
+    boxes = [BoxState("a", Cell(1, 0)), BoxState("b", Cell(2, 0))]
     beside = SITE.state(Cell(1, 0), boxes)
     assert bits(beside)[2] == "1"  # docked on a: b is like a wall
-    assert transition(beside, E).next_state == beside
+    assert delivery_transition(beside, E).next_state == beside
     carrying = run(beside, PICKUP)
     assert bits(carrying)[2] == "1"
     assert run(carrying, E) == carrying
-    empty = SITE.state(Cell(1, 1), [Box("b", Cell(2, 1))])
+    empty = SITE.state(Cell(1, 1), [BoxState("b", Cell(2, 1))])
     assert bits(empty)[2] == "0"
     assert run(empty, E)["robot"].x == 2
     back = run(carrying, N, S)  # the carried box's own old cell does not stop it
@@ -107,7 +107,7 @@ def test_a_full_fork_cannot_enter_another_boxs_cell() -> None:
 
 
 def test_box_terms_are_deictic() -> None:
-    state = SITE.state(Cell(1, 0), [Box("a", Cell(1, 0)), Box("b", Cell(3, 0), in_bot=False)])
+    state = SITE.state(Cell(1, 0), [BoxState("a", Cell(1, 0)), BoxState("b", Cell(3, 0), in_bot=False)])
     assert bits(state)[4] == "1"
     assert bits(state, "a")[4] == "1"
     assert bits(state, "b")[4] == "0"
@@ -116,8 +116,8 @@ def test_box_terms_are_deictic() -> None:
 
 
 def test_sites_may_lie_anywhere() -> None:
-    site = Site.of_cells([Cell(-3, -2), Cell(-2, -2)], [], [Cell(-2, -2)])
-    state = site.state(Cell(-3, -2), [Box("b", Cell(-3, -2))])
+    site = DeliverySite.of_cells([Cell(-3, -2), Cell(-2, -2)], [], [Cell(-2, -2)])
+    state = site.state(Cell(-3, -2), [BoxState("b", Cell(-3, -2))])
     assert str(site.domain.cond(state)) == "1101100"
     assert run(state, PICKUP, E, DROPOFF) == site.state(Cell(-2, -2), [])
     with pytest.raises(ValueError, match="x cannot be 0"):
@@ -142,4 +142,4 @@ def test_a_plan_without_warehouse_or_robot_is_refused() -> None:
 
 def test_an_unknown_action_is_refused() -> None:
     with pytest.raises(ValueError, match="no action JUMP"):
-        transition(SITE.state(Cell(0, 0), []), Action("JUMP"))
+        delivery_transition(SITE.state(Cell(0, 0), []), Action("JUMP"))

@@ -15,9 +15,10 @@ from wherry.domains.taxi import taxi_grid
 from wherry.environments.grids import DeliveryEnvironment, ObjectEnvironment, TaxiEnvironment
 from wherry.environments.observations import Observer
 from wherry.errors import InputError
+from wherry.oomdp.attributes import enumeration, integer, real
+from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action
-from wherry.oomdp.objects import ObjectClass, State, enumeration, integer, real
-from wherry.oomdp.outcomes import Grounded
+from wherry.oomdp.objects import ObjectClass, State
 from wherry.planning.value_iteration import ValueIteration
 
 VARIANTS = [
@@ -123,7 +124,7 @@ def test_what_has_no_bounds_cannot_be_observed() -> None:
 def test_an_optimal_policy_ends_the_episode_with_the_optimal_return() -> None:
     environment = unwrapped("wherry/Taxi-v0")
     grid = taxi_grid(5)
-    planner = ValueIteration(Grounded(grid.domain, grid), discount=0.99)
+    planner = ValueIteration(PerStateModel(grid.domain, grid), discount=0.99)
     environment.reset(seed=5)
     state, total = environment.state, 0.0
     for _ in range(40):

@@ -23,10 +23,10 @@ from wherry.pipelines.delivery.simulator import Settings, prepare
 from wherry.realization.mission import order_from_plan
 from wherry.robot import Velocity
 from wherry.ros import messages as ros
-from wherry.ros.conversion import header_of, to_pose
+from wherry.ros.encoding import encode_header, encode_pose
 from wherry.ros.names import Rates, load_names
 from wherry.ros.nodes.latch import LatchCommand, LatchState, from_latch_state, to_latch_command
-from wherry.ros.transports.ros2 import DdsTransport
+from wherry.ros.transports.ros2 import Ros2Transport
 from wherry.simulation.simulator import LATCH_REACH
 from wherry.space.pose import Pose
 from wherry_testing.bus import Bus, free_domain
@@ -182,7 +182,7 @@ def test_a_load_that_somebody_else_lets_go_is_told_and_stays(stage: Stage) -> No
 
 
 def test_what_cannot_be_is_refused(stage: Stage) -> None:
-    broken = ros.PoseStamped(header_of(9.0, "world"), to_pose(Pose(float("nan"))))
+    broken = ros.PoseStamped(encode_header(9.0, "world"), encode_pose(Pose(float("nan"))))
     stage.bus.say(pose_topic("wherry"), broken)
     stage.bus.say(state_topic(0), ros.String("perhaps"))
     stage.bus.say(TOPICS.latch_command, ros.JointState(name=("latch",), position=np.array([0.5])))
@@ -251,9 +251,9 @@ class Running:
 
 
 @pytest.fixture
-def bridge(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[DdsTransport]:
+def bridge(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[Ros2Transport]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(WHOLE if "whole" in request.node.name else DOMAIN))
-    with DdsTransport() as transport:
+    with Ros2Transport() as transport:
         yield transport
 
 
@@ -267,7 +267,7 @@ def is_before_the_box(gazebo: Gazebo) -> bool:
     return gazebo.physics.robot_pose.x < ON_THE_BOX.x - 0.02
 
 
-def test_the_command_latches_a_box_over_dds(bridge: DdsTransport, tmp_path: Path) -> None:
+def test_the_command_latches_a_box_over_dds(bridge: Ros2Transport, tmp_path: Path) -> None:
     """The robot stands before the box, drives over it, and asks."""
     states: list[LatchState] = []
     bridge.subscribe(TOPICS.latch_state, lambda message: states.append(from_latch_state(message)))
@@ -297,7 +297,7 @@ def test_the_command_latches_a_box_over_dds(bridge: DdsTransport, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_a_whole_delivery_in_the_stand_in_over_dds(bridge: DdsTransport, tmp_path: Path) -> None:
+def test_a_whole_delivery_in_the_stand_in_over_dds(bridge: Ros2Transport, tmp_path: Path) -> None:
     """Agent and latch are two processes; Gazebo knows nothing of latches, nor the agent of Gazebo."""
     world = tmp_path / "world.txt"
     world.write_text(NEAR.replace(">   o   w", ">       w"))

@@ -36,7 +36,8 @@ site_packages = Path(sys.prefix, "{SITE_PACKAGES}")
 (site_packages / "wherry.pth").write_text(str(Path.cwd() / "src"))
 if sys.argv[-1] == ".[dev]":
     for module in ("pytest", "sphinx"):
-        said = f"import os, sys; print({{module!r}}, sys.argv[1:], 'in', os.getcwd())"
+        said = f"import os, sys; print({{module!r}}, sys.argv[1:], 'in', os.getcwd()); sys.stdout.flush()"
+        said += "; sys.exit(int(os.environ.get('REALTIME_STATUS' if sys.argv[-1] == 'realtime' else 'STATUS', '0')))"
         (site_packages / f"{{module}}.py").write_text(said)
 cli = Path(sys.prefix, "bin", "wherry")
 cli.write_text('#!/bin/sh' + chr(10) + 'printf "<%s>" "$@"; exit "${{CLI_STATUS-0}}"')
@@ -267,6 +268,26 @@ def test_tests_have_their_own_installation(clone: Clone) -> None:
         assert (status, output) == (0, f"pytest ['-k', 'two words'] in {clone.root}\n")
         assert clone.calls() == expected
     assert clone.run("deliver") == (0, "<deliver>", "")
+
+
+ALL_CORES = ["--numprocesses", "auto", "--maxprocesses", "8", "-m", "not realtime"]
+
+
+def test_all_tests_run_on_all_cores_and_real_time_ones_alone_at_the_end(clone: Clone) -> None:
+    status, output, _ = clone.run("test")
+    assert output == f"pytest {ALL_CORES} in {clone.root}\npytest ['-m', 'realtime'] in {clone.root}\n"
+    assert status == 0
+
+
+@pytest.mark.parametrize(("first", "second"), [(1, 0), (0, 1), (1, 1)])
+def test_a_failure_in_either_group_of_tests_is_reported(clone: Clone, first: int, second: int) -> None:
+    status, output, _ = clone.run("test", STATUS=str(first), REALTIME_STATUS=str(second))
+    assert (status, output.count("pytest [")) == (1, 2)
+
+
+def test_an_interrupted_first_group_ends_the_tests(clone: Clone) -> None:
+    status, output, _ = clone.run("test", STATUS="2")
+    assert (status, output.count("pytest [")) == (2, 1)
 
 
 def test_builds_the_site(clone: Clone) -> None:

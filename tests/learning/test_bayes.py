@@ -19,14 +19,14 @@ def learner(switches: int = 3, **options: object) -> BayesianLearner:
 def surprise(bayes: BayesianLearner, switches: str) -> float:
     """How likely the learner thinks it is that it does not know what will happen."""
     prediction = ask(bayes, switches)
-    return sum(branch.probability for branch in (prediction, *prediction.otherwise) if branch.state is None)
+    return sum(outcome.probability for outcome in prediction.outcomes if outcome.next_state is None)
 
 
 def test_what_was_never_tried_may_do_anything() -> None:
     bayes = learner()
     assert 0.0 < surprise(bayes, "101") < 1.0
     prediction = ask(bayes, "101")
-    assert sum(branch.probability for branch in (prediction, *prediction.otherwise)) == 1.0
+    assert sum(outcome.probability for outcome in prediction.outcomes) == 1.0
 
 
 def test_what_failed_is_tried_where_more_is_different() -> None:
@@ -60,10 +60,10 @@ def test_one_success_is_carried_over_the_less_the_more_is_different() -> None:
     teach(bayes, "101", (3, 4), reward=-1.0)
     chances = [ask(bayes, switches, counter=8) for switches in ("101", "100", "110", "010")]
     assert [counter_of(prediction) for prediction in chances] == [9, 9, 9, 9]
-    probabilities = [prediction.probability for prediction in chances]
+    probabilities = [prediction.most_likely.probability for prediction in chances]
     assert probabilities == sorted(probabilities, reverse=True)
     assert probabilities[0] > 0.99
-    assert chances[0].reward == -1.0
+    assert chances[0].most_likely.reward == -1.0
 
 
 def test_the_type_with_the_fewest_effects_is_believed() -> None:
@@ -89,7 +89,7 @@ def test_after_all_conditions_it_is_right_everywhere(target: str, order: list[st
         teach(bayes, switches, (0, 1 if holds(switches) else 0))
     for switches in order:
         assert counter_of(ask(bayes, switches, counter=5)) == (6 if holds(switches) else 5)
-    assert not bayes.doubtful
+    assert not bayes.has_disagreement
     assert not bayes.violations
 
 
@@ -146,12 +146,12 @@ def test_what_changes_together_is_predicted_together() -> None:
     bayes = learner(2)
     teach(bayes, "10", (0, 1), lamp=(False, True))
     prediction = ask(bayes, "11")
-    assert prediction.state == state_of(bayes.domain, "11", 1, True)
-    (other, *_) = prediction.otherwise
-    assert other.state == state_of(bayes.domain, "11", 0, False)
-    total = sum(branch.probability for branch in (prediction, *prediction.otherwise))
+    likely, other, *_ = prediction.outcomes
+    assert likely.next_state == state_of(bayes.domain, "11", 1, True)
+    assert other.next_state == state_of(bayes.domain, "11", 0, False)
+    total = sum(outcome.probability for outcome in prediction.outcomes)
     assert abs(total - 1) < 1e-9
-    assert prediction.probability + other.probability > 0.99
+    assert likely.probability + other.probability > 0.99
 
 
 def test_an_effect_that_would_leave_the_bounds_does_not_happen() -> None:
@@ -166,9 +166,9 @@ def test_setting_what_is_set_already_proves_nothing() -> None:
     teach(bayes, "10", (0, 0), lamp=(False, True))
     teach(bayes, "11", (0, 0), lamp=(True, True))
     prediction = ask(bayes, "11")
-    assert prediction.state is not None
-    assert prediction.state["machine"].lamp
-    assert prediction.doubt == 0.0  # since trying again would teach nothing
+    assert prediction.most_likely.next_state is not None
+    assert prediction.most_likely.next_state["machine"].lamp
+    assert prediction.disagreement == 0.0  # since trying again would teach nothing
 
 
 def test_leaving_the_world_is_an_effect() -> None:
@@ -176,9 +176,9 @@ def test_leaving_the_world_is_an_effect() -> None:
     before = state_of(bayes.domain, "10")
     bayes.add_experience(Transition(before, PULL, before.without("machine"), 5.0, True))
     prediction = bayes.predict(before, PULL)
-    assert prediction.state is not None
-    assert not prediction.state.objects
-    assert (prediction.reward, prediction.terminated) == (5.0, True)
+    assert prediction.most_likely.next_state is not None
+    assert not prediction.most_likely.next_state.objects
+    assert (prediction.most_likely.reward, prediction.most_likely.terminated) == (5.0, True)
     assert bayes.sentences() == ("PULL: if always: machine.exists := False",)
 
 

@@ -26,7 +26,7 @@ def survivors(positives: list[int], negatives: list[int]) -> list[Condition]:
 
 
 def weight(hypotheses: list[Condition]) -> float:
-    return sum(FACTOR**hypothesis.fixed for hypothesis in hypotheses)
+    return sum(FACTOR**hypothesis.literal_count for hypothesis in hypotheses)
 
 
 @settings(max_examples=300, deadline=None)
@@ -53,9 +53,9 @@ def test_the_simplest_hypotheses_are_the_shortest_that_survive(target: Condition
     if not positives:
         assert not found
         return
-    some = [hypothesis for hypothesis in alive if hypothesis.fixed] or alive
-    fewest = min(hypothesis.fixed for hypothesis in some)
-    assert found == {str(hypothesis) for hypothesis in some if hypothesis.fixed == fewest}
+    some = [hypothesis for hypothesis in alive if hypothesis.literal_count] or alive
+    fewest = min(hypothesis.literal_count for hypothesis in some)
+    assert found == {str(hypothesis) for hypothesis in some if hypothesis.literal_count == fewest}
 
 
 @given(st.lists(terms, min_size=1, max_size=6), st.lists(terms, min_size=1, max_size=6))
@@ -78,15 +78,15 @@ def test_literals() -> None:
 def test_doubt_is_greatest_where_explanations_are_split() -> None:
     concept = Concept.of(3, 0.1, [0b011], [0b000])  # terms 0 and 1 held once, and did not when it failed
     assert {str(condition_of(literals, 3)) for literals in concept.simplest} == {"1**", "*1*"}
-    assert concept.doubt(0b001) == concept.doubt(0b010) == 1.0
-    assert concept.doubt(0b111) == concept.doubt(0b000) == 0.0
+    assert concept.disagreement(0b001) == concept.disagreement(0b010) == 1.0
+    assert concept.disagreement(0b111) == concept.disagreement(0b000) == 0.0
 
 
 def test_what_never_failed_is_in_doubt_where_anything_differs() -> None:
     concept = Concept.of(3, 0.1, [0b011], [])
     assert len(concept.simplest) == 3
-    assert concept.doubt(0b011) == 0.0
-    assert concept.doubt(0b010) > 0.0
+    assert concept.disagreement(0b011) == 0.0
+    assert concept.disagreement(0b010) > 0.0
     assert Concept.of(2, 0.1, [0b00, 0b11], []).simplest == (0,)
 
 

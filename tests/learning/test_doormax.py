@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from wherry.domains.delivery import Box, Site, all_delivered, reward, transition
+from wherry.domains.delivery import BoxState, DeliverySite, all_delivered, delivery_reward, delivery_transition
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.learning.doormax import Doormax
 from wherry.learning.predictions import Subject
+from wherry.oomdp.attributes import EXISTS
 from wherry.oomdp.domain import Action
 from wherry.oomdp.effects import EFFECT_TYPES
 from wherry.oomdp.mdp import Transition
-from wherry.oomdp.objects import EXISTS
 from wherry_testing.machine import PULL, ask, counter_of, machine_domain, state_of, teach
 
 COUNTER = Subject("PRESS", "Machine", "counter")
@@ -29,17 +29,21 @@ def models(doormax: Doormax, effect_type: str, subject: Subject = COUNTER) -> di
 
 
 def test_it_knows_nothing_at_first() -> None:
-    assert ask(learner(), "101").state is None
-    assert ask(learner(), "101").probability == 1.0
+    assert ask(learner(), "101").most_likely.next_state is None
+    assert ask(learner(), "101").most_likely.probability == 1.0
 
 
 def test_a_failure_is_predicted_for_its_condition_and_no_other() -> None:
     doormax = learner()
     teach(doormax, "101", (3, 3), reward=-1.0)
     prediction = ask(doormax, "101", counter=7)
-    assert (counter_of(prediction), prediction.reward, prediction.terminated) == (7, -1.0, False)
-    assert ask(doormax, "111").state is None
-    assert ask(doormax, "101", action=PULL).state is None
+    assert (counter_of(prediction), prediction.most_likely.reward, prediction.most_likely.terminated) == (
+        7,
+        -1.0,
+        False,
+    )
+    assert ask(doormax, "111").most_likely.next_state is None
+    assert ask(doormax, "101", action=PULL).most_likely.next_state is None
 
 
 def test_one_success_is_predicted_for_its_condition() -> None:
@@ -48,13 +52,13 @@ def test_one_success_is_predicted_for_its_condition() -> None:
     assert models(doormax, "increment") == {1: "101"}
     assert models(doormax, "assignment") == {4: "101"}
     assert counter_of(ask(doormax, "101", counter=3)) == 4
-    assert ask(doormax, "001").state is None
+    assert ask(doormax, "001").most_likely.next_state is None
 
 
 def test_effects_that_disagree_are_no_prediction() -> None:
     doormax = learner()
     teach(doormax, "101", (3, 4))
-    assert ask(doormax, "101", counter=6).state is None  # += 1 says 7, := 4 says 4
+    assert ask(doormax, "101", counter=6).most_likely.next_state is None  # += 1 says 7, := 4 says 4
 
 
 def test_successes_are_merged() -> None:
@@ -63,7 +67,7 @@ def test_successes_are_merged() -> None:
     teach(doormax, "100", (5, 6), reward=-1.0)
     assert models(doormax, "increment") == {1: "10*"}
     assert counter_of(ask(doormax, "100", counter=5)) == 6
-    assert ask(doormax, "110", counter=5).state is None
+    assert ask(doormax, "110", counter=5).most_likely.next_state is None
 
 
 def test_a_wrong_type_is_refuted_and_stays_away() -> None:
@@ -83,7 +87,7 @@ def test_to_the_letter_a_wrong_type_stays_and_blocks_for_ever() -> None:
     teach(doormax, "010", (7, 8))  # := 4 and := 8 never overlap, so the paper keeps both
     assert models(doormax, "assignment") == {4: "101", 8: "010"}
     teach(doormax, "101", (3, 4))
-    assert ask(doormax, "101", counter=20).state is None
+    assert ask(doormax, "101", counter=20).most_likely.next_state is None
 
 
 def test_two_effects_with_overlapping_conditions_remove_their_type() -> None:
@@ -125,7 +129,7 @@ def test_an_attribute_that_no_type_explains_is_reported_and_not_explored_for_eve
     assert counter_of(ask(doormax, "010")) == 9  # learnt anew, from its changes alone
     teach(doormax, "001", (0, 2))
     assert doormax.violations[1].startswith("PRESS, machine.counter: no type of effect explains its changes")
-    assert ask(doormax, "111").probability == 0.0
+    assert ask(doormax, "111").most_likely.probability == 0.0
     before = dict(doormax.revisions)
     teach(doormax, "001", (0, 2))
     assert len(doormax.violations) == 2
@@ -137,7 +141,7 @@ def test_to_the_letter_nothing_is_learnt_anew() -> None:
     for switches, counter in [("100", (0, 5)), ("010", (0, 9)), ("001", (0, 2))]:
         teach(doormax, switches, counter)
     assert doormax.violations
-    assert ask(doormax, "001").probability == 0.0
+    assert ask(doormax, "001").most_likely.probability == 0.0
 
 
 def test_rewards_that_no_condition_tells_apart_are_reported() -> None:
@@ -157,7 +161,9 @@ def test_an_attribute_left_alone_needs_no_condition() -> None:
     lamp_rules = Subject("PRESS", "Machine", "lamp")
     assert models(doormax, "increment", lamp_rules) == {0: "10*"}
     assert "assignment" in doormax.predictions.removed[lamp_rules]
-    assert ask(doormax, "100", counter=3, lamp=False).state == state_of(doormax.domain, "100", 4, False)
+    assert ask(doormax, "100", counter=3, lamp=False).most_likely.next_state == state_of(
+        doormax.domain, "100", 4, False
+    )
 
 
 def test_a_type_that_cannot_explain_a_change_is_refuted() -> None:
@@ -172,9 +178,9 @@ def test_failures_of_attributes() -> None:
     doormax = learner(failure_scope="attribute")
     teach(doormax, "100", (0, 1), lamp=(False, False))
     teach(doormax, "110", (0, 0), lamp=(False, True))
-    assert ask(doormax, "100").state == state_of(doormax.domain, "100", 1, False)
-    assert ask(doormax, "110").state == state_of(doormax.domain, "110", 0, True)
-    assert ask(doormax, "111").state is None
+    assert ask(doormax, "100").most_likely.next_state == state_of(doormax.domain, "100", 1, False)
+    assert ask(doormax, "110").most_likely.next_state == state_of(doormax.domain, "110", 0, True)
+    assert ask(doormax, "111").most_likely.next_state is None
 
 
 def test_a_given_reward_and_end_are_not_learnt() -> None:
@@ -184,7 +190,7 @@ def test_a_given_reward_and_end_are_not_learnt() -> None:
     )
     teach(doormax, "101", (3, 4), reward=99.0)
     prediction = ask(doormax, "101", counter=3)
-    assert (prediction.reward, prediction.terminated) == (4.0, True)
+    assert (prediction.most_likely.reward, prediction.most_likely.terminated) == (4.0, True)
 
 
 def test_a_slip_is_not_believed_the_first_time() -> None:
@@ -206,7 +212,7 @@ def test_asking_changes_nothing() -> None:
     teach(doormax, "101", (3, 4))
     revisions = dict(doormax.revisions)
     assert ask(doormax, "101", counter=3) == ask(doormax, "101", counter=3)
-    assert ask(doormax, "000").state is None
+    assert ask(doormax, "000").most_likely.next_state is None
     assert doormax.revisions == revisions
 
 
@@ -231,7 +237,7 @@ def test_settling_keeps_the_simplest_type() -> None:
     teach(doormax, "100", (3, 4))
     teach(doormax, "010", (5, 6))
     assert models(doormax, "assignment") == {4: "100", 6: "010"}
-    assert ask(doormax, "100", counter=9).state is None
+    assert ask(doormax, "100", counter=9).most_likely.next_state is None
     revisions = dict(doormax.revisions)
     doormax.settle()
     assert models(doormax, "increment") == {1: "**0"}
@@ -257,30 +263,30 @@ def test_sentences() -> None:
 
 
 PLAN = FloorPlan("plan", 4, 1, warehouse=frozenset({Cell(3, 0)}), start=Cell(0, 0))
-SITE = Site.of_plan(PLAN)
+SITE = DeliverySite.of_plan(PLAN)
 PICKUP, DROPOFF = Action("PICKUP"), Action("DROPOFF")
 
 
 def deliverer() -> Doormax:
-    return Doormax(SITE.domain, reward=reward, terminated=all_delivered)
+    return Doormax(SITE.domain, reward=delivery_reward, terminated=all_delivered)
 
 
 def test_a_pickup_is_learnt_of_this_box_and_not_of_the_others() -> None:
     doormax = deliverer()
-    state = SITE.state(Cell(1, 0), [Box("a", Cell(1, 0)), Box("b", Cell(3, 0))])
-    doormax.add_experience(transition(state, PICKUP))
-    other = SITE.state(Cell(1, 0), [Box("c", Cell(3, 0)), Box("d", Cell(1, 0))])
-    predicted = doormax.predict(other, PICKUP).state
+    state = SITE.state(Cell(1, 0), [BoxState("a", Cell(1, 0)), BoxState("b", Cell(3, 0))])
+    doormax.add_experience(delivery_transition(state, PICKUP))
+    other = SITE.state(Cell(1, 0), [BoxState("c", Cell(3, 0)), BoxState("d", Cell(1, 0))])
+    predicted = doormax.predict(other, PICKUP).most_likely.next_state
     assert predicted is not None
     assert [box.in_bot for box in predicted.of_class("Box")] == [False, True]
 
 
 def test_a_delivered_box_leaves_the_prediction() -> None:
     doormax = deliverer()
-    held, waiting = Box("a", Cell(0, 0), in_bot=True), Box("b", Cell(0, 0))
+    held, waiting = BoxState("a", Cell(0, 0), in_bot=True), BoxState("b", Cell(0, 0))
     state = SITE.state(Cell(3, 0), [held, waiting])
-    doormax.add_experience(transition(state, DROPOFF))
-    assert doormax.predict(state, DROPOFF).state == state.without("a")
+    doormax.add_experience(delivery_transition(state, DROPOFF))
+    assert doormax.predict(state, DROPOFF).most_likely.next_state == state.without("a")
     exists = Subject("DROPOFF", "Box", EXISTS)
     assert models(doormax, "assignment", exists) == {False: "1110011", True: "1110010"}
     assert models(doormax, "increment", Subject("DROPOFF", "Box", "x")) == {0: "1110010"}
@@ -288,8 +294,8 @@ def test_a_delivered_box_leaves_the_prediction() -> None:
 
 def test_a_new_view_of_the_walls_is_no_change() -> None:
     doormax = deliverer()
-    before = SITE.state(Cell(0, 0), [Box("a", Cell(2, 0))])
-    narrower = Site(SITE.walls, SITE.warehouse | {Cell(2, 0)}, SITE.x_range, SITE.y_range)
-    after = narrower.state(Cell(0, 0), [Box("a", Cell(2, 0))])
+    before = SITE.state(Cell(0, 0), [BoxState("a", Cell(2, 0))])
+    narrower = DeliverySite(SITE.walls, SITE.warehouse | {Cell(2, 0)}, SITE.x_range, SITE.y_range)
+    after = narrower.state(Cell(0, 0), [BoxState("a", Cell(2, 0))])
     doormax.add_experience(Transition(before, PICKUP, after, -10.0, False))
     assert doormax.failures["PICKUP"] == {SITE.domain.cond(before).value}

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from wherry.baselines.q_learning import QLearning
-from wherry.domains.delivery import Site, all_delivered, delivery_grid, reward
+from wherry.domains.delivery import DeliverySite, all_delivered, delivery_grid, delivery_reward
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
@@ -63,13 +63,13 @@ def test_the_same_predictions_after_loading(name: str, tmp_path: Path) -> None:
     loaded = load_rules(tmp_path / "rules.json", environment.domain)
     assert answers(loaded, states) == answers(learner, states)
     assert sorted(loaded.sentences()) == sorted(learner.sentences())
-    assert any(prediction.known for prediction in answers(loaded, states))
+    assert any(prediction.most_likely.is_known for prediction in answers(loaded, states))
 
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_learning_goes_on_as_if_nothing_had_happened(name: str, tmp_path: Path) -> None:
     environment = delivery_grid(find_world("small"))
-    given = {"reward": reward, "terminated": all_delivered}
+    given = {"reward": delivery_reward, "terminated": all_delivered}
     learner = MAKERS[name](environment.domain, **given)
     wander(environment, learner, 200)
     save_rules(learner, tmp_path / "rules.json")
@@ -122,7 +122,10 @@ def test_rules_of_one_world_hold_in_another(tmp_path: Path) -> None:
     loaded = load_rules(tmp_path / "rules.json", large.domain)
     for state in wander(large, LEARNERS["bayes"](large.domain), 100):
         for action in large.domain.ground_actions(state):
-            assert loaded.predict(state, action).state == large.predict(state, action).state
+            assert (
+                loaded.predict(state, action).most_likely.next_state
+                == large.predict(state, action).most_likely.next_state
+            )
 
 
 def test_fractions_and_removed_types_survive(tmp_path: Path) -> None:
@@ -135,8 +138,8 @@ def test_fractions_and_removed_types_survive(tmp_path: Path) -> None:
     assert loaded.predictions.models == doormax.predictions.models
     assert loaded.predictions.removed == doormax.predictions.removed
     prediction = ask(loaded, "10", counter=6)
-    assert prediction.state is not None
-    assert prediction.state["machine"].counter == 2
+    assert prediction.most_likely.next_state is not None
+    assert prediction.most_likely.next_state["machine"].counter == 2
 
 
 def test_a_file_begins_with_sentences(tmp_path: Path) -> None:
@@ -250,4 +253,6 @@ def test_a_killed_save_leaves_a_whole_file(tmp_path: Path) -> None:
 
 def test_the_folder_has_to_exist(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"):
-        save_rules(LEARNERS["bayes"](Site.of_plan(find_world("small")).domain), tmp_path / "none" / "rules.json")
+        save_rules(
+            LEARNERS["bayes"](DeliverySite.of_plan(find_world("small")).domain), tmp_path / "none" / "rules.json"
+        )

@@ -59,7 +59,7 @@ def test_merging_gives_the_least_condition_that_covers_both(a: Condition, b: Con
 @given(conditions)
 def test_print_and_parse(condition: Condition) -> None:
     assert Condition.parse(str(condition)) == condition
-    assert condition.fixed == SIZE - str(condition).count("*")
+    assert condition.literal_count == SIZE - str(condition).count("*")
 
 
 @given(conditions, st.integers(0, 2**SIZE - 1))
@@ -69,8 +69,8 @@ def test_covering_terms_is_covering_their_condition(condition: Condition, terms:
 
 def test_words() -> None:
     names = ["dark", "cold", "wet"]
-    assert Condition.parse("1*0").words(names) == "dark and not wet"
-    assert Condition.parse("***").words(names) == "always"
+    assert Condition.parse("1*0").describe(names) == "dark and not wet"
+    assert Condition.parse("***").describe(names) == "always"
 
 
 def test_other_signs_are_refused() -> None:

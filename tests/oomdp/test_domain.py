@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from wherry.oomdp.attributes import boolean, enumeration, integer, real
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, enumeration, integer, real
+from wherry.oomdp.objects import ObjectClass, Scene, State
 from wherry.oomdp.relations import ON, TOUCH, Relation
 from wherry.oomdp.terms import attribute_holds, attribute_is, property_holds, related
 

@@ -1,4 +1,4 @@
-"""What eff_att finds between two values, apply makes of the first (paper, section 4)."""
+"""What effects_between finds between two values, apply makes of the first (paper, section 4)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wherry.oomdp.effects import EFFECT_TYPES, Effect, apply, eff_att, observed
-from wherry.oomdp.objects import EXISTS, ObjectClass, State, boolean, enumeration, integer, real
+from wherry.oomdp.attributes import EXISTS, boolean, enumeration, integer, real
+from wherry.oomdp.effects import EFFECT_TYPES, Effect, apply_effects, effects_between, observed_values
+from wherry.oomdp.objects import ObjectClass, State
 
 PAIRS = st.one_of(
     *(
@@ -29,7 +30,7 @@ BALL = ObjectClass("Ball", (integer("x", 0, 5), boolean("lit")), removable=True)
 @given(PAIRS)
 def test_every_effect_turns_before_into_after(pair: tuple) -> None:
     attribute, before, after = pair
-    effects = eff_att(attribute, before, after, EFFECT_TYPES)
+    effects = effects_between(attribute, before, after, EFFECT_TYPES)
     assert len({effect.type for effect in effects}) == len(effects)
     for effect in effects:
         again = EFFECT_TYPES[effect.type].apply(before, effect.argument)
@@ -48,7 +49,7 @@ def test_every_effect_turns_before_into_after(pair: tuple) -> None:
     ],
 )
 def test_types_that_explain_a_change(before: int, after: int, found: dict[str, object]) -> None:
-    effects = eff_att(integer("n"), before, after, EFFECT_TYPES)
+    effects = effects_between(integer("n"), before, after, EFFECT_TYPES)
     assert {effect.type: effect.argument for effect in effects} == found
 
 
@@ -56,7 +57,7 @@ def test_types_that_explain_a_change(before: int, after: int, found: dict[str, o
 def test_equal_steps_of_a_real_number_are_one_increment(start: int, step: int, times: int) -> None:
     """0.3 - 0.2 is not 0.2 - 0.1 in floating point; a learner has to see one effect all the same."""
     places = [(start + at * step) / 100 for at in range(times + 1)]
-    (increment,) = {eff_att(real("r"), one, other, EFFECT_TYPES)[0] for one, other in pairwise(places)}
+    (increment,) = {effects_between(real("r"), one, other, EFFECT_TYPES)[0] for one, other in pairwise(places)}
     assert increment == Effect("increment", step / 100)
     assert EFFECT_TYPES["increment"].apply(places[0], increment.argument) == places[1]
 
@@ -74,32 +75,36 @@ def test_all_effects_between_two_states_applied_give_the_second(
     after = State(tuple(later))
     changes = []
     for at, item in enumerate(before.objects):
-        for attribute, old, new in observed(item, after.get(item.name)):
-            effects = eff_att(attribute, old, new, EFFECT_TYPES)
+        for attribute, old, new in observed_values(item, after.get(item.name)):
+            effects = effects_between(attribute, old, new, EFFECT_TYPES)
             changes.append((at, attribute.name, data.draw(st.sampled_from(effects))))
-    assert apply(before, changes, EFFECT_TYPES) == after
+    assert apply_effects(before, changes, EFFECT_TYPES) == after
 
 
 def test_a_boolean_has_no_increment() -> None:
-    assert eff_att(boolean("b"), False, True, EFFECT_TYPES) == (Effect("assignment", True),)
+    assert effects_between(boolean("b"), False, True, EFFECT_TYPES) == (Effect("assignment", True),)
 
 
 def test_apply_changes_removes_and_respects_bounds() -> None:
     state = State((BALL("a", x=1, lit=False), BALL("b", x=5, lit=False)))
     step = Effect("increment", 1)
-    moved = apply(state, [(0, "x", step), (0, "lit", Effect("assignment", True))], EFFECT_TYPES)
+    moved = apply_effects(state, [(0, "x", step), (0, "lit", Effect("assignment", True))], EFFECT_TYPES)
     assert moved == State((BALL("a", x=2, lit=True), BALL("b", x=5, lit=False)))
-    assert apply(state, [(1, EXISTS, Effect("assignment", False)), (1, "x", step)], EFFECT_TYPES) == state.without("b")
-    assert apply(state, [(1, "x", step)], EFFECT_TYPES) is None  # 6 is no value of x
-    assert apply(state, [(0, EXISTS, Effect("assignment", True))], EFFECT_TYPES) == state
+    assert apply_effects(
+        state, [(1, EXISTS, Effect("assignment", False)), (1, "x", step)], EFFECT_TYPES
+    ) == state.without("b")
+    assert apply_effects(state, [(1, "x", step)], EFFECT_TYPES) is None  # 6 is no value of x
+    assert apply_effects(state, [(0, EXISTS, Effect("assignment", True))], EFFECT_TYPES) == state
 
 
 def test_of_an_object_that_left_only_that_is_seen() -> None:
     ball = BALL("a", x=1, lit=False)
-    assert [(attribute.name, before, after) for attribute, before, after in observed(ball, None)] == [
+    assert [(attribute.name, before, after) for attribute, before, after in observed_values(ball, None)] == [
         (EXISTS, True, False)
     ]
-    assert [(attribute.name, before, after) for attribute, before, after in observed(ball, ball.replace(x=2))] == [
+    assert [
+        (attribute.name, before, after) for attribute, before, after in observed_values(ball, ball.replace(x=2))
+    ] == [
         ("x", 1, 2),
         ("lit", False, False),
         (EXISTS, True, True),

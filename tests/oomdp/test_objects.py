@@ -11,17 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wherry.errors import InputError
-from wherry.oomdp.objects import (
-    Object,
-    ObjectClass,
-    Scene,
-    State,
-    boolean,
-    enumeration,
-    integer,
-    real,
-    state_from_json,
-)
+from wherry.oomdp.attributes import boolean, enumeration, integer, real
+from wherry.oomdp.objects import Object, ObjectClass, Scene, State
+from wherry.oomdp.state_json import state_from_json
 
 DOOR = ObjectClass(
     "Door", (integer("x", 0, 9), boolean("open"), enumeration("colour", "red", "blue"), real("width", 0))

@@ -12,7 +12,7 @@ from wherry.pipelines.grids.play import LEARNERS, TABLES, Game, Settings, change
 
 
 def foretold(game: Game) -> dict[str, str]:
-    return {str(told.action): told.words for told in game.expected()}
+    return {str(row.action): row.changes for row in game.predictions()}
 
 
 @pytest.mark.parametrize("learner", LEARNERS)

@@ -16,7 +16,8 @@ from wherry.floorplan.world_files import find_world
 from wherry.pipelines.logs.replay import Settings, prepare
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros.bags.reading import read_bag
-from wherry.ros.bags.recording import Bag, Recording
+from wherry.ros.bags.run_recorder import RunRecorder
+from wherry.ros.bags.writer import BagWriter
 from wherry.simulation import build
 from wherry.space.pose import Pose
 
@@ -29,10 +30,10 @@ def ride(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
     folder = tmp_path_factory.mktemp("ride")
     simulation = build(find_world("small"), np.random.default_rng(0))
     start = simulation.referee.pose
-    bags = [Bag(folder / name) for name in ("run.bag", "run.mcap", "run")]
+    bags = [BagWriter(folder / name) for name in ("run.bag", "run.mcap", "run")]
     robot = simulation.robot
     for bag in bags:
-        robot = Recording(bag).robot(robot)
+        robot = RunRecorder(bag).robot(robot)
     while simulation.time < 20.0:
         robot.receive()
         robot.command(Velocity(0.2, -0.25) if simulation.time < 10.0 else Velocity(0.0, 0.4))
@@ -126,12 +127,12 @@ def test_a_delivery_is_recorded_and_replayed(tmp_path: Path) -> None:
 
 def without_odometry(path: Path) -> None:
     simulation = build(find_world("small"), np.random.default_rng(0))
-    with Bag(path) as bag:
-        recording = Recording(bag)
+    with BagWriter(path) as bag:
+        recording = RunRecorder(bag)
         for _ in range(9):
             measurement: Scan | Odometry = simulation.robot.receive()
             if isinstance(measurement, Scan):
-                recording.measured(measurement, Pose())
+                recording.write_measurement(measurement, Pose())
 
 
 def test_what_cannot_be_replayed_is_told(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wherry.domains.delivery import PICKUP, Box, Site, boxes_left, transition
+from wherry.domains.delivery import PICKUP, BoxState, DeliverySite, boxes_left, delivery_transition
 from wherry.floorplan.plan import Cell
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Transition
@@ -24,15 +24,17 @@ class Grid(DeterministicMdp):
     """A corridor of three cells with a box at its end, in place of a robot; its latch may be broken."""
 
     def __init__(self, *, broken: bool) -> None:
-        self.site = Site.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
+        self.site = DeliverySite.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
         self.pilot = SimpleNamespace(time=0.0)
 
         def outcome(state: State, action: Action) -> Transition:
             if broken and action == PICKUP:
                 return Transition(state, action, state, -10.0, terminated=False)
-            return transition(state, action)
+            return delivery_transition(state, action)
 
-        super().__init__(self.site.domain, outcome, lambda rng: self.site.state(Cell(1, 0), [Box("box", Cell(2, 0))]))
+        super().__init__(
+            self.site.domain, outcome, lambda rng: self.site.state(Cell(1, 0), [BoxState("box", Cell(2, 0))])
+        )
         self.reset(np.random.default_rng(0))
 
     @property

@@ -9,30 +9,39 @@ import pytest
 from unified_planning.io import PDDLReader
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
-from wherry.domains.delivery import Box, DeliverySteps, Site, all_delivered, boxes_left, reward, transition
+from wherry.domains.delivery import (
+    BoxState,
+    DeliveryHeuristic,
+    DeliverySite,
+    all_delivered,
+    boxes_left,
+    delivery_reward,
+    delivery_transition,
+)
 from wherry.domains.taxi import PROBES, TaxiGrid, taxi_grid
-from wherry.episodes import GoalAgent, PolicyAgent, run
+from wherry.episodes import GoalAgent, PolicyAgent, run_episode
 from wherry.floorplan.plan import Cell
 from wherry.floorplan.world_files import find_world
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
 from wherry.learning.learners import LEARNERS, RuleLearner
+from wherry.oomdp.attributes import integer
+from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.mdp import UNKNOWN, DeterministicMdp, Prediction, Transition
-from wherry.oomdp.objects import ObjectClass, State, integer
-from wherry.oomdp.outcomes import Grounded
+from wherry.oomdp.mdp import UNKNOWN, DeterministicMdp, Outcome, Prediction, Transition
+from wherry.oomdp.objects import ObjectClass, State
 from wherry.oomdp.relations import Relation
 from wherry.oomdp.terms import related
-from wherry.planning.pddl import Pddl, export_pddl
+from wherry.planning.pddl import PddlTask, export_pddl
+from wherry.planning.prediction_cache import PredictionCache
 from wherry.planning.search import a_star
-from wherry.planning.successors import Successors
 from wherry.planning.value_iteration import ValueIteration
 from wherry_testing.small_worlds import DOMAIN, Tabular, at
 
 get_environment().credits_stream = None
 
 
-def plan(task: Pddl) -> list[Action] | None:
+def plan(task: PddlTask) -> list[Action] | None:
     """The shortest plan, by A* with the landmark-cut heuristic."""
     problem = PDDLReader().parse_problem_string(task.domain, task.problem)
     with OneshotPlanner(name="fast-downward-opt") as planner:
@@ -44,7 +53,7 @@ def taught(name: str, environment: TaxiGrid) -> RuleLearner:
     learner, rng = LEARNERS[name](environment.domain), np.random.default_rng(0)
     agent = PolicyAgent(learner, ValueIteration(learner))
     for _ in range(40):
-        list(run(environment, agent, rng, max_steps=1000))
+        list(run_episode(environment, agent, rng, max_steps=1000))
     return learner
 
 
@@ -88,20 +97,20 @@ def test_operators_ask_for_what_matters_and_nothing_else(taxi: TaxiGrid, learner
 
 
 def test_deliveries_of_two_boxes() -> None:
-    site = Site.of_plan(find_world("small"))
-    start = site.state(Cell(0, 5), [Box("box1", Cell(1, 0)), Box("box2", Cell(4, 2))])
-    world = DeterministicMdp(site.domain, transition, lambda rng: start)
-    learner = BayesianLearner(site.domain, reward=reward, terminated=all_delivered)
-    agent = GoalAgent(learner, boxes_left, DeliverySteps())
-    steps = list(run(world, agent, np.random.default_rng(0), max_steps=3000))
+    site = DeliverySite.of_plan(find_world("small"))
+    start = site.state(Cell(0, 5), [BoxState("box1", Cell(1, 0)), BoxState("box2", Cell(4, 2))])
+    world = DeterministicMdp(site.domain, delivery_transition, lambda rng: start)
+    learner = BayesianLearner(site.domain, reward=delivery_reward, terminated=all_delivered)
+    agent = GoalAgent(learner, boxes_left, DeliveryHeuristic())
+    steps = list(run_episode(world, agent, np.random.default_rng(0), max_steps=3000))
     assert steps[-1].transition.terminated
-    best, left = a_star(Successors(Grounded(site.domain, world)), start, boxes_left, DeliverySteps())
+    best, left = a_star(PredictionCache(PerStateModel(site.domain, world)), start, boxes_left, DeliveryHeuristic())
     assert left == 0
     actions = plan(export_pddl(learner, site.domain, start))
     assert len(actions) == len(best.actions)
     state = start
     for action in actions:
-        state = transition(state, action).next_state
+        state = delivery_transition(state, action).next_state
     assert all_delivered(state)
 
 
@@ -141,11 +150,11 @@ def test_a_goal_that_no_term_tells_is_told_by_values() -> None:
     start = State((PUSHER("agent", x=0), CRATE("crate", x=2)))
     world = DeterministicMdp(PUSHING, push, lambda rng: start)
 
-    def there(prediction: Prediction) -> bool:
-        crate = None if prediction.state is None else prediction.state.get("crate")
+    def there(outcome: Outcome) -> bool:
+        crate = None if outcome.next_state is None else outcome.next_state.get("crate")
         return crate is not None and crate.x == 4
 
-    class Within(Grounded):
+    class Within(PerStateModel):
         """The truth, as long as the crate is not at the end: there the same terms would do something else."""
 
         def predict(self, state: State, action: Action) -> Prediction:
@@ -156,6 +165,9 @@ def test_a_goal_that_no_term_tells_is_told_by_values() -> None:
     assert "(goal_values ?crate_after)" in task.domain
     assert task.problem.count("(goal_values ") == 1
     gone = export_pddl(
-        Within(PUSHING, world), PUSHING, start, lambda done: done.state is not None and done.state.get("crate") is None
+        Within(PUSHING, world),
+        PUSHING,
+        start,
+        lambda outcome: outcome.next_state is not None and outcome.next_state.get("crate") is None,
     )
     assert [str(action) for action in plan(gone)] == ["E", "EAT(crate)"]

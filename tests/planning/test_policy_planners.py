@@ -10,9 +10,9 @@ import pytest
 
 from wherry.domains.taxi import PROBES, TaxiGrid, taxi_grid
 from wherry.learning.doormax import Doormax
-from wherry.oomdp.mdp import UNKNOWN, Prediction
+from wherry.oomdp.conditional_models import PerStateModel
+from wherry.oomdp.mdp import IMPOSSIBLE, UNKNOWN, Prediction
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import Grounded
 from wherry.planning.lookahead import Lookahead
 from wherry.planning.lrtdp import Lrtdp
 from wherry.planning.planners import PLANNERS
@@ -36,7 +36,7 @@ SLIPPERY = {  # half of all steps to the right slip: V(1) = ½·10 + ½(−1 + �
 
 
 def make(name: str, model: Tabular, **settings: float) -> Planner:
-    return PLANNERS[name](grounded(model), np.random.default_rng(0), **settings)
+    return PLANNERS[name].make(grounded(model), np.random.default_rng(0), **settings)
 
 
 def steps_to_the_end(environment: TaxiGrid, planner: Planner, state: State) -> int:
@@ -82,7 +82,7 @@ def test_not_to_know_is_worth_r_max_for_ever(name: str) -> None:
 def test_what_nothing_can_be_learnt_about_is_not_tried(name: str) -> None:
     class Hopeless(Tabular):
         def predict(self, state: State, action: object) -> Prediction:
-            return Prediction(None, probability=0.0) if action == LEFT else super().predict(state, RIGHT)
+            return IMPOSSIBLE if action == LEFT else super().predict(state, RIGHT)
 
     planner = make(name, Hopeless(CORRIDOR), discount=0.5, r_max=10.0)
     assert planner.policy(at(0)) == RIGHT
@@ -109,7 +109,7 @@ def test_uct_finds_the_better_action_in_random_worlds() -> None:
 
 def test_policy_iteration_and_lrtdp_agree_with_value_iteration_on_taxi() -> None:
     environment = taxi_grid(5)
-    model = Grounded(environment.domain, environment)
+    model = PerStateModel(environment.domain, environment)
     swept, iterated = ValueIteration(model), PolicyIteration(model)
     trial_based = Lrtdp(model, np.random.default_rng(0), upper_bound=lambda state: 20.0)
     state = environment.state_of((2, 2), "Y", "R")
@@ -130,7 +130,7 @@ def test_policy_iteration_and_lrtdp_agree_with_value_iteration_on_taxi() -> None
 @pytest.mark.parametrize("name", EXACT)
 def test_the_published_optimal_lengths(name: str) -> None:
     environment = taxi_grid(5)
-    planner = PLANNERS[name](Grounded(environment.domain, environment), np.random.default_rng(0))
+    planner = PLANNERS[name].make(PerStateModel(environment.domain, environment), np.random.default_rng(0))
     lengths = [steps_to_the_end(environment, planner, environment.state_of(*probe)) for probe in PROBES]
     assert lengths == [10, 14, 13, 13, 10, 13]
 
@@ -138,7 +138,7 @@ def test_the_published_optimal_lengths(name: str) -> None:
 def test_lrtdp_looks_only_where_a_good_policy_may_come_to() -> None:
     """With a bound that knows the way it hardly leaves the way: 10×10 Taxi has 200 states for one episode."""
     environment = taxi_grid(10)
-    model = Grounded(environment.domain, environment)
+    model = PerStateModel(environment.domain, environment)
     state = environment.state_of(*PROBES[0])
     guide = ValueIteration(model)
     planner = Lrtdp(model, np.random.default_rng(0), upper_bound=lambda state: guide.value(state) + 1e-9)
@@ -148,7 +148,7 @@ def test_lrtdp_looks_only_where_a_good_policy_may_come_to() -> None:
 
 def test_uct_delivers_when_the_way_is_short_or_it_is_told_what_states_are_worth() -> None:
     environment = taxi_grid(5)
-    model = Grounded(environment.domain, environment)
+    model = PerStateModel(environment.domain, environment)
     near = environment.state_of((0, 2), "R", "Y")
     riding = near.replace("passenger", in_taxi=True)
     assert steps_to_the_end(environment, Uct(model, np.random.default_rng(0)), riding) == 3
@@ -162,7 +162,7 @@ def test_plans_again_when_the_model_has_learnt(name: str) -> None:
     """On every half-learnt model along a random walk, what it says equals what value iteration says."""
     environment, rng = taxi_grid(5), np.random.default_rng(1)
     learner = Doormax(environment.domain)
-    planner = PLANNERS[name](learner, np.random.default_rng(0))
+    planner = PLANNERS[name].make(learner, np.random.default_rng(0))
     swept = ValueIteration(learner)
     state = environment.reset(rng)
     for number in range(200):
@@ -181,13 +181,15 @@ def test_the_same_seed_gives_the_same_answer(name: str) -> None:
     assert [first.value(at(number)) for number in range(12)] == [second.value(at(number)) for number in range(12)]
 
 
-def test_grounding_keeps_every_branch_with_its_probability() -> None:
-    answer = grounded(Tabular(SLIPPERY)).answer(at(1), RIGHT)
-    assert [probability for _, probability in answer.branches] == [0.5, 0.5]
-    prediction = answer.predict(at(1), RIGHT)
-    assert (prediction.state, prediction.probability) == (at(2), 0.5)
-    assert [(other.state, other.probability) for other in prediction.otherwise] == [(at(1), 0.5)]
-    assert grounded(Tabular({})).answer(at(1), RIGHT).predict(at(1), RIGHT) == UNKNOWN
+def test_grounding_keeps_every_outcome_with_its_probability() -> None:
+    conditional = grounded(Tabular(SLIPPERY)).conditional_prediction(at(1), RIGHT)
+    assert [probability for _, probability in conditional.outcomes] == [0.5, 0.5]
+    prediction = conditional.ground(at(1), RIGHT)
+    assert [(outcome.next_state, outcome.probability) for outcome in prediction.outcomes] == [
+        (at(2), 0.5),
+        (at(1), 0.5),
+    ]
+    assert grounded(Tabular({})).conditional_prediction(at(1), RIGHT).ground(at(1), RIGHT) == UNKNOWN
 
 
 @pytest.mark.parametrize("discount", [-0.1, 1.0, math.nan])

@@ -9,7 +9,7 @@ import pytest
 
 from wherry.domains.taxi import PROBES, taxi_grid
 from wherry.learning.doormax import Doormax
-from wherry.oomdp.outcomes import Grounded
+from wherry.oomdp.conditional_models import PerStateModel
 from wherry.planning.state_space import StateSpace
 from wherry.planning.value_iteration import ValueIteration
 from wherry_testing.small_worlds import LEFT, RIGHT, Tabular, at, grounded
@@ -41,7 +41,7 @@ def test_it_plans_again_when_the_model_has_learnt() -> None:
     seen = set()
     for _ in range(12):
         action = planner.policy(state)
-        assert not learner.predict(state, action).known or (state, action) in seen
+        assert not learner.predict(state, action).most_likely.is_known or (state, action) in seen
         seen.add((state, action))
         done = environment.transition(state, action)
         if not done.failed:
@@ -54,7 +54,7 @@ def test_learners_can_share_a_space() -> None:
     environment = taxi_grid(5)
     space = StateSpace()
     probes = [environment.state_of(*probe) for probe in PROBES]
-    model = Grounded(environment.domain, environment)
+    model = PerStateModel(environment.domain, environment)
     alone = [ValueIteration(model, optimistic=False).value(probe) for probe in probes]
     for _ in range(2):
         planner = ValueIteration(model, optimistic=False, space=space)
@@ -77,7 +77,7 @@ def test_all_states_of_the_large_taxi_at_once() -> None:
     The aim is 10 ms for a sweep to the end; the limit is ten times that, since machines are shared.
     """
     environment = taxi_grid(10)
-    model = Grounded(environment.domain, environment)
+    model = PerStateModel(environment.domain, environment)
     planner = ValueIteration(model, optimistic=False)
     marks = sorted(environment.plan.marks)
     starts = [environment.state_of((0, 0), one, other) for one in marks for other in marks]

@@ -10,8 +10,8 @@ import pytest
 
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.conversion import from_grid, from_pose, links_between, seconds_of
-from wherry.ros.diagnostics import OK, status_of
+from wherry.ros.decoding import decode_occupancy_grid, decode_pose, decode_stamp, transforms_between
+from wherry.ros.diagnostics import OK, diagnostic_status
 from wherry.ros.names import load_names
 from wherry.ros.nodes.agent import MOST_PARTICLES, TOLERANCE, AgentNode
 from wherry.space.frame import CellFrame
@@ -42,7 +42,7 @@ class Robot:
         self.in_spare_time: Callable[[], None] = lambda: None
 
     def status(self) -> ros.DiagnosticStatus:
-        return status_of("wherry: robot", OK, "well", {})
+        return diagnostic_status("wherry: robot", OK, "well", {})
 
 
 class Stage:
@@ -78,7 +78,7 @@ def stage() -> Stage:
 def test_the_map_is_told_if_it_is_ours(stage: Stage) -> None:
     grid = OccupancyGrid(np.eye(3, dtype=np.float32), 0.05)
     stage.node(MapUpdate(5.0, grid, 0.5, 1.0))
-    np.testing.assert_array_equal(from_grid(stage.heard("map")[0], "map").occupied, grid.occupied)
+    np.testing.assert_array_equal(decode_occupancy_grid(stage.heard("map")[0], "map").occupied, grid.occupied)
     somebody_elses = Stage(owns_map=False)
     somebody_elses.node(MapUpdate(5.0, grid, 0.5, 1.0))
     assert somebody_elses.heard("map") == []
@@ -87,10 +87,10 @@ def test_the_map_is_told_if_it_is_ours(stage: Stage) -> None:
 def test_paths_and_particles_are_told(stage: Stage) -> None:
     stage.see(seen(particles=2000))
     assert len(stage.heard("particlecloud")[0].poses) == MOST_PARTICLES
-    assert from_pose(stage.heard("predicted_path")[0].poses[1].pose).x == 1.0
+    assert decode_pose(stage.heard("predicted_path")[0].poses[1].pose).x == 1.0
     plan = np.array([[0.3, 0.3], [0.9, 0.3], [0.9, 0.9]], np.float32)
     stage.node(StepTaken(5.0, "101", "N", False, True, 0, 0, 1, plan))
-    assert [from_pose(pose.pose).x for pose in stage.heard("plan")[0].poses] == pytest.approx([0.3, 0.9, 0.9])
+    assert [decode_pose(pose.pose).x for pose in stage.heard("plan")[0].poses] == pytest.approx([0.3, 0.9, 0.9])
 
 
 def test_what_is_seen_is_drawn_in_spare_time_and_only_the_last_of_it(stage: Stage) -> None:
@@ -107,7 +107,7 @@ def test_an_agent_that_has_no_time_to_spare_draws_once_a_second_and_at_the_end(s
     with stage.node:
         for tenth in range(25):
             stage.node(replace(seen(), time=5.0 + tenth / 10))
-    drawn = [seconds_of(path.header.stamp) for path in stage.heard("predicted_path")]
+    drawn = [decode_stamp(path.header.stamp) for path in stage.heard("predicted_path")]
     assert drawn == pytest.approx([6.0, 7.0, 7.4])
 
 
@@ -152,7 +152,7 @@ def test_the_heartbeat_keeps_the_transform_young_and_tells_each_instant_once(sta
         assert len(stage.heard("tf")) == 1  # the robot's time stands still
         stage.robot.time = 5.1
         wait_for(lambda: len(stage.heard("tf")) == 2)
-    links = [link for message in stage.heard("tf") for link in links_between(message, "map", "odom")]
+    links = [link for message in stage.heard("tf") for link in transforms_between(message, "map", "odom")]
     assert [link.time for link in links] == pytest.approx([5.0 + TOLERANCE, 5.1 + TOLERANCE])
     there = links[0].pose @ stage.robot.odometry.pose
     assert (there.x, there.y, there.theta) == pytest.approx((3.0, 4.0, 1.0))

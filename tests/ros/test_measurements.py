@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wherry.robot import Odometry, Scan, Velocity
-from wherry.ros.conversion import MessageError
+from wherry.ros.decoding import MessageError
 from wherry.ros.nodes.measurements import Row, StampGuard, TimeWentBackError
 from wherry.space.pose import Pose
 

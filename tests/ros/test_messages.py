@@ -5,7 +5,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from wherry.ros.messages import Field, Marker, Message, fields_of, message_types
+from wherry.ros.message_fields import Field, Message, fields_of
+from wherry.ros.messages import Marker, message_types
 
 TYPES = message_types()
 ROS2_ONLY = {"visualization_msgs/msg/MeshFile", "visualization_msgs/msg/UVCoordinate"}

@@ -5,7 +5,7 @@ import pytest
 
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.conversion import to_laser_scan, to_odometry
+from wherry.ros.encoding import encode_laser_scan, encode_odometry
 from wherry.ros.names import load_names
 from wherry.ros.nodes import monitor as monitoring
 from wherry.ros.nodes.monitor import Monitor
@@ -33,7 +33,7 @@ def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
 
 
 def scan(time: float) -> ros.LaserScan:
-    return to_laser_scan(Scan(time, np.ones(4), 0.0, 1.0, 0.0, 9.0), "laser")
+    return encode_laser_scan(Scan(time, np.ones(4), 0.0, 1.0, 0.0, 9.0), "laser")
 
 
 def test_what_is_missing_shows_in_the_stamps(wall: Wall) -> None:
@@ -44,7 +44,7 @@ def test_what_is_missing_shows_in_the_stamps(wall: Wall) -> None:
             bus.say(TOPICS.scan, scan(tick / 10))
     for tick in range(100):
         odometry = Odometry(tick / 20, Pose(), Velocity())
-        bus.say(TOPICS.odom, to_odometry(odometry, "odom", "base_link", np.zeros(36)))
+        bus.say(TOPICS.odom, encode_odometry(odometry, "odom", "base_link", np.zeros(36)))
     figures = monitor.figures()
     assert (figures["scans"], figures["scans missing"]) == (37, 3)
     assert (figures["odometry"], figures["odometry missing"]) == (100, 0)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from wherry.errors import InputError
-from wherry.ros.bodies import load_body, own_body
+from wherry.ros.body_files import default_body_text, load_body
 from wherry.ros.names import Topics, load_names
 from wherry.simulation.model import BODY
 from wherry.space.pose import Pose
@@ -69,7 +69,8 @@ def test_options_outrank_the_file(tmp_path: Path) -> None:
         ("namespace: '9lives'", "namespace"),
         ("namespace: 7", "namespace"),
         ("- scan", ""),
-        ("a: [", ""),
+        ("frame_prefix: 'a b'", "frame_prefix"),
+        ("a: [", "line 1"),
     ],
 )
 def test_bad_files_are_refused(text: str, field: str, tmp_path: Path) -> None:
@@ -87,13 +88,13 @@ def test_bad_remappings_are_refused(remapping: str) -> None:
         load_names(remappings=[remapping])
 
 
-def test_the_own_body_is_the_simulators() -> None:
+def test_the_default_body_is_that_of_the_simulator() -> None:
     assert load_body().body(BODY.lidar) == BODY
 
 
 def test_a_body_file_may_say_where_the_lidar_is(tmp_path: Path) -> None:
     path = tmp_path / "body.yaml"
-    path.write_text(own_body() + "lidar: {x: 0.1, y: 0, theta: 3}\n")
+    path.write_text(default_body_text() + "lidar: {x: 0.1, y: 0, theta: 3}\n")
     assert load_body(path).body(Pose()).lidar == Pose(0.1, 0.0, 3.0)
 
 
@@ -105,14 +106,14 @@ def test_a_body_file_may_say_where_the_lidar_is(tmp_path: Path) -> None:
         ("radius: 0.20 ", "radius: yes ", "radius"),
         ("box_radius: 0.10 ", "box_radius: 0.3 ", "box_radius"),
         ("max_linear: 0.6", "", "max_linear"),
-        ("max_linear: 0.6", "max_lienar: 0.6", "max_lienar"),
-        ("max_linear: 0.6", "max_linear: 0.6\nlidar: {x: 1}", "lidar"),
+        ("max_linear: 0.6", "max_linear: 0.6\nmax_lienar: 0.6", "max_lienar"),
+        ("max_linear: 0.6", "max_linear: 0.6\nlidar: {x: 1, y: 0}", "lidar.theta"),
     ],
 )
 def test_bad_bodies_are_refused(old: str, new: str, field: str, tmp_path: Path) -> None:
     path = tmp_path / "body.yaml"
-    assert old in own_body()
-    path.write_text(own_body().replace(old, new, 1))
+    assert old in default_body_text()
+    path.write_text(default_body_text().replace(old, new, 1))
     with pytest.raises(InputError) as caught:
         load_body(path)
     assert caught.value.field == field

@@ -19,11 +19,13 @@ from wherry.pipelines.delivery.simulator import node_of
 from wherry.realization.mission import SurveyedWorld, order_from_plan
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import load_body
-from wherry.ros.conversion import Link, from_estimate, from_odometry, header_of, to_grid, to_pose, to_transform
+from wherry.ros.body_files import load_body
+from wherry.ros.decoding import decode_odometry, decode_pose_estimate
+from wherry.ros.encoding import encode_header, encode_occupancy_grid, encode_pose, encode_transform
 from wherry.ros.names import load_names
 from wherry.ros.nodes.outside import OutsideMap, OutsidePose
 from wherry.ros.nodes.robot import RosRobot
+from wherry.ros.transforms import StampedTransform
 from wherry.simulation import Simulation
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
@@ -39,17 +41,17 @@ STILL = Odometry(1.0, Pose(1.0), Velocity())
 
 
 def tell_pose(bus: Bus, pose: Pose, time: float = 1.0) -> None:
-    bus.say(TOPICS.tf, ros.TFMessage((to_transform(Link("map", "odom", time, pose)),)))
+    bus.say(TOPICS.tf, ros.TFMessage((encode_transform(StampedTransform("map", "odom", time, pose)),)))
 
 
 def test_a_map_may_grow() -> None:
     bus = Bus()
     outside = OutsideMap(bus.node(), NAMES)
-    bus.say(TOPICS.map, to_grid(GRID, 0.0, "map"))
+    bus.say(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))
     outside.wait(1.0)
     assert outside.grid().shape == (4, 6)
     larger = replace(GRID, probability=np.zeros((8, 9), np.float32))
-    bus.say(TOPICS.map, to_grid(larger, 1.0, "map"))
+    bus.say(TOPICS.map, encode_occupancy_grid(larger, 1.0, "map"))
     assert outside.grid().shape == (8, 9)
 
 
@@ -61,8 +63,8 @@ def test_of_gmappings_map_of_200_metres_what_is_known_is_taken() -> None:
     data[2000:2101, 1980:2001] = 0
     data[2100, 1980] = 100
     corner = Pose(-100.0, -100.0, 0.3)
-    info = ros.MapMetaData(resolution=0.05, width=4000, height=4000, origin=to_pose(corner))
-    bus.say(TOPICS.map, ros.OccupancyGrid(header_of(0.0, "map"), info, data.ravel()))
+    info = ros.MapMetaData(resolution=0.05, width=4000, height=4000, origin=encode_pose(corner))
+    bus.say(TOPICS.map, ros.OccupancyGrid(encode_header(0.0, "map"), info, data.ravel()))
     grid = outside.grid()
     assert grid.shape == (101 + 40, 21 + 40)
     assert grid.free.sum() == 101 * 21 - 1
@@ -76,7 +78,7 @@ def test_a_map_of_which_nothing_is_known_stays_as_it_is() -> None:
     bus = Bus()
     outside = OutsideMap(bus.node(), NAMES)
     info = ros.MapMetaData(resolution=0.05, width=3, height=2)
-    bus.say(TOPICS.map, ros.OccupancyGrid(header_of(0.0, "map"), info, np.full(6, -1, np.int8)))
+    bus.say(TOPICS.map, ros.OccupancyGrid(encode_header(0.0, "map"), info, np.full(6, -1, np.int8)))
     assert outside.grid().shape == (2, 3)
     assert not outside.grid().occupied.any()
 
@@ -92,11 +94,11 @@ def test_a_map_of_which_nothing_is_known_stays_as_it_is() -> None:
 def test_a_map_of_another_size_or_frame_is_refused_and_the_last_one_kept(changes: dict[str, Any]) -> None:
     bus = Bus()
     outside = OutsideMap(bus.node(), NAMES)
-    broken = replace(to_grid(GRID, 0.0, "map"), **changes)
+    broken = replace(encode_occupancy_grid(GRID, 0.0, "map"), **changes)
     bus.say(TOPICS.map, broken)
     with pytest.raises(InputError, match="/map: not heard within 0 s; refused /map"):
         outside.wait(0.0)
-    bus.say(TOPICS.map, to_grid(GRID, 0.0, "map"))
+    bus.say(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))
     bus.say(TOPICS.map, broken)
     outside.wait(0.0)
     assert outside.grid().shape == GRID.shape
@@ -116,7 +118,7 @@ def test_a_pose_is_the_transform_after_the_odometry() -> None:
 def test_transforms_outrank_estimates() -> None:
     bus = Bus()
     outside = OutsidePose(bus.node(), NAMES, lambda: STILL)
-    estimate = ros.PoseWithCovarianceStamped(header_of(1.0, "map"), ros.PoseWithCovariance(to_pose(Pose(5.0))))
+    estimate = ros.PoseWithCovarianceStamped(encode_header(1.0, "map"), ros.PoseWithCovariance(encode_pose(Pose(5.0))))
     bus.say(TOPICS.amcl_pose, estimate)
     assert outside.pose(STILL).x == pytest.approx(5.0)
     assert not outside.is_lost
@@ -141,7 +143,7 @@ def test_poses_that_cannot_be_are_refused(pose: Pose) -> None:
     bus = Bus()
     outside = OutsidePose(bus.node(), NAMES, lambda: STILL)
     tell_pose(bus, Pose(1.0))
-    message = to_transform(Link("map", "odom", 1.0, Pose()))
+    message = encode_transform(StampedTransform("map", "odom", 1.0, Pose()))
     broken = ros.Transform(ros.Vector3(pose.x), ros.Quaternion(z=pose.theta, w=1.0))
     bus.say(TOPICS.tf, ros.TFMessage((replace(message, transform=broken),)))
     assert outside.pose(STILL).x == 2.0
@@ -177,19 +179,19 @@ class OtherStack:
         node.subscribe(TOPICS.initialpose, self._begin)
 
     def tell_map(self) -> None:
-        self.bus.say(TOPICS.map, to_grid(perfect_map(self.simulation.plan), 0.0, "map"))
+        self.bus.say(TOPICS.map, encode_occupancy_grid(perfect_map(self.simulation.plan), 0.0, "map"))
 
     def _begin(self, message: ros.PoseWithCovarianceStamped) -> None:
         if self.deaf > 0:
             self.deaf -= 1
             return
-        self.asked = from_estimate(message, "map")[1]
+        self.asked = decode_pose_estimate(message, "map")[1]
         self.map_frame = self.simulation.referee.pose @ self.asked.inverse
         self.localizing = True
 
     def _localize(self, message: ros.Odometry) -> None:
         if self.localizing:
-            odometry = from_odometry(message, "odom", "base_link")
+            odometry = decode_odometry(message, "odom", "base_link")
             true = self.map_frame.inverse @ self.simulation.referee.pose
             tell_pose(self.bus, true @ odometry.pose.inverse, odometry.time)
 

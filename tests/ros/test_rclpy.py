@@ -18,9 +18,9 @@ import pytest
 
 from wherry.pipelines.delivery.simulator import WHEEL_JOINTS, node_of
 from wherry.ros import messages as ros
-from wherry.ros.conversion import to_grid, to_pose_array
+from wherry.ros.encoding import encode_occupancy_grid, encode_pose_array
 from wherry.ros.names import load_names
-from wherry.ros.transports.ros2 import DdsTransport
+from wherry.ros.transports.ros2 import Ros2Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry_testing.bus import free_domain
@@ -82,7 +82,7 @@ def ask(python: str, speed: float, seconds: float, kind: str = "plain") -> dict[
 class Stage:
     """A robot and a map on DDS, and all that was said."""
 
-    def __init__(self, transport: DdsTransport) -> None:
+    def __init__(self, transport: Ros2Transport) -> None:
         self.simulation = hall()
         self.scans: dict[int, ros.LaserScan] = {}
         self.odometry: dict[int, ros.Odometry] = {}
@@ -98,12 +98,12 @@ def _nanoseconds(header: ros.Header) -> int:
 def stage(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
     over = threading.Event()
-    with DdsTransport() as robot, DdsTransport() as agent:
+    with Ros2Transport() as robot, Ros2Transport() as agent:
         stage = Stage(agent)
         node = node_of(stage.simulation, robot, load_names(), 1.0)
         thread = threading.Thread(target=node.run, args=(over.is_set,))
         thread.start()
-        agent.publish(TOPICS.map, to_grid(GRID, 0.0, "map"))  # long before rclpy comes
+        agent.publish(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))  # long before rclpy comes
         try:
             yield stage
         finally:
@@ -148,12 +148,12 @@ def test_rclpy_drives_with_stamps_too(rclpy: str, stage: Stage) -> None:
 def test_what_the_agent_says_is_understood(rclpy: str, stage: Stage) -> None:
     over = threading.Event()
 
-    def say(transport: DdsTransport) -> None:
-        cloud = to_pose_array(np.random.default_rng(0).normal(size=(200, 3)), 0.0, "map")
+    def say(transport: Ros2Transport) -> None:
+        cloud = encode_pose_array(np.random.default_rng(0).normal(size=(200, 3)), 0.0, "map")
         while not over.wait(0.1):
             transport.publish(TOPICS.particlecloud, cloud)
 
-    with DdsTransport() as agent:
+    with Ros2Transport() as agent:
         thread = threading.Thread(target=say, args=(agent,))
         thread.start()
         try:

@@ -29,12 +29,16 @@ from wherry.floorplan.world_files import find_world
 from wherry.logs.carmen import LidarLog
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
+from wherry.ros.bags.log_recorder import LogRecorder
 from wherry.ros.bags.reading import is_bag, read_bag
-from wherry.ros.bags.recording import Bag, LogRecording, RecordedTransport, Recording
-from wherry.ros.conversion import header_of
-from wherry.ros.messages import Message, fields_of, message_types
+from wherry.ros.bags.recorded_transport import RecordedTransport
+from wherry.ros.bags.run_recorder import RunRecorder
+from wherry.ros.bags.writer import BagWriter
+from wherry.ros.encoding import encode_header
+from wherry.ros.message_fields import Message, fields_of
+from wherry.ros.messages import message_types
 from wherry.ros.names import load_names
-from wherry.ros.transports.transport import Quality, Topic
+from wherry.ros.topics import QosProfile, Topic
 from wherry.simulation import build
 from wherry.simulation.model import BODY
 from wherry.space.occupancy import OccupancyGrid
@@ -59,10 +63,10 @@ def drive(robot: Any, seconds: float) -> list[Scan | Odometry]:
 def record_drive(path: Path, seconds: float = 2.0) -> list[Scan | Odometry]:
     """A bag of two seconds' driving."""
     simulation = build(find_world("taxi"), np.random.default_rng(0))
-    with Bag(path) as bag:
-        recording = Recording(bag, laser_height=0.15)
+    with BagWriter(path) as bag:
+        recording = RunRecorder(bag, laser_height=0.15)
         measured = drive(recording.robot(simulation.robot), seconds)
-        recording.map(OccupancyGrid(np.full((4, 3), 0.5, np.float32), 0.05), seconds)
+        recording.write_map(OccupancyGrid(np.full((4, 3), 0.5, np.float32), 0.05), seconds)
     return measured
 
 
@@ -176,7 +180,7 @@ def test_every_field_of_every_message_survives(tmp_path: Path, name: str) -> Non
     if ros1:
         known = {key: kind for key, kind in known.items() if kind not in (ros.MeshFile, ros.UVCoordinate)}
     true = {f"/t{number}": example(kind, number) for number, kind in enumerate(known.values())}
-    with Bag(tmp_path / name) as bag:
+    with BagWriter(tmp_path / name) as bag:
         for topic, message in true.items():
             bag.write(Topic(topic, type(message)), message, 3.25)
     found = {topic: message for topic, _, message in messages(tmp_path / name)}
@@ -186,9 +190,9 @@ def test_every_field_of_every_message_survives(tmp_path: Path, name: str) -> Non
 
 
 def test_ros_1s_headers_are_numbered(tmp_path: Path) -> None:
-    with Bag(tmp_path / "run.bag") as bag:
+    with BagWriter(tmp_path / "run.bag") as bag:
         for _ in range(3):
-            header = header_of(1.0, "map")
+            header = encode_header(1.0, "map")
             bag.write(TOPICS.plan, ros.Path(header, (ros.PoseStamped(header),)), 1.0)
     numbers = [(path.header.seq, path.poses[0].header.seq) for _, _, path in messages(tmp_path / "run.bag")]
     assert numbers == [(0, 0), (1, 1), (2, 2)]
@@ -196,9 +200,9 @@ def test_ros_1s_headers_are_numbered(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_late_comers_get_what_was_latched(tmp_path: Path, name: str) -> None:
-    with Bag(tmp_path / name) as bag:
-        bag.write(Topic("/map", ros.String, Quality.LATCHED), ros.String("m"), 0.0)
-        bag.write(Topic("/scan", ros.String, Quality.SENSOR), ros.String("s"), 0.0)
+    with BagWriter(tmp_path / name) as bag:
+        bag.write(Topic("/map", ros.String, QosProfile.LATCHED), ros.String("m"), 0.0)
+        bag.write(Topic("/scan", ros.String, QosProfile.SENSOR), ros.String("s"), 0.0)
     with AnyReader([tmp_path / name]) as reader:
         extras = {connection.topic: connection.ext for connection in reader.connections}
     if name.endswith(".bag"):
@@ -231,9 +235,9 @@ def test_what_the_agent_tells_is_recorded(tmp_path: Path) -> None:
     seen = RobotSnapshot(
         4.0, Pose(1.1, 2.0, np.pi), Pose(), none, cloud, np.eye(2, dtype=np.float32), none, has_load=False
     )
-    with Bag(tmp_path / "run.mcap") as bag:
-        recording = Recording(bag)
-        recording.measured(odometry, Pose())
+    with BagWriter(tmp_path / "run.mcap") as bag:
+        recording = RunRecorder(bag)
+        recording.write_measurement(odometry, Pose())
         for record in (
             seen,
             MapUpdate(4.0, grid, 0.5, 1.0),
@@ -267,8 +271,8 @@ def test_what_the_agent_tells_is_recorded(tmp_path: Path) -> None:
 
 def test_the_latch_is_recorded(tmp_path: Path) -> None:
     simulation = build(find_world("taxi"), np.random.default_rng(0))
-    with Bag(tmp_path / "run.bag") as bag:
-        robot = Recording(bag).robot(simulation.robot)
+    with BagWriter(tmp_path / "run.bag") as bag:
+        robot = RunRecorder(bag).robot(simulation.robot)
         drive(robot, 0.1)
         assert robot.close_latch() is False
         assert robot.open_latch() is True
@@ -283,10 +287,10 @@ def test_a_log_becomes_a_bag_with_what_was_found_out(tmp_path: Path) -> None:
     scans = tuple(Scan(t, np.full(5, 2.0), -1.0, 0.5, 0.1, 10.0) for t in (101.0, 102.0))
     none = (None, None)
     log = LidarLog(scans, none, Trajectory(times, poses), Pose(0.1), ())
-    with Bag(tmp_path / "run") as bag:
-        recording = LogRecording(bag, log)
-        recording.scan(0, Pose(5.0), np.empty((0, 3)))
-        recording.scan(1, Pose(6.0), np.zeros((3, 3)))
+    with BagWriter(tmp_path / "run") as bag:
+        recording = LogRecorder(bag, log)
+        recording.write_scan(0, Pose(5.0), np.empty((0, 3)))
+        recording.write_scan(1, Pose(6.0), np.zeros((3, 3)))
     again = read_bag(tmp_path / "run")
     assert [scan.time for scan in again.scans] == [101.0, 102.0]
     assert_array_equal(again.odometry.times, times)
@@ -379,8 +383,8 @@ def test_the_same_run_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
 def test_an_interrupted_recording_is_a_whole_bag(tmp_path: Path, name: str) -> None:
     simulation = build(find_world("taxi"), np.random.default_rng(0))
     path = tmp_path / name
-    with pytest.raises(KeyboardInterrupt), Bag(path) as bag:  # noqa: PT012
-        drive(Recording(bag).robot(simulation.robot), 1.0)
+    with pytest.raises(KeyboardInterrupt), BagWriter(path) as bag:  # noqa: PT012
+        drive(RunRecorder(bag).robot(simulation.robot), 1.0)
         assert not path.exists()
         assert path.with_name(path.name + ".active").exists()
         raise KeyboardInterrupt
@@ -402,8 +406,8 @@ def test_a_terminated_recording_is_a_whole_bag(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_killed_recording_is_called_unfinished(tmp_path: Path, name: str) -> None:
     program = (
-        "import sys, time; from wherry.ros.bags.recording import Bag; from wherry.ros import messages as ros; "
-        "from wherry.ros.transports.transport import Topic; bag = Bag(sys.argv[1]); "
+        "import sys, time; from wherry.ros.bags.writer import BagWriter; from wherry.ros import messages as ros; "
+        "from wherry.ros.topics import Topic; bag = BagWriter(sys.argv[1]); "
         "bag.write(Topic('/said', ros.String), ros.String('x'), 0.0); print('ready', flush=True); time.sleep(60)"
     )
     path = tmp_path / name
@@ -418,7 +422,7 @@ def test_a_killed_recording_is_called_unfinished(tmp_path: Path, name: str) -> N
     with pytest.raises(InputError, match=f"cut off; .*{rescue}"):
         read_bag(unfinished)
     with pytest.raises(InputError, match="cut off"):
-        Bag(path)
+        BagWriter(path)
 
 
 def kill_while_recording(path: Path) -> Path:
@@ -426,8 +430,9 @@ def kill_while_recording(path: Path) -> Path:
     program = (
         "import sys; import numpy as np; from test_recording import drive; "
         "from wherry.floorplan.world_files import find_world; "
-        "from wherry.ros.bags.recording import Bag, Recording; from wherry.simulation import build; "
-        "robot = Recording(Bag(sys.argv[1])).robot(build(find_world('taxi'), np.random.default_rng(0)).robot); "
+        "from wherry.ros.bags.run_recorder import RunRecorder; from wherry.ros.bags.writer import BagWriter; "
+        "from wherry.simulation import build; "
+        "robot = RunRecorder(BagWriter(sys.argv[1])).robot(build(find_world('taxi'), np.random.default_rng(0)).robot); "
         "drive(robot, 3.9); print('ready', flush=True); sys.stdin.read()"
     )
     command = [sys.executable, "-c", program, str(path)]
@@ -472,26 +477,26 @@ def test_what_a_killed_process_recorded_with_sqlite_is_read_as_it_is(tmp_path: P
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_is_written_over(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("thesis")
-    with pytest.raises(InputError, match="there already"):
-        Bag(tmp_path / name)
+    with pytest.raises(InputError, match="exists already"):
+        BagWriter(tmp_path / name)
     assert (tmp_path / name).read_text() == "thesis"
 
 
 @pytest.mark.parametrize("name", ["run.txt", "run.db3", "run.bag.gz"])
 def test_a_name_of_no_kind_of_bag_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=r"\.bag \(ROS 1\), \.mcap"):
-        Bag(tmp_path / name)
+        BagWriter(tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_is_none_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="file"):
-        Bag(tmp_path / "file" / "run.bag")
+        BagWriter(tmp_path / "file" / "run.bag")
 
 
 def test_a_closed_bag_takes_nothing(tmp_path: Path) -> None:
-    bag = Bag(tmp_path / "run.bag")
+    bag = BagWriter(tmp_path / "run.bag")
     bag.close()
     bag.close()
     with pytest.raises(ValueError, match="closed"):
@@ -502,8 +507,8 @@ def test_a_full_disk_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    with Bag(tmp_path / "run.bag") as bag:
-        monkeypatch.setattr(bag._storage, "write", full)
+    with BagWriter(tmp_path / "run.bag") as bag:
+        monkeypatch.setattr(bag._bag, "write", full)
         with pytest.raises(InputError, match=r"run\.bag\.active.*No space left"):
             bag.write(TOPICS.cmd_vel, ros.Twist(), 0.0)
 
@@ -514,14 +519,14 @@ def test_without_rosbags_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setitem(sys.modules, "rosbags", None)
     for name in NAMES:
         with pytest.raises(InputError, match=r"pip install 'wherry\[bags\]'"):
-            Bag(tmp_path / name)
+            BagWriter(tmp_path / name)
     (tmp_path / "some.bag").write_bytes(b"")
     with pytest.raises(InputError, match=r"pip install 'wherry\[bags\]'"):
         read_bag(tmp_path / "some.bag")
 
 
 def test_threads_may_write_at_once(tmp_path: Path) -> None:
-    with Bag(tmp_path / "run.bag") as bag, ThreadPoolExecutor(4) as pool:
+    with BagWriter(tmp_path / "run.bag") as bag, ThreadPoolExecutor(4) as pool:
         for worker in range(4):
             topic = Topic(f"/t{worker}", ros.String)
             for number in range(50):
@@ -537,7 +542,7 @@ def test_threads_may_write_at_once(tmp_path: Path) -> None:
 class Wire:
     """A transport that hears its own messages, as rospy's does."""
 
-    generation = 1
+    ros_version = 1
 
     def __init__(self) -> None:
         self.listeners: dict[str, list[Any]] = {}
@@ -560,13 +565,13 @@ class Wire:
     def subscribe(self, topic: Topic[Any], heard: Any) -> None:
         self.listeners.setdefault(topic.name, []).append(heard)
 
-    def publishers_of(self, topic: Topic[Any]) -> int:
+    def count_publishers(self, topic: Topic[Any]) -> int:
         return 3
 
-    def subscribers_of(self, topic: Topic[Any]) -> int:
+    def count_subscribers(self, topic: Topic[Any]) -> int:
         return 4
 
-    def connected(self) -> bool:
+    def is_connected(self) -> bool:
         return True
 
     def close(self) -> None:
@@ -575,21 +580,21 @@ class Wire:
 
 def test_what_goes_through_a_transport_is_recorded_once_on_the_robots_clock(tmp_path: Path) -> None:
     wire, got = Wire(), []
-    with Bag(tmp_path / "run.bag") as bag, RecordedTransport(wire, bag, load_names()) as transport:
+    with BagWriter(tmp_path / "run.bag") as bag, RecordedTransport(wire, bag, load_names()) as transport:
         transport.subscribe(TOPICS.scan, got.append)
         transport.subscribe(TOPICS.odom, got.append)
         transport.subscribe(TOPICS.tf_static, got.append)
         wire.publish(TOPICS.tf_static, ros.TFMessage())  # latched: it comes before anybody knows the time
-        wire.publish(TOPICS.odom, ros.Odometry(header_of(1e9, "odom")))
+        wire.publish(TOPICS.odom, ros.Odometry(encode_header(1e9, "odom")))
         wire.publish(TOPICS.tf, ros.TFMessage())  # nobody but the recording listens to it
         transport.publish(TOPICS.tf, ros.TFMessage())  # comes back
         transport.publish(TOPICS.plan, ros.Path())  # does not
-        wire.publish(TOPICS.scan, ros.LaserScan(header_of(1e9 + 0.5, "laser")))
+        wire.publish(TOPICS.scan, ros.LaserScan(encode_header(1e9 + 0.5, "laser")))
         transport.publish(TOPICS.cmd_vel, ros.Twist())
         transport.publish(TOPICS.cmd_vel_stamped, ros.TwistStamped())  # another type of the same topic
-        wire.publish(TOPICS.odom, ros.Odometry(header_of(1e9 - 7.0, "odom")))  # a clock that jumps back
-        transport.finish()
-    wire.publish(TOPICS.scan, ros.LaserScan(header_of(1e9 + 9.0, "laser")))  # heard while the bag is closed
+        wire.publish(TOPICS.odom, ros.Odometry(encode_header(1e9 - 7.0, "odom")))  # a clock that jumps back
+        transport.stop_recording()
+    wire.publish(TOPICS.scan, ros.LaserScan(encode_header(1e9 + 9.0, "laser")))  # heard while the bag is closed
     assert wire.is_closed
     assert [type(message) for message in got] == [
         ros.TFMessage,
@@ -607,10 +612,10 @@ def test_what_goes_through_a_transport_is_recorded_once_on_the_robots_clock(tmp_
 def test_a_stamp_that_cannot_be_is_recorded_and_tells_no_time(tmp_path: Path) -> None:
     wire, got = Wire(), []
     broken = ros.Odometry(ros.Header(ros.Time(-7, 5), "odom"))
-    with Bag(tmp_path / "run.mcap") as bag, RecordedTransport(wire, bag, load_names()) as transport:
+    with BagWriter(tmp_path / "run.mcap") as bag, RecordedTransport(wire, bag, load_names()) as transport:
         transport.subscribe(TOPICS.odom, got.append)
         wire.publish(TOPICS.odom, broken)
-        wire.publish(TOPICS.odom, ros.Odometry(header_of(3.0, "odom")))
+        wire.publish(TOPICS.odom, ros.Odometry(encode_header(3.0, "odom")))
         wire.publish(TOPICS.odom, broken)
     assert len(got) == 3
     assert [stamp / 1e9 for _, stamp, _ in messages(tmp_path / "run.mcap")] == [3.0, 3.0, 3.0]
@@ -618,12 +623,16 @@ def test_a_stamp_that_cannot_be_is_recorded_and_tells_no_time(tmp_path: Path) ->
 
 def test_a_recorded_transport_is_the_transport_that_it_wraps(tmp_path: Path) -> None:
     wire = Wire()
-    with Bag(tmp_path / "run.bag") as bag:
+    with BagWriter(tmp_path / "run.bag") as bag:
         transport = RecordedTransport(wire, bag, load_names())
         transport.advertise(TOPICS.plan)
-        answers = (transport.generation, transport.publishers_of(TOPICS.scan), transport.subscribers_of(TOPICS.scan))
+        answers = (
+            transport.ros_version,
+            transport.count_publishers(TOPICS.scan),
+            transport.count_subscribers(TOPICS.scan),
+        )
         assert answers == (1, 3, 4)
-        assert transport.connected()
+        assert transport.is_connected()
         assert wire.advertised == ["/plan"]
 
 
@@ -632,10 +641,10 @@ def test_a_full_disk_stops_the_agent_and_not_the_listeners(tmp_path: Path, monke
         raise OSError(28, "No space left on device")
 
     wire, got = Wire(), []
-    with Bag(tmp_path / "run.bag") as bag:
+    with BagWriter(tmp_path / "run.bag") as bag:
         transport = RecordedTransport(wire, bag, load_names())
         transport.subscribe(TOPICS.odom, got.append)
-        monkeypatch.setattr(bag._storage, "write", full)
+        monkeypatch.setattr(bag._bag, "write", full)
         wire.publish(TOPICS.odom, ros.Odometry())
         assert len(got) == 1
         with pytest.raises(InputError, match="No space left"):

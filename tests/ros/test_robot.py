@@ -13,12 +13,13 @@ import pytest
 from wherry.errors import InputError
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import load_body
-from wherry.ros.conversion import Link, to_laser_scan, to_odometry, to_transform
+from wherry.ros.body_files import load_body
+from wherry.ros.encoding import encode_laser_scan, encode_odometry, encode_transform
 from wherry.ros.names import load_names
 from wherry.ros.nodes import robot as ros_robot
 from wherry.ros.nodes.latch import LatchState, from_latch_command, to_latch_state
 from wherry.ros.nodes.robot import RobotLostError, RosRobot
+from wherry.ros.transforms import StampedTransform
 from wherry.space.pose import Pose
 from wherry_testing.bus import Bus, BusTransport, DdsBus, free_domain, wait_for
 
@@ -37,15 +38,15 @@ class Driver:
         self.time = 10.0
 
     def mount(self) -> None:
-        link = to_transform(Link("base_link", "laser", self.time, Pose(-0.17)), 0.15)
+        link = encode_transform(StampedTransform("base_link", "laser", self.time, Pose(-0.17)), 0.15)
         self.bus.say(TOPICS.tf_static, ros.TFMessage((link,)))
 
     def odometry(self, **changes: object) -> None:
-        message = to_odometry(Odometry(self.time, Pose(self.time), Velocity()), "odom", "base_link", COVARIANCE)
+        message = encode_odometry(Odometry(self.time, Pose(self.time), Velocity()), "odom", "base_link", COVARIANCE)
         self.bus.say(TOPICS.odom, replace(message, **changes))
 
     def scan(self, **changes: object) -> None:
-        message = to_laser_scan(Scan(self.time, np.ones(8), -3.0, 0.7, 0.02, 12.0), "laser")
+        message = encode_laser_scan(Scan(self.time, np.ones(8), -3.0, 0.7, 0.02, 12.0), "laser")
         self.bus.say(TOPICS.scan, replace(message, **changes))
 
     def latch(self, loaded: bool = False, answered: float = 0.0) -> None:
@@ -104,10 +105,12 @@ def test_its_lidar_is_where_the_transforms_say(robot: RosRobot) -> None:
 
 def test_transforms_are_followed_from_the_lidar_to_base_link(bus: Bus, node: BusTransport, driver: Driver) -> None:
     robot = RosRobot(node, NAMES, load_body())
-    mast = to_transform(Link("base_link", "mast", 0.0, Pose(1.0, 0.0, math.pi / 2)))
+    mast = encode_transform(StampedTransform("base_link", "mast", 0.0, Pose(1.0, 0.0, math.pi / 2)))
     bus.say(TOPICS.tf_static, ros.TFMessage((mast,)))
     camera = replace(mast, child_frame_id="camera", transform=ros.Transform(rotation=ros.Quaternion(1.0, w=0.0)))
-    bus.say(TOPICS.tf_static, ros.TFMessage((camera, to_transform(Link("mast", "laser", 0.0, Pose(0.5))))))
+    bus.say(
+        TOPICS.tf_static, ros.TFMessage((camera, encode_transform(StampedTransform("mast", "laser", 0.0, Pose(0.5)))))
+    )
     driver.odometry()
     driver.scan()
     driver.latch()
@@ -118,7 +121,7 @@ def test_transforms_are_followed_from_the_lidar_to_base_link(bus: Bus, node: Bus
 
 def test_a_lidar_that_is_tilted_is_refused(bus: Bus, node: BusTransport, driver: Driver) -> None:
     robot = RosRobot(node, NAMES, load_body())
-    link = to_transform(Link("base_link", "laser", 0.0, Pose()))
+    link = encode_transform(StampedTransform("base_link", "laser", 0.0, Pose()))
     tilted = replace(link, transform=ros.Transform(rotation=ros.Quaternion(1.0, 0.0, 0.0, 0.0)))
     bus.say(TOPICS.tf_static, ros.TFMessage((tilted,)))
     with pytest.raises(InputError, match="upright"):
@@ -349,7 +352,7 @@ def test_a_silent_second_publisher_is_told(robot: RosRobot, bus: Bus) -> None:
 
 
 def test_a_master_that_is_gone_is_told(robot: RosRobot, node: BusTransport, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(node, "connected", lambda: False)
+    monkeypatch.setattr(node, "is_connected", lambda: False)
     assert "master" in robot.status().message
 
 

@@ -21,12 +21,12 @@ ECHO = """
 import sys
 from wherry.errors import InputError
 from wherry.ros.messages import LaserScan, String
-from wherry.ros.transports.ros1 import Ros1
-from wherry.ros.transports.transport import Quality, Topic
+from wherry.ros.transports.ros1 import Ros1Transport
+from wherry.ros.topics import QosProfile, Topic
 
-there, back = (Topic(name, LaserScan, Quality.SENSOR) for name in ("/there", "/back"))
-latched = Topic("/latched", String, Quality.LATCHED)
-with Ros1(sys.argv[1], sys.argv[2]) as node:
+there, back = (Topic(name, LaserScan, QosProfile.SENSOR) for name in ("/there", "/back"))
+latched = Topic("/latched", String, QosProfile.LATCHED)
+with Ros1Transport(sys.argv[1], sys.argv[2]) as node:
     node.set_parameter("/answer", 42)
     node.publish(latched, String("once"))
     node.advertise(back)
@@ -38,7 +38,7 @@ with Ros1(sys.argv[1], sys.argv[2]) as node:
         except InputError as error:
             print(error)
         else:
-            print(node.publishers_of(there), node.subscribers_of(back), node.connected())
+            print(node.count_publishers(there), node.count_subscribers(back), node.connected())
 print("closed")
 """
 
@@ -151,7 +151,7 @@ def test_closing_leaves_nothing_with_the_master(roscore: Roscore, node: Program)
     assert node.finish(10.0) == 0
     assert node.lines[-1] == "closed\n"
     master = Master("/test", roscore.environment["ROS_MASTER_URI"])
-    publishers, subscribers, _ = master.ask("getSystemState")
+    publishers, subscribers, _ = master.call("getSystemState")
     master.close()
     assert "/echo" not in {name for _, names in publishers + subscribers for name in names}
 
@@ -192,7 +192,7 @@ def test_what_is_no_address_is_told(environment: pytest.MonkeyPatch, uri: str) -
 
 
 def test_no_master_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wherry.ros.transports.ros1_master.PATIENCE", 0.3)
+    monkeypatch.setattr("wherry.ros.transports.ros1_master.STARTUP_TIMEOUT", 0.3)
     with pytest.raises(InputError, match="no ROS master answers there; start one: roscore"):
         wait_for_master(f"http://127.0.0.1:{_closed_port()}")
 
@@ -200,7 +200,7 @@ def test_no_master_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_server_that_is_no_master_is_no_master() -> None:
     master: Any = Master("/test", f"http://127.0.0.1:{_closed_port()}")
     with pytest.raises(MasterError, match="getPid"):
-        master.ask("getPid")
+        master.call("getPid")
     master.close()
 
 

@@ -13,7 +13,8 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.ros import messages as ros
-from wherry.ros.messages import Field, Message, fields_of, message_types
+from wherry.ros.message_fields import Field, Message, fields_of
+from wherry.ros.messages import message_types
 from wherry.ros.transports import ros1_messages
 from wherry_testing.ros1_system import require
 
@@ -28,7 +29,7 @@ def installed() -> None:
 
 def example(message_type: type[Message], rng: np.random.Generator) -> Message:
     """A message in which every field differs from its default, but for those that ROS 1 lacks."""
-    shared = [field for field in fields_of(message_type) if field.name not in ros1_messages.ROS2_ONLY]
+    shared = [field for field in fields_of(message_type) if field.name not in ros1_messages.ROS2_ONLY_FIELDS]
     values = {field.name: example_value(field, rng) for field in shared}
     return message_type(**values)
 
@@ -93,7 +94,7 @@ def test_no_number_stays_no_number() -> None:
 
 
 def test_a_field_that_ros1_lacks_without_our_knowing_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ros1_messages, "ROS2_ONLY", {"texture"})
+    monkeypatch.setattr(ros1_messages, "ROS2_ONLY_FIELDS", {"texture"})
     with pytest.raises(TypeError, match="Marker has no mesh_file, texture_resource, uv_coordinates in ROS 1"):
         ros1_messages._shared_fields(ros.Marker)
 
@@ -111,7 +112,7 @@ print(sys.path.index("/usr/lib/python3/dist-packages") == len(sys.path) - 1)
 
 
 def test_without_rospy_the_error_names_the_packages(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
-    monkeypatch.setattr(ros1_messages, "DEBIAN", tmp_path)
+    monkeypatch.setattr(ros1_messages, "DEBIAN_PACKAGES", tmp_path)
     with pytest.raises(InputError, match=r"Python module no_such_module: .* apt install python3-rospy"):
         ros1_messages.ros1_module("no_such_module")
     assert str(tmp_path) not in sys.path
@@ -120,7 +121,7 @@ def test_without_rospy_the_error_names_the_packages(monkeypatch: pytest.MonkeyPa
 def test_another_python_than_debians_is_told_which_one_to_take(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     (tmp_path / "rospy").mkdir()
     (tmp_path / "python3.9").touch()
-    monkeypatch.setattr(ros1_messages, "DEBIAN", tmp_path)
+    monkeypatch.setattr(ros1_messages, "DEBIAN_PACKAGES", tmp_path)
     monkeypatch.setattr(ros1_messages, "DEBIAN_PYTHON", tmp_path / "python3.9")
     with pytest.raises(InputError, match=r"installed for python3\.9, but this is Python 3\.\d+: make the environment"):
         ros1_messages.ros1_module("no_such_module")

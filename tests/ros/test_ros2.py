@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +17,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from wherry.errors import InputError
 from wherry.ros import messages as ros
-from wherry.ros.messages import Field, Message, fields_of, message_types
+from wherry.ros.message_fields import Field, Message, fields_of
+from wherry.ros.messages import message_types
 from wherry.ros.names import load_names
-from wherry.ros.transports.ros2 import DdsTransport, configuration, domain_id, from_idl, idl_class, to_idl
+from wherry.ros.transports.ros2 import Ros2Transport, configuration, domain_id, from_idl, idl_class, own_sockets, to_idl
 from wherry_testing.bus import free_domain
 
 TOPICS = load_names().topics
@@ -107,15 +110,15 @@ def test_it_stays_on_loopback_unless_asked() -> None:
     assert "127.0.0.1" not in configuration("eth0")
 
 
-def test_nothing_comes_in_from_a_network_unless_asked() -> None:
-    """In a process of its own: what the system says of its sockets while it hears and speaks."""
+def test_nothing_is_received_from_a_network_by_default() -> None:
+    """In a process of its own, whose sockets are all those of DDS."""
     program = (
         "import socket\n"
-        "from wherry.ros import ros2; from wherry.ros.names import load_names\n"
-        "with ros2.DdsTransport() as one:\n"
+        "from wherry.ros.transports import ros2; from wherry.ros.names import load_names\n"
+        "with ros2.Ros2Transport() as one:\n"
         "    topic = load_names().topics.scan\n"
         "    one.subscribe(topic, print); one.advertise(topic)\n"
-        "    for s in ros2._own_sockets():\n"
+        "    for s in ros2.own_sockets():\n"
         "        device = s.getsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, 16).rstrip(bytes(1)).decode()\n"
         "        print(s.getsockname()[0], device)"
     )
@@ -125,6 +128,45 @@ def test_nothing_comes_in_from_a_network_unless_asked() -> None:
     assert len(sockets) >= 3
     for address, device in sockets:
         assert address == "127.0.0.1" or device == "lo"
+
+
+def test_own_sockets_are_neither_duplicated_nor_closed() -> None:
+    ours, theirs = socket.socketpair()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp, ours, theirs, Path(os.devnull).open("rb") as file:
+        before = open_descriptors()
+        found = [own.fileno() for own in own_sockets()]
+        assert open_descriptors() == before
+        assert udp.fileno() in found
+        assert not {ours.fileno(), theirs.fileno(), file.fileno()} & set(found), "neither Unix sockets nor files"
+
+
+def test_closed_domains_leave_no_descriptors_and_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = []
+    for domain in (NOWHERE, PAIR, KILLED, HUNG) * 3:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        with Ros2Transport() as one, Ros2Transport() as other:
+            one.subscribe(TOPICS.scan, Heard())
+            other.publish(TOPICS.scan, ros.LaserScan())
+        counts.append((len(open_descriptors()), threading.active_count()))
+    assert len(set(counts)) == 1
+
+
+def test_a_domain_stays_open_until_its_last_transport_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(PAIR))
+    heard = Heard()
+    with Ros2Transport() as one, Ros2Transport() as other:
+        Ros2Transport().close()
+        other.subscribe(TOPICS.clock, heard)
+        wait_until(lambda: one.count_subscribers(TOPICS.clock) == 1)
+        one.advertise(TOPICS.clock)
+        wait_until(lambda: other.count_publishers(TOPICS.clock) == 1)
+        one.publish(TOPICS.clock, ros.Clock(ros.Time(3)))
+        assert heard.wait_for(1)[0].clock.sec == 3
+
+
+def open_descriptors() -> list[str]:
+    """Open file descriptors of this process, among them the one that lists them."""
+    return sorted(os.listdir("/proc/self/fd"))  # noqa: PTH208 - the names are numbers
 
 
 @pytest.mark.parametrize("text", ["-1", "233", "one", "1.0", "١"])
@@ -144,7 +186,7 @@ def test_the_domain_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) 
 def test_an_interface_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(NOWHERE))
     with pytest.raises(InputError, match="--interface: nowhere0"):
-        DdsTransport("nowhere0")
+        Ros2Transport("nowhere0")
 
 
 class Heard:
@@ -166,9 +208,9 @@ class Heard:
 
 
 @pytest.fixture
-def pair(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[DdsTransport, DdsTransport]]:
+def pair(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Ros2Transport, Ros2Transport]]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(PAIR))
-    with DdsTransport() as one, DdsTransport() as other:
+    with Ros2Transport() as one, Ros2Transport() as other:
         yield one, other
 
 
@@ -179,19 +221,19 @@ def wait_until(condition: Any) -> None:
         time.sleep(0.01)
 
 
-def test_messages_arrive_in_order(pair: tuple[DdsTransport, DdsTransport]) -> None:
+def test_messages_arrive_in_order(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
     one, other = pair
     heard = Heard()
     other.subscribe(TOPICS.tf, heard)
     one.advertise(TOPICS.tf)
-    wait_until(lambda: one.subscribers_of(TOPICS.tf) == 1 and other.publishers_of(TOPICS.tf) == 1)
+    wait_until(lambda: one.count_subscribers(TOPICS.tf) == 1 and other.count_publishers(TOPICS.tf) == 1)
     for second in range(50):
         one.publish(TOPICS.tf, ros.TFMessage((ros.TransformStamped(ros.Header(ros.Time(second))),)))
     arrived = [message.transforms[0].header.stamp.sec for message in heard.wait_for(50)]
     assert arrived == list(range(50))
 
 
-def test_who_comes_late_gets_the_last_latched_message(pair: tuple[DdsTransport, DdsTransport]) -> None:
+def test_who_comes_late_gets_the_last_latched_message(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
     one, other = pair
     grid = filled(ros.OccupancyGrid)
     one.publish(TOPICS.map, ros.OccupancyGrid())
@@ -204,7 +246,7 @@ def test_who_comes_late_gets_the_last_latched_message(pair: tuple[DdsTransport, 
 
 
 def test_a_text_that_is_none_does_not_end_listening(
-    pair: tuple[DdsTransport, DdsTransport], monkeypatch: pytest.MonkeyPatch
+    pair: tuple[Ros2Transport, Ros2Transport], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one, other = pair
     heard, broken = Heard(), []
@@ -225,7 +267,7 @@ def test_a_text_that_is_none_does_not_end_listening(
     assert heard.wait_for(1)[0].data == "two"
 
 
-def test_both_kinds_of_velocity_share_a_topic(pair: tuple[DdsTransport, DdsTransport]) -> None:
+def test_both_kinds_of_velocity_share_a_topic(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
     one, other = pair
     plain, stamped = Heard(), Heard()
     assert TOPICS.cmd_vel.name == TOPICS.cmd_vel_stamped.name
@@ -233,7 +275,7 @@ def test_both_kinds_of_velocity_share_a_topic(pair: tuple[DdsTransport, DdsTrans
     other.subscribe(TOPICS.cmd_vel_stamped, stamped)
     one.advertise(TOPICS.cmd_vel)
     one.advertise(TOPICS.cmd_vel_stamped)
-    wait_until(lambda: one.subscribers_of(TOPICS.cmd_vel) == 2)
+    wait_until(lambda: one.count_subscribers(TOPICS.cmd_vel) == 2)
     time.sleep(0.2)
     one.publish(TOPICS.cmd_vel, ros.Twist(ros.Vector3(0.1)))
     one.publish(TOPICS.cmd_vel_stamped, ros.TwistStamped(twist=ros.Twist(ros.Vector3(0.2))))
@@ -241,24 +283,24 @@ def test_both_kinds_of_velocity_share_a_topic(pair: tuple[DdsTransport, DdsTrans
     assert stamped.wait_for(1)[0].twist.linear.x == 0.2
 
 
-def test_only_others_are_counted(pair: tuple[DdsTransport, DdsTransport]) -> None:
+def test_only_others_are_counted(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
     one, other = pair
     one.advertise(TOPICS.scan)
     other.advertise(TOPICS.scan)
-    wait_until(lambda: one.publishers_of(TOPICS.scan) == other.publishers_of(TOPICS.scan) == 1)
-    assert one.publishers_of(TOPICS.odom) == 0
+    wait_until(lambda: one.count_publishers(TOPICS.scan) == other.count_publishers(TOPICS.scan) == 1)
+    assert one.count_publishers(TOPICS.odom) == 0
     other.close()
 
 
 def test_a_process_that_is_killed_leaves_no_message_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(KILLED))
     program = (
-        "import time; from wherry.ros.transports.ros2 import DdsTransport; from wherry.ros.names import load_names\n"
+        "import time; from wherry.ros.transports.ros2 import Ros2Transport; from wherry.ros.names import load_names\n"
         "from wherry.ros.messages import Bool, Twist\n"
-        "transport, topics = DdsTransport(), load_names().topics\n"
+        "transport, topics = Ros2Transport(), load_names().topics\n"
         "while True: transport.publish(topics.cmd_vel, Twist()); time.sleep(0.02)"
     )
-    with DdsTransport() as transport:
+    with Ros2Transport() as transport:
         heard = Heard()
         transport.subscribe(TOPICS.cmd_vel, heard)
         with subprocess.Popen([sys.executable, "-c", program], env=os.environ) as process:
@@ -274,14 +316,14 @@ def test_a_process_that_is_killed_leaves_no_message_behind(monkeypatch: pytest.M
 def test_a_listener_that_hangs_does_not_hold_up_the_publisher(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(HUNG))
     program = (
-        "import time; from wherry.ros.transports.ros2 import DdsTransport; from wherry.ros.names import load_names\n"
-        "transport, topics = DdsTransport(), load_names().topics\n"
+        "import time; from wherry.ros.transports.ros2 import Ros2Transport; from wherry.ros.names import load_names\n"
+        "transport, topics = Ros2Transport(), load_names().topics\n"
         "transport.subscribe(topics.tf, lambda message: None); time.sleep(60)"
     )
-    with DdsTransport() as transport, subprocess.Popen([sys.executable, "-c", program], env=os.environ) as process:
+    with Ros2Transport() as transport, subprocess.Popen([sys.executable, "-c", program], env=os.environ) as process:
         try:
             transport.advertise(TOPICS.tf)
-            wait_until(lambda: transport.subscribers_of(TOPICS.tf) == 1)
+            wait_until(lambda: transport.count_subscribers(TOPICS.tf) == 1)
             process.send_signal(19)  # SIGSTOP
             message = replace(filled(ros.TFMessage))
             longest = 0.0

@@ -13,9 +13,9 @@ import pytest
 from wherry.pipelines.delivery.simulator import Settings, prepare
 from wherry.realization.mission import order_from_plan
 from wherry.ros import messages as ros
-from wherry.ros.conversion import from_grid, links_between
+from wherry.ros.decoding import decode_occupancy_grid, transforms_between
 from wherry.ros.names import load_names
-from wherry.ros.transports.ros2 import DdsTransport
+from wherry.ros.transports.ros2 import Ros2Transport
 from wherry.space.map_files import load_map
 from wherry_testing.bus import free_domain
 from wherry_testing.dds import ended, simulator, wherry
@@ -42,7 +42,7 @@ name: tiny
 class Audience:
     """RViz, as it were: what the agent says."""
 
-    def __init__(self, transport: DdsTransport) -> None:
+    def __init__(self, transport: Ros2Transport) -> None:
         self.heard: dict[str, list[Any]] = {}
         for topic in (
             TOPICS.map,
@@ -62,7 +62,7 @@ class Audience:
 @pytest.fixture
 def audience(monkeypatch: pytest.MonkeyPatch) -> Iterator[Audience]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
-    with DdsTransport() as transport:
+    with Ros2Transport() as transport:
         yield Audience(transport)
 
 
@@ -86,7 +86,7 @@ def test_two_boxes_are_delivered_over_dds_alone(audience: Audience, tmp_path: Pa
 
 
 def _check_what_was_said(audience: Audience, shape: tuple[int, int]) -> None:
-    grid = from_grid(audience.heard["/map"][-1], "map")
+    grid = decode_occupancy_grid(audience.heard["/map"][-1], "map")
     assert grid.shape == shape
     assert 0.0 < grid.occupied.mean() < 0.5
     cloud = next(message for message in reversed(audience.heard["/particlecloud"]) if message.poses)
@@ -99,7 +99,7 @@ def _check_what_was_said(audience: Audience, shape: tuple[int, int]) -> None:
     assert len({marker.id for marker in audience.markers("warehouse")}) == 1
     conditions = {marker.text.partition("\n")[0] for marker in audience.markers("condition")}
     assert any(condition.endswith("11") for condition in conditions)  # over the warehouse, with a box
-    links = [link for message in audience.heard["/tf"] for link in links_between(message, "map", "odom")]
+    links = [link for message in audience.heard["/tf"] for link in transforms_between(message, "map", "odom")]
     stamps = np.array([link.time for link in links])
     assert (np.diff(stamps) > 0).all()
     assert np.quantile(np.diff(stamps), 0.99) < 1.0

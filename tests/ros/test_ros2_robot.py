@@ -16,11 +16,12 @@ import pytest
 from wherry.pipelines.delivery.simulator import node_of
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import load_body
-from wherry.ros.conversion import from_odometry, to_twist
+from wherry.ros.body_files import load_body
+from wherry.ros.decoding import decode_odometry
+from wherry.ros.encoding import encode_twist
 from wherry.ros.names import load_names
 from wherry.ros.nodes.robot import RosRobot
-from wherry.ros.transports.ros2 import DdsTransport
+from wherry.ros.transports.ros2 import Ros2Transport
 from wherry_testing.bus import free_domain
 from wherry_testing.dds import ended, simulator, wait_until
 from wherry_testing.robot_contract import RobotContract
@@ -39,8 +40,8 @@ DRIVER = """
 import time
 from wherry.ros.names import load_names
 from wherry.ros.messages import Twist, Vector3
-from wherry.ros.transports.ros2 import DdsTransport
-transport, topics = DdsTransport(), load_names().topics
+from wherry.ros.transports.ros2 import Ros2Transport
+transport, topics = Ros2Transport(), load_names().topics
 while True:
     transport.publish(topics.cmd_vel, Twist(Vector3(0.3)))
     time.sleep(0.02)
@@ -59,7 +60,7 @@ class TestRosRobot(RobotContract):
     def robot(self, monkeypatch: pytest.MonkeyPatch) -> Iterator[RosRobot]:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(CONTRACT))
         over = threading.Event()
-        with DdsTransport() as robots, DdsTransport() as transport, RosRobot(transport, NAMES, load_body()) as robot:
+        with Ros2Transport() as robots, Ros2Transport() as transport, RosRobot(transport, NAMES, load_body()) as robot:
             node = node_of(hall(EMPTY), robots, NAMES, RATE)
             thread = threading.Thread(target=node.run, args=(over.is_set,))
             thread.start()
@@ -74,13 +75,13 @@ class TestRosRobot(RobotContract):
 class Watcher:
     """What the robot does, as an outsider sees it."""
 
-    def __init__(self, transport: DdsTransport) -> None:
+    def __init__(self, transport: Ros2Transport) -> None:
         self.odometry: list[Odometry] = []
         self.arrived: list[float] = []
         transport.subscribe(TOPICS.odom, self._hear)
 
     def _hear(self, message: ros.Odometry) -> None:
-        self.odometry.append(from_odometry(message, "odom", "base_link"))
+        self.odometry.append(decode_odometry(message, "odom", "base_link"))
         self.arrived.append(time.monotonic())
 
     @property
@@ -99,13 +100,13 @@ class Watcher:
 
 
 @pytest.fixture
-def transport(monkeypatch: pytest.MonkeyPatch) -> Iterator[DdsTransport]:
+def transport(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros2Transport]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DEATHS))
-    with DdsTransport() as transport:
+    with Ros2Transport() as transport:
         yield transport
 
 
-def test_the_robot_stands_half_a_second_after_its_driver_is_killed(world: Path, transport: DdsTransport) -> None:
+def test_the_robot_stands_half_a_second_after_its_driver_is_killed(world: Path, transport: Ros2Transport) -> None:
     watcher = Watcher(transport)
     with simulator(world, DEATHS), subprocess.Popen([sys.executable, "-c", DRIVER], env=os.environ) as driver:
         try:
@@ -124,7 +125,7 @@ def test_the_robot_stands_half_a_second_after_its_driver_is_killed(world: Path, 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("is_recorded", [False, True])
 def test_a_simulation_that_is_asked_to_end_still_says_what_its_referee_saw(
-    how: signal.Signals, is_recorded: bool, world: Path, transport: DdsTransport
+    how: signal.Signals, is_recorded: bool, world: Path, transport: Ros2Transport
 ) -> None:
     watcher = Watcher(transport)
     bag = world.with_name(f"{how.name}.bag")
@@ -137,13 +138,13 @@ def test_a_simulation_that_is_asked_to_end_still_says_what_its_referee_saw(
 
 
 def test_a_simulation_ends_when_it_is_told_to_and_says_what_its_referee_saw(
-    world: Path, transport: DdsTransport
+    world: Path, transport: Ros2Transport
 ) -> None:
     watcher = Watcher(transport)
     with simulator(world, DEATHS, "--rate", "5", "--duration", "5") as process:
         wait_until(lambda: bool(watcher.odometry))
         while process.poll() is None and watcher.odometry[-1].time < 2.0:
-            transport.publish(TOPICS.cmd_vel, to_twist(Velocity(0.2)))
+            transport.publish(TOPICS.cmd_vel, encode_twist(Velocity(0.2)))
             time.sleep(0.02)
         result = ended(process, timeout=60.0)
     assert result["sim_seconds"] == pytest.approx(5.0, abs=0.11)

@@ -13,10 +13,11 @@ from wherry.errors import InputError
 from wherry.pipelines.delivery.simulator import WHEEL_JOINTS, Settings, node_of, prepare
 from wherry.robot import Velocity
 from wherry.ros import messages as ros
-from wherry.ros.conversion import from_laser_scan, from_odometry, from_transform, header_of, seconds_of, to_twist
-from wherry.ros.names import Names, load_names
+from wherry.ros.decoding import decode_laser_scan, decode_odometry, decode_stamp, decode_transform
+from wherry.ros.encoding import encode_header, encode_twist
+from wherry.ros.names import RosNames, load_names
 from wherry.ros.nodes.latch import LatchCommand, LatchState, from_latch_state, to_latch_command
-from wherry.ros.transports.transport import Topic
+from wherry.ros.topics import Topic
 from wherry.simulation import Simulation
 from wherry.simulation.model import LASER_HEIGHT, robot_urdf
 from wherry.space.pose import Pose
@@ -30,7 +31,7 @@ TOPICS = NAMES.topics
 class Stage:
     """A simulation on a bus, that runs as long as a test wants."""
 
-    def __init__(self, simulation: Simulation, names: Names = NAMES, rate: float = 20.0) -> None:
+    def __init__(self, simulation: Simulation, names: RosNames = NAMES, rate: float = 20.0) -> None:
         self.simulation = simulation
         self.bus = Bus()
         self.node = node_of(simulation, self.bus.node(), names, rate)
@@ -49,11 +50,11 @@ class Stage:
         return self.bus.heard[topic.name]
 
     def command(self, velocity: Velocity) -> Callable[[float], None]:
-        return lambda _: self.bus.say(TOPICS.cmd_vel, to_twist(velocity))
+        return lambda _: self.bus.say(TOPICS.cmd_vel, encode_twist(velocity))
 
     @property
     def speed(self) -> float:
-        return from_odometry(self.heard(TOPICS.odom)[-1], "odom", "base_link").velocity.linear
+        return decode_odometry(self.heard(TOPICS.odom)[-1], "odom", "base_link").velocity.linear
 
     @property
     def latch(self) -> LatchState:
@@ -78,7 +79,7 @@ def test_everything_is_told_on_one_clock_in_the_order_of_need() -> None:
 
     def note(topic: Topic[Any], stamp: Callable[[Any], ros.Time]) -> None:
         key = topic.name, topic.message_type
-        stage.bus.listeners[key].append(lambda message: order.append((topic.name, seconds_of(stamp(message)))))
+        stage.bus.listeners[key].append(lambda message: order.append((topic.name, decode_stamp(stamp(message)))))
 
     note(TOPICS.clock, lambda message: message.clock)
     note(TOPICS.tf, lambda message: message.transforms[0].header.stamp)
@@ -109,16 +110,16 @@ def test_the_clock_ticks_in_between_too() -> None:
 
 def test_frames_and_values_are_the_simulations(stage: Stage) -> None:
     stage.run(1.0, each_tick=stage.command(Velocity(0.3, 0.2)))
-    odometry = from_odometry(stage.heard(TOPICS.odom)[-1], "odom", "base_link")
-    link = from_transform(stage.heard(TOPICS.tf)[-1].transforms[0])
+    odometry = decode_odometry(stage.heard(TOPICS.odom)[-1], "odom", "base_link")
+    link = decode_transform(stage.heard(TOPICS.tf)[-1].transforms[0])
     assert (link.parent, link.child, link.time) == ("odom", "base_link", odometry.time)
     assert link.pose.distance_to(odometry.pose) == 0.0
     driven = stage.simulation.referee.pose.relative_to(Pose(0.9, 1.5))
     assert odometry.pose.distance_to(driven) < 0.02
-    scan = from_laser_scan(stage.heard(TOPICS.scan)[-1], "laser")
+    scan = decode_laser_scan(stage.heard(TOPICS.scan)[-1], "laser")
     assert len(scan.ranges) == 360
     mount, _ = stage.heard(TOPICS.tf_static)[0].transforms
-    assert from_transform(mount).pose == stage.simulation.robot.body.lidar
+    assert decode_transform(mount).pose == stage.simulation.robot.body.lidar
     assert (mount.header.frame_id, mount.child_frame_id) == ("base_link", "laser")
     assert mount.transform.translation.z == LASER_HEIGHT
 
@@ -158,7 +159,7 @@ def test_it_obeys_both_kinds_of_velocity(stage: Stage) -> None:
     assert stage.speed == pytest.approx(0.3, abs=0.03)
 
     def stamped(now: float) -> None:
-        message = ros.TwistStamped(header_of(now, "base_link"), to_twist(Velocity(-0.3)))
+        message = ros.TwistStamped(encode_header(now, "base_link"), encode_twist(Velocity(-0.3)))
         stage.bus.say(TOPICS.cmd_vel_stamped, message)
 
     stage.run(1.0, each_tick=stamped)
@@ -167,7 +168,7 @@ def test_it_obeys_both_kinds_of_velocity(stage: Stage) -> None:
 
 def test_an_old_stamped_velocity_is_not_obeyed(stage: Stage) -> None:
     stage.run(1.0)
-    old = ros.TwistStamped(header_of(0.3, "base_link"), to_twist(Velocity(0.3)))
+    old = ros.TwistStamped(encode_header(0.3, "base_link"), encode_twist(Velocity(0.3)))
     stage.run(0.5, each_tick=lambda _: stage.bus.say(TOPICS.cmd_vel_stamped, old))
     assert abs(stage.speed) < 0.02
 

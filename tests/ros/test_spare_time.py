@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from wherry.robot import Odometry, Scan, Velocity
-from wherry.ros.bodies import load_body
-from wherry.ros.conversion import to_laser_scan, to_odometry
+from wherry.ros.body_files import load_body
+from wherry.ros.encoding import encode_laser_scan, encode_odometry
 from wherry.ros.names import load_names
 from wherry.ros.nodes.robot import RosRobot
 from wherry.space.pose import Pose
@@ -17,8 +17,8 @@ TOPICS = load_names().topics
 
 def say(bus: Bus, time: float) -> None:
     """Odometry, and a scan of the same instant."""
-    bus.say(TOPICS.odom, to_odometry(Odometry(time, Pose(), Velocity()), "odom", "base_link", np.zeros(36)))
-    bus.say(TOPICS.scan, to_laser_scan(Scan(time, np.ones(8), 0.0, 0.5, 0.1, 9.0), "laser"))
+    bus.say(TOPICS.odom, encode_odometry(Odometry(time, Pose(), Velocity()), "odom", "base_link", np.zeros(36)))
+    bus.say(TOPICS.scan, encode_laser_scan(Scan(time, np.ones(8), 0.0, 0.5, 0.1, 9.0), "laser"))
 
 
 def test_it_comes_when_nothing_waits_to_be_taken_in() -> None:

@@ -8,6 +8,7 @@ from typing import cast
 
 import pytest
 from rich.console import Console
+from wherry.ros.transports.transport import Transport
 
 from wherry.mapping import closures
 from wherry.pipelines.grids import learning as taxi
@@ -15,7 +16,6 @@ from wherry.pipelines.logs import localization
 from wherry.pipelines.logs import mapping as slam
 from wherry.ros.names import load_names
 from wherry.ros.nodes.monitor import Monitor
-from wherry.ros.transports.transport import Transport
 from wherry.views.metrics_tables import (
     LEARNING_METRICS,
     LOCALIZATION_METRICS,

@@ -9,12 +9,12 @@ from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from types import TracebackType
 from typing import Any, Self
 
+from wherry.ros.messages import String
 from wherry.ros.names import load_names
-from wherry.ros.transports.ros2 import DdsTransport
-from wherry.ros.transports.transport import Quality, Topic
+from wherry.ros.topics import QosProfile, Topic
+from wherry.ros.transports.ros2 import Ros2Transport
 
 TOPICS = load_names().topics
 NUMBERS = itertools.count()
@@ -35,14 +35,14 @@ class Bus:
     publishers: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
     nodes: list[BusTransport] = field(default_factory=list)
 
-    def node(self, generation: int = 2) -> BusTransport:
-        self.nodes.append(BusTransport(self, generation))
+    def node(self, ros_version: int = 2) -> BusTransport:
+        self.nodes.append(BusTransport(self, ros_version))
         return self.nodes[-1]
 
     def say(self, topic: Topic[Any], message: Any) -> None:
         """Publish as an outsider whom nobody counts."""
         self.heard[topic.name].append(message)
-        if topic.quality is Quality.LATCHED:
+        if topic.qos is QosProfile.LATCHED:
             self.latched[topic.name, topic.message_type] = message
         for listener in tuple(self.listeners[topic.name, topic.message_type]):
             listener(message)
@@ -53,13 +53,12 @@ class BusTransport:
     """A `Transport`."""
 
     bus: Bus
-    generation: int = 2
-    is_connected: bool = True
+    ros_version: int = 2
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def advertise(self, topic: Topic[Any]) -> None:
@@ -73,17 +72,23 @@ class BusTransport:
     def subscribe(self, topic: Topic[Any], heard: Callable[[Any], None]) -> None:
         key = topic.name, topic.message_type
         self.bus.listeners[key].append(heard)
-        if topic.quality is Quality.LATCHED and key in self.bus.latched:
+        if topic.qos is QosProfile.LATCHED and key in self.bus.latched:
             heard(self.bus.latched[key])
 
-    def publishers_of(self, topic: Topic[Any]) -> int:
+    def count_publishers(self, topic: Topic[Any]) -> int:
         return len(self.bus.publishers[topic.name] - {id(self)})
 
-    def subscribers_of(self, topic: Topic[Any]) -> int:
+    def count_subscribers(self, topic: Topic[Any]) -> int:
         return len(self.bus.listeners[topic.name, topic.message_type])
 
-    def connected(self) -> bool:
-        return self.is_connected
+    def is_connected(self) -> bool:
+        return True
+
+    def announce_sim_time(self) -> None:
+        pass
+
+    def publish_robot_description(self, topic: Topic[String], urdf: str) -> None:
+        self.publish(topic, String(urdf))
 
     def close(self) -> None:
         for publishers in self.bus.publishers.values():
@@ -95,9 +100,9 @@ class DdsBus(Bus):
 
     def __init__(self) -> None:
         super().__init__()
-        self.outside = DdsTransport()
+        self.outside = Ros2Transport()
         self.arrived: Counter[tuple[str, type]] = Counter()
-        self.opened: list[DdsTransport] = [self.outside]
+        self.opened: list[Ros2Transport] = [self.outside]
         for topic in (TOPICS.cmd_vel, TOPICS.cmd_vel_stamped, TOPICS.latch_command):
             self.outside.subscribe(topic, partial(self._hear, topic))
 
@@ -106,7 +111,7 @@ class DdsBus(Bus):
         for listener in tuple(self.listeners[topic.name, topic.message_type]):
             listener(message)
 
-    def node(self, generation: int = 2) -> Any:
+    def node(self, ros_version: int = 2) -> Any:
         node = DdsNode(self)
         self.opened.append(node)
         return node
@@ -123,7 +128,7 @@ class DdsBus(Bus):
             node.close()
 
 
-class DdsNode(DdsTransport):
+class DdsNode(Ros2Transport):
     """Tells the bus what has been heard, and publishes no faster than the bus hears."""
 
     def __init__(self, bus: DdsBus) -> None:

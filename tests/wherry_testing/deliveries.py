@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wherry.domains.delivery import Site
+from wherry.domains.delivery import DeliverySite
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import parse_world
 from wherry.localization.localizer import Localizer
@@ -51,4 +51,4 @@ def stand_ready(plan: FloorPlan, seed: int = 0) -> tuple[RobotEnvironment, Simul
     localizer.initialize(start, INITIAL_POSE_COVARIANCE)
     pilot = Pilot(simulation.robot, PoseTracker(MapPoseEstimator(localizer), start), null_sink)
     boxes = [BoxTrack(number, *box.position, 9, 9) for number, box in enumerate(simulation.referee.boxes)]
-    return RobotEnvironment(pilot, frame_of(plan), Site.of_plan(plan), boxes), simulation
+    return RobotEnvironment(pilot, frame_of(plan), DeliverySite.of_plan(plan), boxes), simulation

@@ -15,10 +15,10 @@ from wherry.gazebo.latch import OPEN, close_topic, pose_topic, state_topic, take
 from wherry.pipelines.delivery.simulator import node_of
 from wherry.robot import Odometry, Scan
 from wherry.ros import messages as ros
-from wherry.ros.conversion import header_of, to_pose
+from wherry.ros.encoding import encode_header, encode_pose
 from wherry.ros.names import load_names
 from wherry.ros.nodes.simulator import SimulatorNode
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transports.protocol import Transport
 from wherry.simulation import Simulation
 from wherry.simulation.physics import Physics
 from wherry.space.pose import Pose
@@ -82,11 +82,11 @@ class Gazebo:
 
     def tell(self) -> None:
         """Where the models are."""
-        header = header_of(self.time, "world")
+        header = encode_header(self.time, "world")
         places = {"wherry": self.physics.robot_pose}
         places |= {f"box_{box}": Pose(*self.physics.box_positions[box, :2].tolist()) for box in self.boxes}
         for model, place in places.items():
-            self.transport.publish(pose_topic(model), ros.PoseStamped(header, to_pose(place)))
+            self.transport.publish(pose_topic(model), ros.PoseStamped(header, encode_pose(place)))
 
     def _ask(self, verb: str, box: int, message: ros.Empty) -> None:
         del message

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from wherry.oomdp.attributes import boolean, integer
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Learner, Prediction, Transition
-from wherry.oomdp.objects import ObjectClass, State, boolean, integer
+from wherry.oomdp.objects import ObjectClass, State
 from wherry.oomdp.terms import attribute_holds
 
 PRESS, PULL = Action("PRESS"), Action("PULL")
@@ -50,5 +51,5 @@ def ask(learner: Learner, switches: str, counter: int = 0, lamp: bool = False, a
 
 def counter_of(prediction: Prediction) -> int:
     """The counter that is predicted."""
-    assert prediction.state is not None
-    return int(prediction.state["machine"].counter)
+    assert prediction.most_likely.next_state is not None
+    return int(prediction.most_likely.next_state["machine"].counter)

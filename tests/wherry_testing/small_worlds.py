@@ -6,10 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from wherry.oomdp.attributes import integer
+from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.mdp import UNKNOWN, Model, Prediction
-from wherry.oomdp.objects import ObjectClass, State, integer
-from wherry.oomdp.outcomes import Grounded
+from wherry.oomdp.mdp import UNKNOWN, Model, Outcome, Prediction
+from wherry.oomdp.objects import ObjectClass, State
 
 WALKER = ObjectClass("Walker", (integer("at"),))
 DOMAIN = Domain("walk", (WALKER,), (), {"left": (), "right": ()})
@@ -30,15 +31,13 @@ class Tabular:
         self.outcomes = outcomes
 
     def predict(self, state: State, action: Action) -> Prediction:
-        branches = self.outcomes.get((state["walker"].at, action.name), ())
-        first, *others = [Prediction(at(after), reward, end, chance) for chance, after, reward, end in branches] or [
-            UNKNOWN
-        ]
-        return Prediction(first.state, first.reward, first.terminated, first.probability, tuple(others))
+        rows = self.outcomes.get((state["walker"].at, action.name), ())
+        outcomes = tuple(Outcome(at(after), reward, end, chance) for chance, after, reward, end in rows)
+        return Prediction(outcomes) if outcomes else UNKNOWN
 
 
-def grounded(model: Model) -> Grounded:
-    return Grounded(DOMAIN, model)
+def grounded(model: Model) -> PerStateModel:
+    return PerStateModel(DOMAIN, model)
 
 
 def random_world(states: int, rng: np.random.Generator) -> Outcomes:

@@ -16,9 +16,10 @@ from gymnasium.envs.toy_text.taxi import TaxiEnv
 from wherry.domains.taxi import DELIVERY_REWARD, ILLEGAL_REWARD, STEP_REWARD, WALL
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, Direction, Wall
+from wherry.oomdp.attributes import boolean, integer
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Transition
-from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer
+from wherry.oomdp.objects import ObjectClass, Scene, State
 from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE
 from wherry.oomdp.terms import attribute_holds, related
 

@@ -18,11 +18,12 @@ from minigrid.minigrid_env import MiniGridEnv
 
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell
+from wherry.oomdp.attributes import AttributeKind, boolean, enumeration, integer
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import PAPER_TYPES, EffectType
 from wherry.oomdp.mdp import Transition
-from wherry.oomdp.objects import Kind, Object, ObjectClass, Scene, State, boolean, enumeration, integer
-from wherry.oomdp.relations import DIRECTIONS, Relation, place
+from wherry.oomdp.objects import Object, ObjectClass, Scene, State
+from wherry.oomdp.relations import DIRECTIONS, Relation, cell_of
 from wherry.oomdp.terms import attribute_holds, attribute_is, related
 
 ACTIONS = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
@@ -51,10 +52,10 @@ EFFECT_TYPES: Mapping[str, EffectType] = {
     **PAPER_TYPES,
     "turn": EffectType(
         "turn",
-        frozenset({Kind.ENUMERATION}),
+        frozenset({AttributeKind.ENUMERATION}),
         between=_quarter_turns,
         apply=lambda heading, turns: list(HEADINGS)[(list(HEADINGS).index(heading) + turns) % 4],
-        words=lambda name, turns: f"{name} turns {('nowhere', 'left', 'about', 'right')[turns]}",
+        describe=lambda name, turns: f"{name} turns {('nowhere', 'left', 'about', 'right')[turns]}",
     ),
 }
 """What learners need to be given: the paper's effect types, and turns."""
@@ -66,7 +67,7 @@ def _ahead(agent: Object) -> tuple[int, int]:
     return agent.x + dx, agent.y + dy
 
 
-AHEAD = Relation.where_equal("ahead", _ahead, place)
+AHEAD = Relation.where_equal("ahead", _ahead, cell_of)
 SHUT_AHEAD = Relation("shut_ahead", lambda agent, door: AHEAD.holds(agent, door) and not door.open)
 FITS = Relation("fits", lambda key, door: key.held and key.colour == door.colour)
 
@@ -191,4 +192,4 @@ class MiniGrid:
 def at_goal(state: State) -> bool:
     """Whether the agent stands on a goal, for learners that are told what they are to do."""
     (agent,) = state.of_class("Agent")
-    return place(agent) in state.scene.index("Goal", place)
+    return cell_of(agent) in state.scene.index("Goal", cell_of)

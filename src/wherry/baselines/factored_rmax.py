@@ -10,10 +10,11 @@ from collections.abc import Callable, Hashable, Iterator
 from typing import Any, cast
 
 from wherry.baselines.rmax import NOT_KNOWN
+from wherry.oomdp.attributes import Value
+from wherry.oomdp.conditional_models import ConditionalPrediction, ModelOutcome
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.mdp import UNKNOWN, Prediction, Transition
-from wherry.oomdp.objects import Object, State, Value
-from wherry.oomdp.outcomes import Answer, Told
+from wherry.oomdp.mdp import UNKNOWN, Outcome, Prediction, Transition
+from wherry.oomdp.objects import Object, State
 
 Variable = tuple[str, str]
 """An attribute of an object, by the object's name and the attribute's."""
@@ -39,7 +40,7 @@ class FactoredRmax:
         parents: The dynamic Bayesian network.
     """
 
-    doubtful = False
+    has_disagreement = False
 
     def __init__(self, domain: Domain, parents: Parents) -> None:
         self.domain = domain
@@ -68,15 +69,15 @@ class FactoredRmax:
             if GONE in values:
                 continue
             objects.append(Object(item.object_class, item.name, tuple(values)))
-        return Prediction(state.with_objects(objects), *worth)
+        return Prediction((Outcome(state.with_objects(objects), *worth),))
 
-    def key(self, state: State) -> Hashable:
+    def state_key(self, state: State) -> Hashable:
         """The state itself."""
         return state
 
-    def answer(self, state: State, action: Action) -> Answer:
+    def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
         """What the tables say, or unknown where one of them has a gap."""
-        return Answer(((Told(self), 1.0),)) if self._knows(state, action) else NOT_KNOWN
+        return ConditionalPrediction(((ModelOutcome(self), 1.0),)) if self._knows(state, action) else NOT_KNOWN
 
     def _knows(self, state: State, action: Action) -> bool:
         """Whether no table has a gap."""

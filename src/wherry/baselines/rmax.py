@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 
+from wherry.oomdp.conditional_models import ConditionalPrediction, ConstantOutcome, ModelOutcome
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.mdp import UNKNOWN, Prediction, Transition
+from wherry.oomdp.mdp import UNKNOWN, Outcome, Prediction, Transition
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import Answer, Fixed, Told
 
-NOT_KNOWN = Answer(((Fixed(UNKNOWN), 1.0),))
+NOT_KNOWN = ConditionalPrediction(((ConstantOutcome(UNKNOWN.most_likely), 1.0),))
 
 
 class Rmax:
@@ -22,7 +22,7 @@ class Rmax:
         domain: What states are described with.
     """
 
-    doubtful = False
+    has_disagreement = False
 
     def __init__(self, domain: Domain) -> None:
         self.domain = domain
@@ -39,18 +39,18 @@ class Rmax:
         """What the action did in this state, or unknown."""
         return self._known.get((state, action), UNKNOWN)
 
-    def key(self, state: State) -> Hashable:
+    def state_key(self, state: State) -> Hashable:
         """The state itself."""
         return state
 
-    def answer(self, state: State, action: Action) -> Answer:
+    def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
         """What the action did in this state, or unknown."""
-        return Answer(((Told(self), 1.0),)) if (state, action) in self._known else NOT_KNOWN
+        return ConditionalPrediction(((ModelOutcome(self), 1.0),)) if (state, action) in self._known else NOT_KNOWN
 
     def add_experience(self, transition: Transition) -> None:
         """Remember one experience."""
         tried = transition.state, transition.action
-        seen = Prediction(transition.next_state, transition.reward, transition.terminated)
+        seen = Prediction((Outcome(transition.next_state, transition.reward, transition.terminated),))
         if self._known.setdefault(tried, seen) is seen:
             self.revisions[transition.action.name] += 1
         elif self._known[tried] != seen:

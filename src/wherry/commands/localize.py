@@ -69,13 +69,13 @@ def localize(
         with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
             task = progress.add_task("localizing", total=len(run))
             if recording is not None:
-                recording.map(run.grid, run.log.scans[0].time)
+                recording.write_map(run.grid, run.log.scans[0].time)
             for located in run.steps():
                 progress.update(task, completed=located.index + 1)
                 trace.scan(located.index, located.found.pose, run.localizer.amcl.particles)
                 trace.doubt(located.index, located.found.lost_probability)
                 if recording is not None:
-                    recording.scan(located.index, located.found.pose, run.localizer.amcl.particles)
+                    recording.write_scan(located.index, located.found.pose, run.localizer.amcl.particles)
         result = run.result()
         if result.unknown_parameters:
             say(console, f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")

@@ -127,7 +127,7 @@ def _screen(game: Game, known: tuple[str, ...]) -> Screen:
 
     keys = {action: key for key, action in keys_of(game).items()}
     rows = [
-        Row(keys[told.action], str(told.action), told.words, told.worth, told.probability) for told in game.expected()
+        Row(keys[row.action], str(row.action), row.changes, row.reward, row.probability) for row in game.predictions()
     ]
     settings = game.settings
     place = f"Taxi {settings.size}×{settings.size}" if settings.domain == "taxi" else f"Delivery in {settings.world}"

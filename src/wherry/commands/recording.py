@@ -1,4 +1,4 @@
-"""The option of the commands whose runs can be recorded as ROS bags, and what it means."""
+"""The option ``--record`` of the commands that can write a ROS bag, and context managers that do so."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ import typer
 if TYPE_CHECKING:
     from wherry.logs.carmen import LidarLog
     from wherry.robot import Robot
-    from wherry.ros.bags.recording import LogRecording
-    from wherry.ros.names import Names
-    from wherry.ros.transports.transport import Transport
+    from wherry.ros.bags.log_recorder import LogRecorder
+    from wherry.ros.bags.writer import BagWriter
+    from wherry.ros.names import RosNames
+    from wherry.ros.transports.protocol import Transport
     from wherry.trace.records import Sink
 
 RecordOption = Annotated[
@@ -30,11 +31,11 @@ RecordOption = Annotated[
 
 @contextlib.contextmanager
 def recorded(path: Path | None, *, laser_height: float = 0.0) -> Iterator[tuple[Sink, Callable[[Robot], Robot]]]:
-    """What records a run: a sink, and what makes a recorded robot of a robot.
+    """Record a run: yields a sink to record estimates with, and a function that makes a robot a recorded one.
 
     Args:
         path: The bag; None to record nothing.
-        laser_height: m, of the robot's lidar over base_link.
+        laser_height: Height of the robot's lidar above base_link, m.
 
     Raises:
         InputError: The bag cannot be written.
@@ -44,20 +45,20 @@ def recorded(path: Path | None, *, laser_height: float = 0.0) -> Iterator[tuple[
     if path is None:
         yield null_sink, lambda robot: robot
         return
-    from wherry.ros.bags.recording import Bag, Recording
+    from wherry.ros.bags.run_recorder import RunRecorder
 
-    with _interrupted_when_terminated(), Bag(path) as bag:
-        recording = Recording(bag, laser_height=laser_height)
-        yield recording, recording.robot
+    with _open_bag(path) as bag:
+        recorder = RunRecorder(bag, laser_height=laser_height)
+        yield recorder, recorder.robot
 
 
 @contextlib.contextmanager
-def recorded_log(path: Path | None, log: LidarLog) -> Iterator[LogRecording | None]:
-    """What records a log as a bag, with what was found out about it.
+def recorded_log(path: Path | None, log: LidarLog) -> Iterator[LogRecorder | None]:
+    """Record a log and what is estimated from it.
 
     Args:
         path: The bag; None to record nothing.
-        log: What is run through.
+        log: The log that is processed.
 
     Raises:
         InputError: The bag cannot be written.
@@ -65,20 +66,20 @@ def recorded_log(path: Path | None, log: LidarLog) -> Iterator[LogRecording | No
     if path is None:
         yield None
         return
-    from wherry.ros.bags.recording import Bag, LogRecording
+    from wherry.ros.bags.log_recorder import LogRecorder
 
-    with _interrupted_when_terminated(), Bag(path) as bag:
-        yield LogRecording(bag, log)
+    with _open_bag(path) as bag:
+        yield LogRecorder(bag, log)
 
 
 @contextlib.contextmanager
-def recorded_transport(path: Path | None, transport: Transport, names: Names) -> Iterator[Transport]:
-    """The transport, with everything that goes through it recorded.
+def recorded_transport(path: Path | None, transport: Transport, names: RosNames) -> Iterator[Transport]:
+    """Record all messages that go through a transport.
 
     Args:
         path: The bag; None to record nothing.
-        transport: ROS.
-        names: What everything is called.
+        transport: Node of the ROS system.
+        names: RosNames of topics and frames.
 
     Raises:
         InputError: The bag cannot be written.
@@ -86,25 +87,27 @@ def recorded_transport(path: Path | None, transport: Transport, names: Names) ->
     if path is None:
         yield transport
         return
-    from wherry.ros.bags.recording import Bag, RecordedTransport
+    from wherry.ros.bags.recorded_transport import RecordedTransport
 
-    with _interrupted_when_terminated(), Bag(path) as bag:
+    with _open_bag(path) as bag:
         recorded = RecordedTransport(transport, bag, names)
         try:
             yield recorded
         finally:
-            recorded.finish()
+            recorded.stop_recording()
 
 
 @contextlib.contextmanager
-def _interrupted_when_terminated() -> Iterator[None]:
-    """Let SIGTERM end a run as Ctrl-C does, so that its bag is finished."""
+def _open_bag(path: Path) -> Iterator[BagWriter]:
+    """A bag that is completed however the block ends; SIGTERM ends it as Ctrl-C does."""
+    from wherry.ros.bags.writer import BagWriter
 
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    previous = signal.signal(signal.SIGTERM, interrupt)
     try:
-        yield
+        with BagWriter(path) as bag:
+            yield bag
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(signal.SIGTERM, previous)

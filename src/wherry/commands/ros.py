@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     import threading
     from collections.abc import Iterator
 
-    from wherry.ros.names import Names
-    from wherry.ros.transports.transport import Transport
+    from wherry.ros.names import RosNames
+    from wherry.ros.transports.protocol import Transport
 
 NamesOption = Annotated[
     Path | None, typer.Option("--names", help="A YAML file with namespace, frame_prefix, topics, frames and rates.")
@@ -162,7 +162,7 @@ def _add_deliver(app: typer.Typer, generation: int) -> None:
         from wherry.pipelines.delivery import ros as ros_delivery
         from wherry.pipelines.delivery import simulated as delivery
         from wherry.pipelines.delivery.agent import delivery_learner
-        from wherry.ros.bodies import load_body
+        from wherry.ros.body_files import load_body
         from wherry.ros.names import load_names
         from wherry.ros.nodes.agent import AgentNode
         from wherry.ros.nodes.robot import RobotLostError, RosRobot
@@ -284,19 +284,13 @@ def from_launch(arguments: list[str] | None, name: str, remap: list[str] | None)
     return name, remappings
 
 
-def _describe_robot(transport: Transport, names: Names) -> None:
-    """Say what the robot looks like: in ROS 1 as a parameter, beside the one that time is simulated."""
+def _describe_robot(transport: Transport, names: RosNames) -> None:
+    """Tell the ROS system what the robot looks like, and that time is simulated."""
     from wherry.ros.description import robot_description
-    from wherry.ros.messages import String
-    from wherry.ros.transports.ros1 import Ros1
     from wherry.simulation.model import robot_urdf
 
-    description = robot_description(robot_urdf())
-    if isinstance(transport, Ros1):
-        transport.set_parameter("/use_sim_time", True)
-        transport.set_parameter(names.topics.robot_description.name, description)
-    else:
-        transport.publish(names.topics.robot_description, String(description))
+    transport.announce_sim_time()
+    transport.publish_robot_description(names.topics.robot_description, robot_description(robot_urdf()))
 
 
 @contextlib.contextmanager
@@ -318,9 +312,9 @@ def _asked_to_end() -> Iterator[threading.Event]:
 def open_transport(generation: int, name: str, namespace: str, interface: str) -> Transport:
     """Become a node."""
     if generation == 1:
-        from wherry.ros.transports.ros1 import Ros1
+        from wherry.ros.transports.ros1 import Ros1Transport
 
-        return Ros1(name, namespace, interface)
-    from wherry.ros.transports.ros2 import LOOPBACK, DdsTransport
+        return Ros1Transport(name, namespace, interface)
+    from wherry.ros.transports.ros2 import LOOPBACK, Ros2Transport
 
-    return DdsTransport(interface or LOOPBACK)
+    return Ros2Transport(interface or LOOPBACK)

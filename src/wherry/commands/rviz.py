@@ -1,4 +1,4 @@
-"""``wherry rviz``: the user's RViz, showing what a robot sees and the agent thinks."""
+"""``wherry rviz``: RViz, configured for a robot and its agent."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ import typer
 
 
 def rviz(
-    options: Annotated[list[str] | None, typer.Argument(help="Options of RViz's own, after --.")] = None,
-    ros: Annotated[int | None, typer.Option(min=1, max=2, help="Of which ROS; without it, the sourced one's.")] = None,
-    names: Annotated[Path | None, typer.Option(help="A YAML file with the robot's names of topics and frames.")] = None,
+    options: Annotated[list[str] | None, typer.Argument(help="Options passed on to RViz, after --.")] = None,
+    ros: Annotated[
+        int | None, typer.Option(min=1, max=2, help="ROS version; by default that of the sourced environment.")
+    ] = None,
+    names: Annotated[Path | None, typer.Option(help="A YAML file with the names of topics and frames.")] = None,
     namespace: Annotated[str, typer.Option(envvar="ROS_NAMESPACE", help="The robot's namespace.")] = "",
     remap: Annotated[list[str] | None, typer.Option(help="NAME:=NEW, as in ROS; several times for several.")] = None,
-    centre: Annotated[tuple[float, float], typer.Option(help="What to look at, m, in the map frame.")] = (0.0, 0.0),
-    scale: Annotated[float, typer.Option(min=1.0, max=2000.0, help="Pixels a metre.")] = 80.0,
+    centre: Annotated[tuple[float, float], typer.Option(help="Centre of the view in the map frame, m.")] = (0.0, 0.0),
+    scale: Annotated[float, typer.Option(min=1.0, max=2000.0, help="Pixels per metre.")] = 80.0,
     robot_model: Annotated[
-        bool, typer.Option(help="Describe wherry's own robot to RViz, where no robot has described itself.")
+        bool, typer.Option(help="Show wherry's own robot if no robot has published its description.")
     ] = True,
     write: Annotated[
         Path | None, typer.Option(help="Write the configuration to this file instead of starting RViz.")
@@ -34,20 +36,20 @@ def rviz(
     from wherry.ros.names import load_names
     from wherry.simulation.model import robot_urdf
 
-    called = load_names(names, namespace=namespace, remappings=remap or ())
-    view = viewer.View(*centre, scale)
+    robot_names = load_names(names, namespace=namespace, remappings=remap or ())
+    view = viewer.RvizView(*centre, scale)
     if write is not None:
-        write_atomically(write, viewer.configuration(ros or 2, called, view))
+        write_atomically(write, viewer.configuration(ros or 2, robot_names, view))
         return
-    generation, program = viewer.find_rviz(ros)
+    ros_version, program = viewer.find_rviz(ros)
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         config = Path(folder) / "wherry.rviz"
-        config.write_text(viewer.configuration(generation, called, view), encoding="utf-8")
+        config.write_text(viewer.configuration(ros_version, robot_names, view), encoding="utf-8")
         if robot_model:
-            description = robot_description(robot_urdf())
-            trouble = stack.enter_context(viewer.robot_model(generation, description, Path(folder)))
-            if trouble:
-                typer.echo(f"wherry: {trouble}", err=True)
+            urdf = robot_description(robot_urdf())
+            reason = stack.enter_context(viewer.robot_model(ros_version, urdf, Path(folder)))
+            if reason:
+                typer.echo(f"wherry: {reason}", err=True)
         with contextlib.suppress(KeyboardInterrupt):
             finished = subprocess.run([program, "-d", config, *(options or ())], check=False)  # noqa: S603
             raise typer.Exit(finished.returncode)

@@ -23,10 +23,11 @@ import numpy as np
 from wherry.errors import InputError
 from wherry.floorplan.generation import place_boxes
 from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
+from wherry.oomdp.attributes import boolean, integer
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Transition
-from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer
-from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation, place, wall_edge
+from wherry.oomdp.objects import ObjectClass, Scene, State
+from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation, cell_of, wall_edge
 from wherry.oomdp.terms import Bound, Term, attribute_holds, candidates, related
 
 STEP_REWARD = -1.0
@@ -42,7 +43,7 @@ ON_FLOOR = Relation("on", lambda robot, box: not box.in_bot and ON.holds(robot, 
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class BoxState:
     """A box as the robot knows it.
 
     Attributes:
@@ -67,7 +68,7 @@ def _touch(direction: str) -> Term:
         boxes = state.of_class("Box")
         for robot in candidates("Robot", state, bound):
             ahead = (robot.x + dx, robot.y + dy)
-            if any(place(box) == ahead and not box.in_bot for box in boxes):
+            if any(cell_of(box) == ahead and not box.in_bot for box in boxes):
                 return any(box.in_bot or ON.holds(robot, box) for box in boxes)
         return False
 
@@ -99,7 +100,7 @@ def delivery_domain(x_range: tuple[int, int], y_range: tuple[int, int]) -> Domai
 
 
 @dataclass(frozen=True)
-class Site:
+class DeliverySite:
     """Where boxes are to be delivered: what the map says, from which states are built.
 
     Attributes:
@@ -128,7 +129,7 @@ class Site:
         object.__setattr__(self, "scene", Scene((*walls, *cells)))
 
     @classmethod
-    def of_cells(cls, cells: Iterable[Cell], walls: Iterable[Wall], warehouse: Iterable[Cell]) -> Site:
+    def of_cells(cls, cells: Iterable[Cell], walls: Iterable[Wall], warehouse: Iterable[Cell]) -> DeliverySite:
         """The site of some open cells, in a grid with any origin; every edge to a cell that is not open is a wall.
 
         Args:
@@ -152,11 +153,11 @@ class Site:
         )
 
     @classmethod
-    def of_plan(cls, plan: FloorPlan) -> Site:
+    def of_plan(cls, plan: FloorPlan) -> DeliverySite:
         """The site that a floor plan shows."""
         return cls.of_cells(plan.cells(), plan.walls, plan.warehouse)
 
-    def state(self, robot: Cell, boxes: Iterable[Box]) -> State:
+    def state(self, robot: Cell, boxes: Iterable[BoxState]) -> State:
         """The state of a robot in a cell and of the boxes that are not yet delivered.
 
         Raises:
@@ -177,7 +178,7 @@ def boxes_left(state: State) -> int:
     return len(state.of_class("Box"))
 
 
-class DeliverySteps:
+class DeliveryHeuristic:
     """A lower bound on the steps that a delivery still takes: an admissible heuristic for planning.
 
     Every box that stands on the floor is carried from its cell to the warehouse, and the robot comes to it from the
@@ -225,7 +226,7 @@ def _steps_from(state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
     return steps
 
 
-def reward(state: State, action: Action, next_state: State) -> float:
+def delivery_reward(state: State, action: Action, next_state: State) -> float:
     """What a step is worth: R(s, a, s')."""
     if action in MOVES:
         return STEP_REWARD
@@ -234,7 +235,7 @@ def reward(state: State, action: Action, next_state: State) -> float:
     return DELIVERY_REWARD if action == DROPOFF else STEP_REWARD
 
 
-def transition(state: State, action: Action) -> Transition:
+def delivery_transition(state: State, action: Action) -> Transition:
     """What an action really does in a delivery.
 
     Raises:
@@ -248,7 +249,7 @@ def transition(state: State, action: Action) -> Transition:
         next_state = _drop_off(state)
     else:
         raise ValueError(f"delivery has no action {action}")
-    return Transition(state, action, next_state, reward(state, action, next_state), all_delivered(next_state))
+    return Transition(state, action, next_state, delivery_reward(state, action, next_state), all_delivered(next_state))
 
 
 def _move(state: State, direction: str) -> State:
@@ -285,7 +286,7 @@ def delivery_grid(plan: FloorPlan, box_count: int | None = None) -> Deterministi
     Raises:
         InputError: The plan has no robot, no warehouse, or no room for so many boxes.
     """
-    site, start = Site.of_plan(plan), plan.start
+    site, start = DeliverySite.of_plan(plan), plan.start
     if start is None:
         raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
     if not plan.warehouse:
@@ -294,6 +295,6 @@ def delivery_grid(plan: FloorPlan, box_count: int | None = None) -> Deterministi
 
     def begin(rng: np.random.Generator) -> State:
         cells = plan.boxes if plan.boxes and box_count is None else place_boxes(plan, count, rng).boxes
-        return site.state(start, (Box(f"box{at}", cell) for at, cell in enumerate(cells, start=1)))
+        return site.state(start, (BoxState(f"box{at}", cell) for at, cell in enumerate(cells, start=1)))
 
-    return DeterministicMdp(site.domain, transition, begin)
+    return DeterministicMdp(site.domain, delivery_transition, begin)

@@ -13,9 +13,10 @@ import numpy as np
 
 from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
 from wherry.floorplan.world_files import find_world
+from wherry.oomdp.attributes import boolean, integer
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Transition
-from wherry.oomdp.objects import ObjectClass, Scene, State, boolean, integer
+from wherry.oomdp.objects import ObjectClass, Scene, State
 from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation
 from wherry.oomdp.terms import attribute_holds, related
 

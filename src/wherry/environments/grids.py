@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wherry.domains.delivery import delivery_grid
 from wherry.domains.taxi import taxi_grid
 from wherry.environments.observations import Observation, Observer
-from wherry.environments.pictures import Figure, in_colour, in_text
+from wherry.environments.pictures import Sprite, render_rgb, render_text
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import find_world
@@ -23,7 +23,7 @@ from wherry.oomdp.objects import Object, State
 
 RED, GREEN, BLUE, YELLOW, BROWN = (209, 36, 47), (26, 156, 75), (31, 111, 235), (244, 196, 48), (160, 98, 45)
 
-Figures = Callable[[State], list[Figure]]
+SpritesOf = Callable[[State], list[Sprite]]
 """What stands where in a state, the topmost last."""
 
 
@@ -38,14 +38,14 @@ class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
     Args:
         mdp: What is true. All of its episodes have the same objects, and these never become more.
         plan: The floor that pictures show.
-        figures: What pictures show on it.
+        sprites: What pictures show on it.
         render_mode: "ansi", "rgb_array", or None for no pictures.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - as Gymnasium has it
 
     def __init__(
-        self, mdp: DeterministicMdp, plan: FloorPlan, figures: Figures, *, render_mode: str | None = None
+        self, mdp: DeterministicMdp, plan: FloorPlan, sprites: SpritesOf, *, render_mode: str | None = None
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InputError("render_mode", render_mode, f"is not one of {', '.join(self.metadata['render_modes'])}")
@@ -53,7 +53,7 @@ class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
         self.mdp = mdp
         self.domain = mdp.domain
         self.plan = plan
-        self.figures = figures
+        self.sprites = sprites
         example = mdp.start(np.random.default_rng(0))
         self.actions = mdp.domain.ground_actions(example)
         self.state: State | None = None
@@ -79,8 +79,8 @@ class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
         """The present state as text or as a picture [H, W, 3], whichever the render mode says."""
         if self.render_mode is None or self.state is None:
             return None
-        figures = self.figures(self.state)
-        return in_text(self.plan, figures) if self.render_mode == "ansi" else in_colour(self.plan, figures)
+        sprites = self.sprites(self.state)
+        return render_text(self.plan, sprites) if self.render_mode == "ansi" else render_rgb(self.plan, sprites)
 
     def _info(self, state: State) -> dict[str, Any]:
         """Which actions would change something, and which terms hold."""
@@ -109,7 +109,7 @@ class TaxiEnvironment(ObjectEnvironment):
             grid = taxi_grid(size)
         except KeyError:
             raise InputError("wherry/Taxi-v0", "size", f"must be 5 or 10, not {size}") from None
-        super().__init__(grid, grid.plan, taxi_figures, render_mode=render_mode)
+        super().__init__(grid, grid.plan, taxi_sprites, render_mode=render_mode)
 
 
 class DeliveryEnvironment(ObjectEnvironment):
@@ -128,26 +128,26 @@ class DeliveryEnvironment(ObjectEnvironment):
         self, world: str | Path = "small", boxes: int | None = None, *, render_mode: str | None = None
     ) -> None:
         plan = find_world(world)
-        super().__init__(delivery_grid(plan, boxes), plan, delivery_figures, render_mode=render_mode)
+        super().__init__(delivery_grid(plan, boxes), plan, delivery_sprites, render_mode=render_mode)
 
 
-def taxi_figures(state: State) -> list[Figure]:
+def taxi_sprites(state: State) -> list[Sprite]:
     """T is the taxi, d the destination, p the passenger, who may ride in the taxi."""
     taxi, passenger = state["taxi"], state["passenger"]
     return [
-        Figure(_cell(state["destination"]), "d", GREEN, 0.9, round=False),
-        Figure(_cell(taxi), "T", YELLOW, 0.7),
-        Figure(_cell(taxi if passenger.in_taxi else passenger), "p", BLUE, 0.35),
+        Sprite(_cell(state["destination"]), "d", GREEN, 0.9, round=False),
+        Sprite(_cell(taxi), "T", YELLOW, 0.7),
+        Sprite(_cell(taxi if passenger.in_taxi else passenger), "p", BLUE, 0.35),
     ]
 
 
-def delivery_figures(state: State) -> list[Figure]:
+def delivery_sprites(state: State) -> list[Sprite]:
     """R is the robot, o a box, which the robot may hold."""
     (robot,) = state.of_class("Robot")
     boxes = state.of_class("Box")
     return [
-        Figure(_cell(robot), "R", RED, 0.7),
-        *(Figure(_cell(robot if box.in_bot else box), "o", BROWN, 0.35) for box in boxes),
+        Sprite(_cell(robot), "R", RED, 0.7),
+        *(Sprite(_cell(robot if box.in_bot else box), "o", BROWN, 0.35) for box in boxes),
     ]
 
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from wherry.oomdp.objects import EXISTS, Attribute, Kind, Object, State, Value
+from wherry.oomdp.attributes import EXISTS, Attribute, AttributeKind, Value
+from wherry.oomdp.objects import Object, State
 
 Observation = dict[str, dict[str, Any]]
 """By the object's name and the attribute's: a whole number, or an array [1] of a real one."""
@@ -48,13 +49,13 @@ class Observer:
 def _space(attribute: Attribute) -> spaces.Space[Any]:
     """The space of an attribute's values."""
     match attribute.kind:
-        case Kind.BOOLEAN:
+        case AttributeKind.BOOLEAN:
             return spaces.Discrete(2)
-        case Kind.ENUMERATION:
+        case AttributeKind.ENUMERATION:
             return spaces.Discrete(len(attribute.choices))
     if not (math.isfinite(attribute.minimum) and math.isfinite(attribute.maximum)):
         raise ValueError(f"attribute {attribute.name} needs bounds to be observed")
-    if attribute.kind is Kind.INTEGER:
+    if attribute.kind is AttributeKind.INTEGER:
         lowest, highest = int(attribute.minimum), int(attribute.maximum)
         return spaces.Discrete(highest - lowest + 1, start=lowest)
     return spaces.Box(attribute.minimum, attribute.maximum, (1,), np.float64)
@@ -66,11 +67,11 @@ def _seen(attribute: Attribute, item: Object | None) -> Any:
         return np.int64(item is not None)
     value: Value | None = None if item is None else getattr(item, attribute.name)
     match attribute.kind:
-        case Kind.BOOLEAN:
+        case AttributeKind.BOOLEAN:
             return np.int64(value is True)
-        case Kind.ENUMERATION:
+        case AttributeKind.ENUMERATION:
             return np.int64(0 if value is None else attribute.choices.index(str(value)))
-        case Kind.INTEGER:
+        case AttributeKind.INTEGER:
             return np.int64(attribute.minimum if value is None else value)
-        case Kind.REAL:
+        case AttributeKind.REAL:
             return np.array([attribute.minimum if value is None else value], np.float64)

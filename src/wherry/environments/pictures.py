@@ -1,4 +1,4 @@
-"""Grid worlds as pictures: the floor plan, and figures standing on it."""
+"""Grid worlds as pictures: the floor plan, and sprites standing on it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MARK: Colour = (120, 120, 130)
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class Sprite:
     """Something that stands in a cell.
 
     Attributes:
@@ -43,11 +43,11 @@ class Figure:
     round: bool = True
 
 
-def in_text(plan: FloorPlan, figures: Iterable[Figure]) -> str:
-    """Draw a plan with figures as text; in a cell stand at most three letters, figures before the plan's own."""
+def render_text(plan: FloorPlan, sprites: Iterable[Sprite]) -> str:
+    """Draw a plan with sprites as text; in a cell stand at most three letters, sprites before the plan's own."""
     letters: dict[Cell, str] = {}
-    for figure in figures:
-        letters[figure.cell] = letters.get(figure.cell, "") + figure.letter
+    for sprite in sprites:
+        letters[sprite.cell] = letters.get(sprite.cell, "") + sprite.letter
     for mark, cell in plan.marks.items():
         letters[cell] = letters.get(cell, "") + mark
     for cell in plan.warehouse:
@@ -56,8 +56,8 @@ def in_text(plan: FloorPlan, figures: Iterable[Figure]) -> str:
     return drawing(plan, lambda cell: letters.get(cell, "")[:3])
 
 
-def in_colour(plan: FloorPlan, figures: Iterable[Figure]) -> NDArray[np.uint8]:
-    """Paint a plan with figures on it, the last one on top.
+def render_rgb(plan: FloorPlan, sprites: Iterable[Sprite]) -> NDArray[np.uint8]:
+    """Paint a plan with sprites on it, the last one on top.
 
     Returns:
         [48·height, 48·width, 3] RGB, row 0 in the north.
@@ -76,9 +76,9 @@ def in_colour(plan: FloorPlan, figures: Iterable[Figure]) -> NDArray[np.uint8]:
         for direction in Direction:
             if plan.blocked(cell, direction):
                 draw.line(_edge(plan, cell, direction), fill=WALL, width=WALL_PIXELS)
-    for figure in figures:
-        shape = draw.ellipse if figure.round else draw.rectangle
-        shape(_box(plan, figure.cell, figure.size), fill=figure.colour, outline=WALL)
+    for sprite in sprites:
+        shape = draw.ellipse if sprite.round else draw.rectangle
+        shape(_box(plan, sprite.cell, sprite.size), fill=sprite.colour, outline=WALL)
     return np.array(image)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wherry.domains.delivery import DeliverySteps, boxes_left, delivery_grid
+from wherry.domains.delivery import DeliveryHeuristic, boxes_left, delivery_grid
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
 from wherry.experiments.localization.kidnapping import true_map
@@ -27,11 +27,11 @@ from wherry.experiments.mapping.speed import measure
 from wherry.floorplan.world_files import find_world
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
-from wherry.oomdp.outcomes import Grounded
+from wherry.oomdp.conditional_models import PerStateModel
 from wherry.pipelines.grids.learning import Settings, TaxiExperiment
+from wherry.planning.prediction_cache import PredictionCache
 from wherry.planning.search import a_star
 from wherry.planning.state_space import StateSpace
-from wherry.planning.successors import Successors
 from wherry.planning.value_iteration import ValueIteration
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
@@ -167,8 +167,8 @@ def planning(settings: BenchSettings, progress: Progress) -> list[Timing]:
     progress("A*")
     plan = find_world("rooms")
     delivery = delivery_grid(plan, 4)
-    state, successors = delivery.start(np.random.default_rng(0)), Successors(Grounded(delivery.domain, delivery))
-    search = _milliseconds(lambda: a_star(successors, state, boxes_left, DeliverySteps()), 3)
+    state, cache = delivery.start(np.random.default_rng(0)), PredictionCache(PerStateModel(delivery.domain, delivery))
+    search = _milliseconds(lambda: a_star(cache, state, boxes_left, DeliveryHeuristic()), 3)
     return [
         Timing(task, "wherry, with the states met for the first time", first),
         Timing(task, "wherry, with the states known", again),

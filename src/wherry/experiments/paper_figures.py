@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from wherry.domains.taxi import taxi_grid
-from wherry.environments.grids import taxi_figures
-from wherry.environments.pictures import in_colour
+from wherry.environments.grids import taxi_sprites
+from wherry.environments.pictures import render_rgb
 from wherry.experiments.localization.kidnapping import Wanderer, true_map
 from wherry.experiments.results import write_picture
 from wherry.floorplan.generation import place_boxes
@@ -73,7 +73,7 @@ def figures() -> Iterator[tuple[str, bytes]]:
     """File name and content of each figure."""
     taxi = taxi_grid(5)
     state = taxi.state_of((2, 2), passenger="Y", destination="R")
-    yield "fig1a-taxi.png", _png(in_colour(taxi.plan, taxi_figures(state)))
+    yield "fig1a-taxi.png", _png(render_rgb(taxi.plan, taxi_sprites(state)))
     plan = place_boxes(find_world(BUILDING), 4, np.random.default_rng(SEED))
     simulation = build(plan, np.random.default_rng(SEED))
     with closing(SceneRenderer(simulation, 1000, 1000)) as renderer:

@@ -29,11 +29,12 @@ import yaml
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell
 from wherry.ros import messages as ros
-from wherry.ros.conversion import MessageError, from_pose, seconds_of
-from wherry.ros.diagnostics import Refusals
-from wherry.ros.names import Names
+from wherry.ros.decoding import MessageError, decode_pose, decode_stamp
+from wherry.ros.diagnostics import RejectedMessages
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.latch import LatchCommand, LatchState, from_latch_command, to_latch_state
-from wherry.ros.transports.transport import Topic, Transport
+from wherry.ros.topics import Topic
+from wherry.ros.transports.protocol import Transport
 from wherry.space.pose import Pose
 from wherry.yaml_files import check_number, load_mapping
 
@@ -141,8 +142,8 @@ class GazeboLatch:
         names: What the agent's topics are called, and how often the state is told.
     """
 
-    def __init__(self, site: Site, transport: Transport, names: Names) -> None:
-        self.refusals = Refusals()
+    def __init__(self, site: Site, transport: Transport, names: RosNames) -> None:
+        self.refusals = RejectedMessages()
         self._site = site
         self._transport = transport
         self._command, self._state = names.topics.latch_command, names.topics.latch_state
@@ -186,7 +187,7 @@ class GazeboLatch:
 
     def _hear_pose(self, model: str, message: ros.PoseStamped) -> None:
         try:
-            seconds, pose = seconds_of(message.header.stamp), from_pose(message.pose)
+            seconds, pose = decode_stamp(message.header.stamp), decode_pose(message.pose)
         except MessageError as error:
             self.refusals.add(pose_topic(model).name, error)
             return
@@ -255,7 +256,7 @@ class GazeboLatch:
 
     def _reset(self) -> None:
         """Open every joint once somebody is there to do so."""
-        if not self._is_reset and ROBOT in self._places and self._transport.subscribers_of(OPEN):
+        if not self._is_reset and ROBOT in self._places and self._transport.count_subscribers(OPEN):
             self._is_reset = True
             self._transport.publish(OPEN, ros.Empty())
 

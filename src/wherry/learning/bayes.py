@@ -20,12 +20,14 @@ from wherry.learning.concepts import Concept, condition_of
 from wherry.learning.predictions import Subject
 from wherry.learning.rewards import Rewards
 from wherry.learning.sentences import Rule
+from wherry.oomdp.attributes import Attribute, Value
+from wherry.oomdp.conditional_models import ConditionalPrediction, conditions_key
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
+from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, effects_between, observed_values
+from wherry.oomdp.effects_outcome import EffectsOutcome, ObjectEffects, StepReward, Task, changed_attributes
 from wherry.oomdp.mdp import Prediction, RewardFunction, TerminationFunction, Transition
-from wherry.oomdp.objects import Attribute, ObjectClass, State, Value
-from wherry.oomdp.outcomes import Answer, ObjectEffects, Outcome, Task, Worth, changes, conditions_key
+from wherry.oomdp.objects import ObjectClass, State
 
 EXPECTED_TERMS = 0.5
 """How many terms a hypothesis is expected to fix: q = EXPECTED_TERMS / n, for n terms."""
@@ -135,25 +137,25 @@ class Law:
         """How likely the effect happens where exactly these terms hold."""
         return 1 - math.prod(1 - concept.probability(terms) for concept in self.concepts)
 
-    def doubt(self, terms: int) -> float:
+    def disagreement(self, terms: int) -> float:
         """How evenly the simplest explanations disagree whether it happens there: 1 is half against half."""
-        return max(concept.doubt(terms) for concept in self.concepts)
+        return max(concept.disagreement(terms) for concept in self.concepts)
 
 
-class Expected(NamedTuple):
+class ExpectedEffect(NamedTuple):
     """What may happen to one attribute.
 
     Attributes:
         attribute: Its name.
         effect: The most likely effect.
         chance: How likely that is.
-        doubt: How evenly the simplest explanations disagree about it.
+        disagreement: How evenly the simplest explanations disagree about it.
     """
 
     attribute: str
     effect: Effect
     chance: float
-    doubt: float
+    disagreement: float
 
 
 class BayesianLearner:
@@ -190,12 +192,12 @@ class BayesianLearner:
         self.tried: dict[str, dict[int, bool]] = {action: {} for action in domain.actions}
         self._never_seen: dict[str, Concept] = {}
         self._violations: dict[str, None] = {}
-        self._answers: dict[str, dict[tuple[tuple[str, ...], tuple[int, ...]], Answer]] = {}
-        self._expectations: dict[Subject, dict[int, Expected]] = {}
+        self._predictions: dict[str, dict[tuple[tuple[str, ...], tuple[int, ...]], ConditionalPrediction]] = {}
+        self._expectations: dict[Subject, dict[int, ExpectedEffect]] = {}
         self._lawful: dict[tuple[str, str], list[Subject]] = {}  # by action and class: the subjects that have laws
 
     @property
-    def doubtful(self) -> bool:
+    def has_disagreement(self) -> bool:
         """Whether some law has more than one simplest explanation."""
         return any(len(concept.simplest) > 1 for laws in self.laws.values() for law in laws for concept in law.concepts)
 
@@ -206,58 +208,60 @@ class BayesianLearner:
 
     def predict(self, state: State, action: Action) -> Prediction:
         """Tell what an action most likely does in a state, and what else it may do."""
-        return self.answer(state, action).predict(state, action)
+        return self.conditional_prediction(state, action).ground(state, action)
 
-    def key(self, state: State) -> Hashable:
+    def state_key(self, state: State) -> Hashable:
         """What the answers for a state depend on: its conditions."""
         return conditions_key(self.domain, state)
 
-    def answer(self, state: State, action: Action) -> Answer:
+    def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
         """What an action may do in all states of the same conditions; worked out once until more is learnt of it."""
         conditions = self.domain.conditions(state, action)
-        kept = self._answers.setdefault(action.name, {})
-        answer = kept.get((state.classes, conditions))
-        if answer is None:
-            answer = kept[state.classes, conditions] = self._believe(state, action.name, conditions)
-        return answer
+        kept = self._predictions.setdefault(action.name, {})
+        prediction = kept.get((state.classes, conditions))
+        if prediction is None:
+            prediction = kept[state.classes, conditions] = self._believe(state, action.name, conditions)
+        return prediction
 
-    def _believe(self, state: State, action: str, conditions: tuple[int, ...]) -> Answer:
-        """The most likely effects; the effects if the most doubtful of them is otherwise; and something never seen."""
+    def _believe(self, state: State, action: str, conditions: tuple[int, ...]) -> ConditionalPrediction:
+        """Three outcomes: the likely effects; those with the least certain one reversed; effects never seen."""
         whole, *own = conditions
         expected = [
             self._expected(action, item.object_class, terms) for item, terms in zip(state.objects, own, strict=True)
         ]
         chances = {effect.chance for effects in expected for effect in effects}
         sure = math.prod(max(chance, 1 - chance) for chance in chances)
-        doubtful = min(chances, key=lambda chance: abs(chance - 0.5), default=0.0)
+        least_certain = min(chances, key=lambda chance: abs(chance - 0.5), default=0.0)
         surprise = self._surprise(action, whole)
         likely = tuple(_chosen(effects, flipped=None) for effects in expected)
-        unlikely = tuple(_chosen(effects, flipped=doubtful) for effects in expected)
-        worths = self.rewards.worths(action, whole)
+        unlikely = tuple(_chosen(effects, flipped=least_certain) for effects in expected)
+        step_rewards = self.rewards.step_rewards(action, whole)
         branches = (
-            (self._outcome(likely, worths), sure * (1 - surprise)),
-            (self._outcome(unlikely, worths), (1 - sure) * (1 - surprise)),
+            (self._outcome(likely, step_rewards), sure * (1 - surprise)),
+            (self._outcome(unlikely, step_rewards), (1 - sure) * (1 - surprise)),
             (self._outcome(None, ()), surprise),
         )
         possible = [(branch, chance) for branch, chance in branches if chance > 0]
-        doubt = max((effect.doubt for effects in expected for effect in effects), default=0.0)
-        return Answer(tuple(sorted(possible, key=lambda entry: -entry[1])), doubt)
+        disagreement = max((effect.disagreement for effects in expected for effect in effects), default=0.0)
+        return ConditionalPrediction(tuple(sorted(possible, key=lambda entry: -entry[1])), disagreement)
 
-    def _outcome(self, effects: tuple[ObjectEffects, ...] | None, worths: tuple[Worth, ...]) -> Outcome:
-        return Outcome(effects, worths, self.effect_types, self.task)
+    def _outcome(
+        self, effects: tuple[ObjectEffects, ...] | None, step_rewards: tuple[StepReward, ...]
+    ) -> EffectsOutcome:
+        return EffectsOutcome(effects, step_rewards, self.effect_types, self.task)
 
-    def _expected(self, action: str, object_class: ObjectClass, terms: int) -> list[Expected]:
+    def _expected(self, action: str, object_class: ObjectClass, terms: int) -> list[ExpectedEffect]:
         """For every attribute that the action is known to change, the most likely effect."""
         return [self._expect(subject, terms) for subject in self._lawful.get((action, object_class.name), ())]
 
-    def _expect(self, subject: Subject, terms: int) -> Expected:
+    def _expect(self, subject: Subject, terms: int) -> ExpectedEffect:
         """The most likely effect on one attribute; worked out once until more is learnt of it."""
         kept = self._expectations.setdefault(subject, {})
         expected = kept.get(terms)
         if expected is None:
             chance, law = max(((law.probability(terms), law) for law in self.laws[subject]), key=lambda entry: entry[0])
-            doubt = 0.0 if self.evidence[subject].met(terms) else law.doubt(terms)
-            expected = kept[terms] = Expected(subject.attribute, law.effect, chance, doubt)
+            disagreement = 0.0 if self.evidence[subject].met(terms) else law.disagreement(terms)
+            expected = kept[terms] = ExpectedEffect(subject.attribute, law.effect, chance, disagreement)
         return expected
 
     def _surprise(self, action: str, whole: int) -> float:
@@ -290,7 +294,7 @@ class BayesianLearner:
         for subject, laws in self.laws.items():
             name = f"{subject.class_name.lower()}.{subject.attribute}"
             for law in laws:
-                effect = self.effect_types[law.effect.type].words(name, law.effect.argument)
+                effect = self.effect_types[law.effect.type].describe(name, law.effect.argument)
                 for concept in law.concepts:
                     literals = concept.simplest[0] if concept.refuted else 0
                     rules.append(Rule(subject.action, condition_of(literals, concept.size), effect))
@@ -317,12 +321,12 @@ class BayesianLearner:
             self._think_again()
         changed |= self._learn_to_expect(action, whole, succeeded=not transition.failed)
         for item, terms in zip(state.objects, own, strict=True):
-            for attribute, before, after in observed(item, transition.next_state.get(item.name)):
+            for attribute, before, after in observed_values(item, transition.next_state.get(item.name)):
                 subject = Subject(action, item.object_class.name, attribute.name)
                 changed |= self._learn(subject, attribute, terms, before, after)
         if changed:
             self.revisions[action] += 1
-            self._answers.pop(action, None)
+            self._predictions.pop(action, None)
             self._never_seen.pop(action, None)
 
     def _learn_to_expect(self, action: str, whole: int, *, succeeded: bool) -> bool:
@@ -335,7 +339,7 @@ class BayesianLearner:
     def _learn(self, subject: Subject, attribute: Attribute, terms: int, before: Value, after: Value) -> bool:
         """Learn from what happened to one attribute of one object; return whether beliefs have changed."""
         evidence = self.evidence.setdefault(subject, Evidence())
-        evidence.add(terms, before, after, eff_att(attribute, before, after, self.effect_types))
+        evidence.add(terms, before, after, effects_between(attribute, before, after, self.effect_types))
         self._expectations.get(subject, {}).pop(terms, None)
         return self._find_laws(subject)
 
@@ -348,7 +352,7 @@ class BayesianLearner:
     def _think_again(self) -> None:
         """Forget all answers, and let planners know."""
         self.revisions = {action: revision + 1 for action, revision in self.revisions.items()}
-        self._answers.clear()
+        self._predictions.clear()
         self._never_seen.clear()
 
     def _find_laws(self, subject: Subject) -> bool:
@@ -390,18 +394,19 @@ class BayesianLearner:
 
     def _report(self, what: str, terms: int) -> None:
         """Put a contradiction into words."""
-        condition = Condition.of(self.domain.size, terms).words(self.domain.term_names)
+        condition = Condition.of(self.domain.size, terms).describe(self.domain.term_names)
         self._violations[f"{what} (where {condition})"] = None
 
     def _learn_worth(self, transition: Transition, whole: int) -> bool:
         """Learn the reward and whether the episode ended, unless both are given."""
         if self.task.reward is not None and self.task.terminated is not None:
             return False
-        worth = Worth(changes(transition.state, transition.next_state), transition.reward, transition.terminated)
-        return self.rewards.add(transition.action.name, whole, worth)
+        changed = changed_attributes(transition.state, transition.next_state)
+        case = StepReward(changed, transition.reward, transition.terminated)
+        return self.rewards.add(transition.action.name, whole, case)
 
 
-def _chosen(effects: list[Expected], flipped: float | None) -> ObjectEffects:
+def _chosen(effects: list[ExpectedEffect], flipped: float | None) -> ObjectEffects:
     """The effects that are more likely than not; those of one probability the other way round."""
     return tuple(
         (entry.attribute, (entry.effect,)) for entry in effects if (entry.chance > 0.5) != (entry.chance == flipped)

@@ -13,7 +13,7 @@ from collections import Counter
 
 from wherry.learning.doormax import Doormax
 from wherry.learning.predictions import Subject
-from wherry.oomdp.effects import eff_att, observed
+from wherry.oomdp.effects import effects_between, observed_values
 from wherry.oomdp.mdp import Transition
 
 
@@ -55,12 +55,12 @@ class UnknownAnswers:
         action = transition.action.name
         _, *own = self.learner.domain.conditions(transition.state, transition.action)
         for item, terms in zip(transition.state.objects, own, strict=True):
-            for attribute, before, after in observed(item, transition.next_state.get(item.name)):
+            for attribute, before, after in observed_values(item, transition.next_state.get(item.name)):
                 subject = Subject(action, item.object_class.name, attribute.name)
                 if before == after and self.learner.from_changes_alone(subject):
                     continue
                 alive = self.learner.predictions.models[subject]
-                for effect in eff_att(attribute, before, after, self.learner.effect_types):
+                for effect in effects_between(attribute, before, after, self.learner.effect_types):
                     if effect.type in alive:
                         known = any(model.covers_terms(terms) for model in alive[effect.type].values())
                         self.counts[subject, effect.type] += not known

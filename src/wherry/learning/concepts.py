@@ -143,8 +143,8 @@ class Concept:
                 return found
         return (0,)
 
-    def doubt(self, terms: int) -> float:
-        """How evenly the simplest hypotheses disagree about these terms: 1 is half against half, 0 is no doubt."""
+    def disagreement(self, terms: int) -> float:
+        """How evenly the simplest hypotheses disagree about these terms: 1 is half against half, 0 is agreement."""
         if not self.simplest:
             return 0.0
         literals = literals_of(terms, self.size)

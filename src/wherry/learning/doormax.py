@@ -15,12 +15,14 @@ from wherry.learning.near_miss import NearMisses
 from wherry.learning.predictions import Predictions, Subject
 from wherry.learning.rewards import Rewards
 from wherry.learning.sentences import Rule
+from wherry.oomdp.attributes import EXISTS, Attribute, Value
+from wherry.oomdp.conditional_models import ConditionalPrediction, conditions_key
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, eff_att, observed
+from wherry.oomdp.effects import PAPER_TYPES, Effect, EffectType, effects_between, observed_values
+from wherry.oomdp.effects_outcome import EffectsOutcome, ObjectEffects, StepReward, Task, changed_attributes
 from wherry.oomdp.mdp import Prediction, RewardFunction, TerminationFunction, Transition
-from wherry.oomdp.objects import EXISTS, Attribute, ObjectClass, State, Value
-from wherry.oomdp.outcomes import Answer, ObjectEffects, Outcome, Task, Worth, changes, conditions_key
+from wherry.oomdp.objects import ObjectClass, State
 
 FailureScope = Literal["action", "attribute"]
 Inference = Literal["memorise", "near-miss"]
@@ -72,10 +74,10 @@ class Doormax:
         self.near_misses = NearMisses(domain.size) if inference == "near-miss" else None
         self.rewards = Rewards(domain.size, generalize=inference == "near-miss")
         self._violations: dict[str, None] = {}
-        self._answers: dict[str, dict[tuple[tuple[str, ...], tuple[int, ...]], Answer]] = {}
+        self._predictions: dict[str, dict[tuple[tuple[str, ...], tuple[int, ...]], ConditionalPrediction]] = {}
 
     @property
-    def doubtful(self) -> bool:
+    def has_disagreement(self) -> bool:
         """Never: what it predicts, it is sure of."""
         return False
 
@@ -87,36 +89,38 @@ class Doormax:
 
     def predict(self, state: State, action: Action) -> Prediction:
         """Tell what an action does in a state (the paper's predictTransition, with the reward)."""
-        return self.answer(state, action).predict(state, action)
+        return self.conditional_prediction(state, action).ground(state, action)
 
-    def key(self, state: State) -> Hashable:
+    def state_key(self, state: State) -> Hashable:
         """What the answers for a state depend on: its conditions."""
         return conditions_key(self.domain, state)
 
-    def answer(self, state: State, action: Action) -> Answer:
+    def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
         """What an action does in all states of the same conditions; worked out once until more is learnt of it."""
         conditions = self.domain.conditions(state, action)
-        kept = self._answers.setdefault(action.name, {})
-        answer = kept.get((state.classes, conditions))
-        if answer is None:
-            answer = kept[state.classes, conditions] = self._predict_transition(state, action.name, conditions)
-        return answer
+        kept = self._predictions.setdefault(action.name, {})
+        prediction = kept.get((state.classes, conditions))
+        if prediction is None:
+            prediction = kept[state.classes, conditions] = self._predict_transition(state, action.name, conditions)
+        return prediction
 
-    def _predict_transition(self, state: State, action: str, conditions: tuple[int, ...]) -> Answer:
+    def _predict_transition(self, state: State, action: str, conditions: tuple[int, ...]) -> ConditionalPrediction:
         """Algorithm 1, predictTransition(s, a), for all states of the same conditions.
 
-        Incompatible effects (line 9) depend on the attribute's value and are told apart by `Outcome`.
+        Incompatible effects (line 9) depend on the attribute's value and are told apart by `EffectsOutcome`.
         """
         whole, *own = conditions
         if self._is_failure(action, whole):  # line 1
-            return self._answer(((),) * len(own), self.rewards.worths(action, whole))  # line 2: s' = s
+            return self._conditional_prediction(
+                ((),) * len(own), self.rewards.step_rewards(action, whole)
+            )  # line 2: s' = s
         effects = []
         for item, terms in zip(state.objects, own, strict=True):
             found = self._object_effects(action, item.object_class, terms)
             if isinstance(found, Subject):  # line 9
-                return self._answer(None, (), float(self.predictions.alive(found)))  # line 10
+                return self._conditional_prediction(None, (), float(self.predictions.alive(found)))  # line 10
             effects.append(found)
-        return self._answer(tuple(effects), self.rewards.worths(action, whole))  # lines 13, 14
+        return self._conditional_prediction(tuple(effects), self.rewards.step_rewards(action, whole))  # lines 13, 14
 
     def _object_effects(self, action: str, object_class: ObjectClass, terms: int) -> ObjectEffects | Subject:
         """Lines 3 to 8 for one object: what happens to all of its attributes, or the first that is not known.
@@ -135,10 +139,11 @@ class Doormax:
                 break
         return tuple(attributes)
 
-    def _answer(
-        self, effects: tuple[ObjectEffects, ...] | None, worths: tuple[Worth, ...], probability: float = 1.0
-    ) -> Answer:
-        return Answer(((Outcome(effects, worths, self.effect_types, self.task), probability),))
+    def _conditional_prediction(
+        self, effects: tuple[ObjectEffects, ...] | None, step_rewards: tuple[StepReward, ...], probability: float = 1.0
+    ) -> ConditionalPrediction:
+        outcome = EffectsOutcome(effects, step_rewards, self.effect_types, self.task)
+        return ConditionalPrediction(((outcome, probability),))
 
     def _is_failure(self, action: str, whole: int) -> bool:
         """Whether some c ∈ F_a covers cond(s), that is, equals it since c has no ``*``; or failure can be inferred."""
@@ -157,7 +162,7 @@ class Doormax:
             for name in ranked[1:]:
                 self.predictions.remove(subject, name, f"needs more effects than {ranked[0]}, or as many")
         self.revisions = {action: revision + 1 for action, revision in self.revisions.items()}
-        self._answers.clear()
+        self._predictions.clear()
 
     def rules(self) -> tuple[Rule, ...]:
         """The effects of every action; those that say that an attribute stays as it is are left out."""
@@ -201,14 +206,14 @@ class Doormax:
                 changed |= self._retract_failure(action, whole)
             for item, terms in zip(state.objects, own, strict=True):
                 condition = Condition.of(self.domain.size, terms)
-                for attribute, before, after in observed(item, transition.next_state.get(item.name)):  # line 6
+                for attribute, before, after in observed_values(item, transition.next_state.get(item.name)):  # line 6
                     subject = Subject(action, item.object_class.name, attribute.name)
                     changed |= self._learn(subject, attribute, condition, before, after)
         if changed:
             self.revisions[action] += 1
             only_here = transition.failed and self.failure_scope == "action" and self.near_misses is None
-            self._answers[action] = {
-                key: answer for key, answer in self._answers.get(action, {}).items() if only_here and key[1][0] != whole
+            self._predictions[action] = {
+                key: kept for key, kept in self._predictions.get(action, {}).items() if only_here and key[1][0] != whole
             }
 
     def _learn(self, subject: Subject, attribute: Attribute, condition: Condition, before: Value, after: Value) -> bool:
@@ -217,7 +222,7 @@ class Doormax:
             if before == after:
                 return self._add_failure(subject, condition.value)
             self._retract_failure(subject, condition.value)
-        effects = eff_att(attribute, before, after, self.effect_types)
+        effects = effects_between(attribute, before, after, self.effect_types)
         changed = self.refutation and self._refute(subject, condition.value, before != after, effects)
         for effect in effects:  # line 7
             if effect.type in self.predictions.models[subject]:
@@ -278,10 +283,10 @@ class Doormax:
         Under the assumptions this never happens. Robots slip, so it is believed when it happens again.
         """
         action = transition.action
-        expected = self.predict(transition.state, action)
-        if not self.refutation or expected.state is None or expected.state is transition.state:
+        expected = self.predict(transition.state, action).most_likely.next_state
+        if not self.refutation or expected is None or expected is transition.state:
             return False
-        words = Condition.of(self.domain.size, whole).words(self.domain.term_names)
+        words = Condition.of(self.domain.size, whole).describe(self.domain.term_names)
         slip = f"{action.name}: did nothing where it should; this is believed if it happens again (where {words})"
         if slip in self._violations:
             return False
@@ -301,7 +306,7 @@ class Doormax:
         if terms not in self.failures.get(scope, ()):
             return False
         self.failures[scope].remove(terms)
-        words = Condition.of(self.domain.size, terms).words(self.domain.term_names)
+        words = Condition.of(self.domain.size, terms).describe(self.domain.term_names)
         self._violations[f"{scope}: changed something where it had changed nothing before ({words})"] = None
         return True
 
@@ -315,6 +320,6 @@ class Doormax:
         """Learn the reward and whether the episode ended, unless both are given."""
         if self.task.reward is not None and self.task.terminated is not None:
             return False
-        changed = changes(transition.state, transition.next_state)
-        worth = Worth(changed, transition.reward, transition.terminated)
-        return self.rewards.add(transition.action.name, whole, worth)
+        changed = changed_attributes(transition.state, transition.next_state)
+        case = StepReward(changed, transition.reward, transition.terminated)
+        return self.rewards.add(transition.action.name, whole, case)

@@ -8,9 +8,9 @@ from typing import Protocol
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.doormax import Doormax
 from wherry.learning.sentences import Rule
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.mdp import Learner
-from wherry.oomdp.outcomes import ConditionalModel
 
 
 class RuleLearner(ConditionalModel, Learner, Protocol):

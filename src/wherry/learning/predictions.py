@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from wherry.oomdp.attributes import EXISTS
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.effects import Effect, EffectType
-from wherry.oomdp.objects import EXISTS
 
 
 class Subject(NamedTuple):
@@ -96,7 +96,7 @@ class Predictions:
     def words(self, subject: Subject, effect: Effect) -> str:
         """An effect in words: ``taxi.y += 1``."""
         name = f"{subject.class_name.lower()}.{subject.attribute}"
-        return self.effect_types[effect.type].words(name, effect.argument)
+        return self.effect_types[effect.type].describe(name, effect.argument)
 
     def keeps(self, subject: Subject, effect: Effect, model: Condition) -> bool:
         """Whether a prediction says no more than that the attribute stays as it is: += 0, *= 1, or := what it is."""

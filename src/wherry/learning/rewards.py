@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from wherry.oomdp.conditions import Condition
-from wherry.oomdp.outcomes import Changed, Worth
+from wherry.oomdp.effects_outcome import ChangedAttributes, StepReward
 
 Value = tuple[float, bool]
 """A reward, and whether the episode ended."""
@@ -76,15 +76,15 @@ class Rewards:
     def __init__(self, size: int, *, generalize: bool = False) -> None:
         self.size = size
         self.generalize = generalize
-        self.cases: dict[str, dict[Changed, _Cases]] = {}
+        self.cases: dict[str, dict[ChangedAttributes, _Cases]] = {}
         self.end_seen = False  # whether some step ended an episode
         self._contradictions: dict[tuple[str, int], None] = {}
 
-    def add(self, action: str, terms: int, worth: Worth) -> bool:
+    def add(self, action: str, terms: int, case: StepReward) -> bool:
         """Learn what a step was worth; return whether predictions may have changed."""
-        cases = self.cases.setdefault(action, {}).setdefault(worth.changed, _Cases())
-        self.end_seen |= worth.terminated
-        value = worth.reward, worth.terminated
+        cases = self.cases.setdefault(action, {}).setdefault(case.changed, _Cases())
+        self.end_seen |= case.terminated
+        value = case.reward, case.terminated
         if cases.contradicts(terms, value):
             self._contradictions[action, terms] = None
         return cases.add(Condition.of(self.size, terms), value)
@@ -93,15 +93,15 @@ class Rewards:
         """Where the same step under the same condition was worth different things, in words: terms are missing."""
         return tuple(
             f"{action}: the reward, or whether the episode ended, was not the same each time "
-            f"(where {Condition.of(self.size, terms).words(term_names)})"
+            f"(where {Condition.of(self.size, terms).describe(term_names)})"
             for action, terms in self._contradictions
         )
 
-    def worths(self, action: str, terms: int) -> tuple[Worth, ...]:
+    def step_rewards(self, action: str, terms: int) -> tuple[StepReward, ...]:
         """What is known of an action's worth under a condition, given as bits."""
         known = []
         for changed, cases in self.cases.get(action, {}).items():
             value = cases.value(terms, generalize=self.generalize)
             if value is not None:
-                known.append(Worth(changed, *value))
+                known.append(StepReward(changed, *value))
         return tuple(known)

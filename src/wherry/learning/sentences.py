@@ -24,4 +24,4 @@ class Rule:
 
     def words(self, term_names: Sequence[str]) -> str:
         """The rule as a sentence: ``N: if not touch_N(taxi, wall): taxi.y += 1``."""
-        return f"{self.action}: if {self.condition.words(term_names)}: {self.effect}"
+        return f"{self.action}: if {self.condition.describe(term_names)}: {self.effect}"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.oomdp.domain import Action
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import ConditionalModel
 
 
 class UnknownPairs:
@@ -24,7 +24,7 @@ class UnknownPairs:
 
     def meet(self, state: State) -> None:
         """Take note of a state's conditions."""
-        key = self.model.key(state)
+        key = self.model.state_key(state)
         if key not in self._met:
             self._met[key] = state
             self._counted_at.clear()
@@ -37,7 +37,7 @@ class UnknownPairs:
                 self._unknown[name] = set()
             for key, state in self._met.items():
                 for action in self.model.domain.ground_actions(state):
-                    if action.name in stale and self.model.predict(state, action).state is None:
+                    if action.name in stale and self.model.predict(state, action).most_likely.next_state is None:
                         self._unknown[action.name].add((key, action))
             self._counted_at = dict(self.model.revisions)
         return sum(len(pairs) for pairs in self._unknown.values())

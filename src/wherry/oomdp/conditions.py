@@ -60,11 +60,11 @@ class Condition:
         return not (self.value ^ terms) & self.mask
 
     @property
-    def fixed(self) -> int:
+    def literal_count(self) -> int:
         """How many terms matter."""
         return self.mask.bit_count()
 
-    def words(self, names: Sequence[str]) -> str:
+    def describe(self, names: Sequence[str]) -> str:
         """The condition in words: ``touch_N(robot, wall) and not box.in_bot``; "always" where nothing matters."""
         parts = [
             name if self.value >> index & 1 else f"not {name}"

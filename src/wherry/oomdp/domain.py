@@ -122,7 +122,7 @@ class Domain:
         They are worked out once and kept with the state.
         """
         arguments = () if action is None else action.arguments
-        return state.remember(arguments, lambda: self._conditions(state, arguments))
+        return state.cached_conditions(arguments, lambda: self._conditions(state, arguments))
 
     def _conditions(self, state: State, arguments: tuple[str, ...]) -> tuple[int, ...]:
         targets = tuple(state[name] for name in arguments)

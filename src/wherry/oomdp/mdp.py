@@ -36,37 +36,51 @@ class Transition:
         return self.state.objects == self.next_state.objects
 
 
-class Prediction(NamedTuple):
-    """What a model says that an action will do.
+class Outcome(NamedTuple):
+    """One possible result of an action in a state.
 
     Attributes:
-        state: s', or None where the model cannot tell: the fictitious state s_max.
-        reward: r, or None where the model cannot tell.
-        terminated: Whether s' ends the episode, or None where the model cannot tell.
-        probability: How sure the model is of s'; where it cannot tell, how likely the action does anything at all. An
-            action that nothing more can be learnt about has 0, and is not worth trying.
-        otherwise: What else may happen, each with its own probability.
-        doubt: How much trying it would settle: 1 where two explanations disagree, 0 where nothing is in doubt.
+        next_state: s'; None where the model does not know it (the fictitious state s_max of R-max).
+        reward: r; None where the model does not know it.
+        terminated: Whether s' ends the episode; None where the model does not know it.
+        probability: P(s'|s, a).
     """
 
-    state: State | None
+    next_state: State | None
     reward: float | None = None
     terminated: bool | None = None
     probability: float = 1.0
-    otherwise: tuple[Prediction, ...] = ()
-    doubt: float = 0.0
 
     @property
-    def known(self) -> bool:
-        """Whether the model can tell s', r, and whether the episode ends."""
-        return self.state is not None and self.reward is not None and self.terminated is not None
+    def is_known(self) -> bool:
+        """Whether the model knows s', r, and whether the episode ends."""
+        return self.next_state is not None and self.reward is not None and self.terminated is not None
 
 
-UNKNOWN = Prediction(None)
-"""The answer "I don't know" (⊥ in KWIK learning), which sends an optimistic planner to find out."""
+class Prediction(NamedTuple):
+    """The possible outcomes of an action in a state, as a model predicts them.
 
-IMPOSSIBLE = Prediction(None, probability=0.0)
-"""What cannot be, or cannot be found out."""
+    Attributes:
+        outcomes: At least one, the most likely first. The probability of an unknown outcome is the probability that
+            the action has any effect at all; where nothing more can be learnt about the action it is 0.
+        disagreement: How evenly the model's explanations of past experience disagree about the outcome: 1 where half
+            of them predict it and half do not, so that trying the action settles most; 0 where all agree.
+    """
+
+    outcomes: tuple[Outcome, ...]
+    disagreement: float = 0.0
+
+    @property
+    def most_likely(self) -> Outcome:
+        """The outcome of the highest probability."""
+        return self.outcomes[0]
+
+
+UNKNOWN = Prediction((Outcome(None),))
+"""The answer "I don't know" of KWIK learning; an optimistic planner explores actions of which the model says this."""
+
+IMPOSSIBLE = Prediction((Outcome(None, probability=0.0),))
+"""The prediction for an action that is impossible, or about which nothing can be learnt."""
 
 RewardFunction = Callable[[State, Action, State], float]
 """R(s, a, s') where it is given, not learnt."""
@@ -132,7 +146,7 @@ class DeterministicMdp:
     def predict(self, state: State, action: Action) -> Prediction:
         """What an action does in a state."""
         done = self.transition(state, action)
-        return Prediction(done.next_state, done.reward, done.terminated)
+        return Prediction((Outcome(done.next_state, done.reward, done.terminated),))
 
 
 class Model(Protocol):

@@ -1,90 +1,21 @@
 """Classes, attributes, objects and states (paper, section 3).
 
-A state is the union of its objects' states, and an object gives a value to each of its class's attributes. Objects
-that never change in a world, such as walls, are kept once in a `Scene` that all of the world's states share: they cost
-nothing per step, and relations to them are looked up in an index that is built once.
+A state is the union of its objects' states; an object has a value for each of its class's attributes. Static objects,
+such as walls, are kept in a `Scene` that all states of a world share, so they cost nothing per step, and relations to
+them are looked up in an index that is built once.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import cached_property
 from typing import Any
 
-from wherry.errors import InputError
+from wherry.oomdp.attributes import EXISTENCE, EXISTS, Attribute, Value
 
-Value = bool | int | float | str
-Key = Callable[["Object"], Hashable]
-
-EXISTS = "exists"  # the attribute that every removable object has besides its own: an object that leaves loses it
-
-
-class Kind(Enum):
-    """What values an attribute takes."""
-
-    INTEGER = "integer"
-    BOOLEAN = "boolean"
-    ENUMERATION = "enumeration"
-    REAL = "real"
-
-    __hash__ = object.__hash__  # of equal members there is only one, and learners look kinds up all the time
-
-
-@dataclass(frozen=True, slots=True)
-class Attribute:
-    """One attribute of a class; made by `integer`, `boolean`, `enumeration` and `real`.
-
-    Attributes:
-        name: What it is called.
-        kind: What values it takes.
-        minimum: The smallest number that it may be.
-        maximum: The largest number that it may be.
-        choices: The names that an enumeration consists of.
-    """
-
-    name: str
-    kind: Kind
-    minimum: float = -math.inf
-    maximum: float = math.inf
-    choices: tuple[str, ...] = ()
-
-    def admits(self, value: object) -> bool:
-        """Whether the attribute may have this value."""
-        match self.kind:
-            case Kind.BOOLEAN:
-                return isinstance(value, bool)
-            case Kind.ENUMERATION:
-                return isinstance(value, str) and value in self.choices
-            case Kind.INTEGER:
-                return isinstance(value, int) and not isinstance(value, bool) and self._in_range(value)
-            case Kind.REAL:
-                return isinstance(value, int | float) and not isinstance(value, bool) and self._in_range(value)
-
-    def _in_range(self, value: float) -> bool:
-        return self.minimum <= value <= self.maximum
-
-
-def integer(name: str, minimum: float = -math.inf, maximum: float = math.inf) -> Attribute:
-    """An attribute that is a whole number within bounds, both included."""
-    return Attribute(name, Kind.INTEGER, minimum, maximum)
-
-
-def real(name: str, minimum: float = -math.inf, maximum: float = math.inf) -> Attribute:
-    """An attribute that is a number within bounds, both included."""
-    return Attribute(name, Kind.REAL, minimum, maximum)
-
-
-def boolean(name: str) -> Attribute:
-    """An attribute that is true or false."""
-    return Attribute(name, Kind.BOOLEAN)
-
-
-def enumeration(name: str, *choices: str) -> Attribute:
-    """An attribute that is one of a few names."""
-    return Attribute(name, Kind.ENUMERATION, choices=choices)
+ObjectKey = Callable[["Object"], Hashable]
+"""Maps an object to a key by which it can be indexed, such as the cell that it is in."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +23,11 @@ class ObjectClass:
     """A class C of objects; calling it makes one: ``ROBOT("robot", x=1, y=2)``.
 
     Attributes:
-        name: What it is called.
+        name: Name of the class.
         attributes: Att(C), in the order in which they are printed.
-        static: Whether its objects never change, and so belong to the scene.
-        removable: Whether its objects can leave the world; to have left is then an effect like any other.
+        static: Whether its objects never change, so that they belong to the scene.
+        removable: Whether its objects can leave the world, which is then an effect on the attribute ``exists``.
+        positions: Index of each attribute by name.
     """
 
     name: str
@@ -114,7 +46,7 @@ class ObjectClass:
         """Make an object of this class.
 
         Raises:
-            ValueError: An attribute has no value, an unknown name, or a value that it may not have.
+            ValueError: A value is missing, belongs to no attribute, or is not admitted by its attribute.
         """
         if values.keys() != self.positions.keys():
             raise ValueError(f"{self.name} {name!r} needs values for {', '.join(self.positions)}; got {sorted(values)}")
@@ -126,21 +58,18 @@ class ObjectClass:
 
     @cached_property
     def changeable(self) -> tuple[Attribute, ...]:
-        """The attributes that an action can change: the class's own, and existence where objects can leave."""
+        """The attributes that an action can change: the class's own and, where objects can leave, their existence."""
         return (*self.attributes, EXISTENCE) if self.removable else self.attributes
-
-
-EXISTENCE = boolean(EXISTS)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Object:
-    """An object: its attributes are read by name, ``robot.x``.
+    """An object; its attributes are read by name: ``robot.x``.
 
     Attributes:
         object_class: Its class.
-        name: Tells it from all other objects of its world.
-        values: The values of the class's attributes, in their order.
+        name: Its name, unique in its world.
+        values: The values of the class's attributes, in the class's order.
     """
 
     object_class: ObjectClass
@@ -178,23 +107,23 @@ class Object:
         return f"{self.object_class.name} {self.name}({values})"
 
     def replace(self, **values: Value) -> Object:
-        """The same object with other values for some attributes."""
+        """A copy with other values for some attributes."""
         current = dict(zip(self.object_class.positions, self.values, strict=True))
         if unknown := values.keys() - current.keys():
             raise ValueError(f"{self.object_class.name} has no attribute {', '.join(sorted(unknown))}")
         return self.object_class(self.name, **{**current, **values})
 
-    def changed(self, attribute: str, value: Value) -> Object:
-        """The same object with another value of one attribute, which has to be one that the attribute admits."""
-        position = self.object_class.positions[attribute]
-        again = object.__new__(Object)
-        object.__setattr__(again, "object_class", self.object_class)
-        object.__setattr__(again, "name", self.name)
-        object.__setattr__(again, "values", (*self.values[:position], value, *self.values[position + 1 :]))
-        return again
+    def with_value(self, attribute: str, value: Value) -> Object:
+        """A copy with another value of one attribute; the value is not checked."""
+        index = self.object_class.positions[attribute]
+        copy = object.__new__(Object)
+        object.__setattr__(copy, "object_class", self.object_class)
+        object.__setattr__(copy, "name", self.name)
+        object.__setattr__(copy, "values", (*self.values[:index], value, *self.values[index + 1 :]))
+        return copy
 
     def to_json(self) -> dict[str, Value]:
-        """The object as plain data: its class, its name, and its attributes."""
+        """The object as plain data: its class, name and attributes."""
         return {"class": self.object_class.name, "name": self.name} | dict(
             zip(self.object_class.positions, self.values, strict=True)
         )
@@ -202,7 +131,7 @@ class Object:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Scene:
-    """What never changes in a world: its static objects, and the indexes that answer relations to them.
+    """The static objects of a world, indexed for relations to them.
 
     Attributes:
         objects: The static objects.
@@ -210,7 +139,7 @@ class Scene:
 
     objects: tuple[Object, ...] = ()
     _hash: int = field(init=False)
-    _indexes: dict[tuple[str, Key], dict[Hashable, tuple[Object, ...]]] = field(default_factory=dict, init=False)
+    _indexes: dict[tuple[str, ObjectKey], dict[Hashable, tuple[Object, ...]]] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_hash", hash(frozenset(self.objects)))
@@ -230,8 +159,8 @@ class Scene:
         """The static objects of a class."""
         return tuple(item for item in self.objects if item.object_class.name == name)
 
-    def index(self, class_name: str, key: Key) -> Mapping[Hashable, tuple[Object, ...]]:
-        """The static objects of a class by a key; built when first asked for, and kept."""
+    def index(self, class_name: str, key: ObjectKey) -> Mapping[Hashable, tuple[Object, ...]]:
+        """The static objects of a class by a key; the index is built on first use and cached."""
         index = self._indexes.get((class_name, key))
         if index is None:
             groups: dict[Hashable, list[Object]] = {}
@@ -251,7 +180,7 @@ class State:
 
     Attributes:
         objects: The objects that can change, ordered by class and name.
-        scene: The objects that cannot.
+        scene: The static objects.
     """
 
     objects: tuple[Object, ...]
@@ -269,7 +198,7 @@ class State:
         self._fill(objects, self.scene)
 
     def _fill(self, objects: tuple[Object, ...], scene: Scene) -> None:
-        """Set all fields; the objects are in order, and each has a name of its own."""
+        """Set all fields, given objects in order and with unique names."""
         object.__setattr__(self, "objects", objects)
         object.__setattr__(self, "scene", scene)
         object.__setattr__(self, "_hash", hash((objects, scene)))
@@ -311,102 +240,54 @@ class State:
         return found
 
     def get(self, name: str) -> Object | None:
-        """The object of that name, or None where it is not in the world (any more)."""
+        """The object of that name; None where there is none, or where it has left."""
         return next((item for item in self.objects if item.name == name), None)
 
     def of_class(self, name: str) -> tuple[Object, ...]:
-        """The objects of a class that can change, by name."""
+        """The objects of a class that can change, ordered by name."""
         found = self._by_class.get(name)
         if found is None:
             found = self._by_class[name] = tuple(item for item in self.objects if item.object_class.name == name)
         return found
 
     def replace(self, name: str, **values: Value) -> State:
-        """The state in which one object has other values: ``state.replace("robot", x=3)``.
+        """A copy in which one object has other values: ``state.replace("robot", x=3)``.
 
         Raises:
             KeyError: There is no such object.
-            ValueError: It has no such attribute, or the attribute may not have that value.
+            ValueError: It has no such attribute, or the attribute does not admit the value.
         """
         replaced = self[name].replace(**values)
-        return self.changed(replaced if item.name == name else item for item in self.objects)
+        return self.with_ordered_objects(replaced if item.name == name else item for item in self.objects)
 
     def without(self, name: str) -> State:
-        """The state that an object has left."""
-        return self.changed(item for item in self.objects if item.name != name)
-
-    def changed(self, objects: Iterable[Object]) -> State:
-        """The state in which these are left of the present objects, in their order, with whatever values."""
-        again = object.__new__(State)
-        again._fill(tuple(objects), self.scene)
-        return again
+        """A copy without one object."""
+        return self.with_ordered_objects(item for item in self.objects if item.name != name)
 
     def with_objects(self, objects: Iterable[Object]) -> State:
         """A state of the same scene with other objects."""
         return State(tuple(objects), self.scene)
 
-    def remember(self, arguments: tuple[str, ...], work_out: Callable[[], tuple[int, ...]]) -> tuple[int, ...]:
-        """The state's conditions for an action's arguments: worked out when first asked for, then kept."""
-        kept = self._conditions.get(arguments)
-        if kept is None:
-            kept = self._conditions[arguments] = work_out()
-        return kept
+    def with_ordered_objects(self, objects: Iterable[Object]) -> State:
+        """As `with_objects`, without sorting and checking: the objects are in order and have unique names."""
+        copy = object.__new__(State)
+        copy._fill(tuple(objects), self.scene)
+        return copy
+
+    def cached_conditions(self, arguments: tuple[str, ...], compute: Callable[[], tuple[int, ...]]) -> tuple[int, ...]:
+        """The state's conditions for an action's arguments, computed on first use."""
+        cached = self._conditions.get(arguments)
+        if cached is None:
+            cached = self._conditions[arguments] = compute()
+        return cached
 
     def share_conditions(self, equal: State) -> None:
-        """Keep conditions together with an equal state, so that what was worked out for one serves both."""
+        """Share the cache of conditions with an equal state."""
         object.__setattr__(self, "_conditions", equal._conditions)
 
     def to_json(self) -> dict[str, Any]:
-        """The state as plain data, its scene included; `state_from_json` is the way back."""
+        """The state and its scene as plain data; `wherry.oomdp.state_json` reads it."""
         return {
             "objects": [item.to_json() for item in self.objects],
             "scene": [item.to_json() for item in self.scene.objects],
         }
-
-
-def object_from_json(data: object, classes: Mapping[str, ObjectClass], source: str, where: str) -> Object:
-    """Read an object from plain data.
-
-    Raises:
-        InputError: The data is not an object of one of the classes.
-    """
-    if not isinstance(data, dict):
-        raise InputError(source, where, "is not an object with fields")
-    values = dict(data)
-    class_name, name = values.pop("class", None), values.pop("name", None)
-    object_class = classes.get(class_name) if isinstance(class_name, str) else None
-    if object_class is None:
-        raise InputError(source, f"{where}.class", f"is not one of {', '.join(classes)}")
-    if not isinstance(name, str):
-        raise InputError(source, f"{where}.name", "is not a text")
-    try:
-        return object_class(name, **values)
-    except (TypeError, ValueError) as error:
-        raise InputError(source, where, str(error)) from error
-
-
-def state_from_json(
-    data: object, classes: Mapping[str, ObjectClass], source: str = "state", scene: Scene | None = None
-) -> State:
-    """Read a state from plain data, as `State.to_json` writes it.
-
-    Args:
-        data: The data.
-        classes: The domain's classes by name.
-        source: What to call the data in errors.
-        scene: The scene to share, if it is already known; else it is read from the data too.
-
-    Raises:
-        InputError: The data is not a state.
-    """
-
-    def read(part: str) -> tuple[Object, ...]:
-        items = data.get(part) if isinstance(data, dict) else None
-        if not isinstance(items, list):
-            raise InputError(source, part, "is not a list of objects")
-        return tuple(object_from_json(item, classes, source, f"{part}[{at}]") for at, item in enumerate(items))
-
-    try:
-        return State(read("objects"), Scene(read("scene")) if scene is None else scene)
-    except ValueError as error:
-        raise InputError(source, "objects", str(error)) from error

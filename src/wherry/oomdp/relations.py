@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
-from wherry.oomdp.objects import Key, Object
+from wherry.oomdp.objects import Object, ObjectKey
 
 DIRECTIONS = {"N": (0, 1), "S": (0, -1), "E": (1, 0), "W": (-1, 0)}
 """Steps (dx, dy); the origin is bottom left and y points up."""
@@ -24,15 +24,15 @@ class Relation:
 
     name: str
     holds: Callable[[Object, Object], bool]
-    keys: tuple[Key, Key] | None = None
+    keys: tuple[ObjectKey, ObjectKey] | None = None
 
     @classmethod
-    def where_equal(cls, name: str, first: Key, second: Key) -> Relation:
+    def where_equal(cls, name: str, first: ObjectKey, second: ObjectKey) -> Relation:
         """The relation that holds where the first object's key equals the second's."""
         return cls(name, lambda a, b: first(a) == second(b), (first, second))
 
 
-def place(item: Object) -> Hashable:
+def cell_of(item: Object) -> Hashable:
     """The cell that an object is in."""
     return item.x, item.y
 
@@ -42,19 +42,19 @@ def wall_edge(wall: Object) -> Hashable:
     return wall.x, wall.y, wall.north
 
 
-def _step(dx: int, dy: int) -> Key:
+def _step(dx: int, dy: int) -> ObjectKey:
     return lambda item: (item.x + dx, item.y + dy)
 
 
-def _edge(dx: int, dy: int) -> Key:
+def _edge(dx: int, dy: int) -> ObjectKey:
     west, south, north = min(dx, 0), min(dy, 0), dy != 0
     return lambda item: (item.x + west, item.y + south, north)
 
 
-ON = Relation.where_equal("on", place, place)
+ON = Relation.where_equal("on", cell_of, cell_of)
 """Both objects are in the same cell."""
 
-TOUCH = {name: Relation.where_equal(f"touch_{name}", _step(*step), place) for name, step in DIRECTIONS.items()}
+TOUCH = {name: Relation.where_equal(f"touch_{name}", _step(*step), cell_of) for name, step in DIRECTIONS.items()}
 """The second object is exactly one cell north, south, east or west of the first."""
 
 TOUCH_EDGE = {name: Relation.where_equal(f"touch_{name}", _edge(*step), wall_edge) for name, step in DIRECTIONS.items()}

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from wherry.oomdp.objects import Object, State, Value
+from wherry.oomdp.attributes import Value
+from wherry.oomdp.objects import Object, State
 from wherry.oomdp.relations import Relation
 
 Bound = Mapping[str, Object]

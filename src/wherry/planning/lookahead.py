@@ -1,7 +1,7 @@
-"""One step ahead: what the actions in a state may lead to, and what that is worth.
+"""One-step lookahead: the successors of a state under each action, and Q values from them.
 
-What planners that look at single states share: not to know is worth R_max for ever, in a leaf that ends the search, so
-that optimism in the face of uncertainty is the same in all of them (Brafman and Tennenholtz 2002).
+Planners that expand single states share this, so that optimism is the same in all of them: an unknown outcome leads to
+s_max, a leaf that pays R_max in every step for ever (Brafman and Tennenholtz 2002).
 """
 
 from __future__ import annotations
@@ -11,66 +11,67 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.oomdp.domain import Action
-from wherry.oomdp.mdp import Prediction
+from wherry.oomdp.mdp import Outcome, Prediction
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import ConditionalModel
-from wherry.planning.successors import Successors
+from wherry.planning.prediction_cache import PredictionCache
 
-TIE = 1e-9  # values this close are equally good
+Q_TOLERANCE = 1e-9  # reward; actions whose Q values differ by less count as equally good
 
 
-class Way(NamedTuple):
-    """One thing that an action may do.
+class Successor(NamedTuple):
+    """A possible successor of a state, in the form that backups need.
 
     Attributes:
-        probability: P(s'|s, a).
-        worth: The reward of the step; in a leaf, all that will ever follow.
-        state: s', or None in a leaf: the episode has ended, or the model cannot tell.
+        probability: P(s'|s, a), normalized over the successors.
+        reward: r; in a leaf the whole return from this step on.
+        state: s'; None in a leaf, where the episode ends or the outcome is unknown (s_max).
     """
 
     probability: float
-    worth: float
+    reward: float
     state: State | None
 
 
-class Choice(NamedTuple):
-    """An action with all that it may do.
+class ChanceNode(NamedTuple):
+    """An action with its possible successors.
 
     Attributes:
         action: a.
-        ways: What it may do; the probabilities add up to 1.
+        successors: Their probabilities sum to 1.
     """
 
     action: Action
-    ways: tuple[Way, ...]
+    successors: tuple[Successor, ...]
 
-    def value(self, value_of: Callable[[State], float], discount: float) -> float:
+    def q_value(self, value_of: Callable[[State], float], discount: float) -> float:
         """Q(s, a) = Σ P(s'|s, a) (r + γ V(s'))."""
         return sum(
-            way.probability * (way.worth + (0.0 if way.state is None else discount * value_of(way.state)))
-            for way in self.ways
+            successor.probability
+            * (successor.reward + (0.0 if successor.state is None else discount * value_of(successor.state)))
+            for successor in self.successors
         )
 
-    def draw(self, rng: np.random.Generator) -> Way:
-        """One of the ways, at random."""
-        if len(self.ways) == 1:
-            return self.ways[0]
-        left = rng.random()
-        for way in self.ways:
-            left -= way.probability
-            if left < 0:
-                return way
-        return self.ways[-1]
+    def sample(self, rng: np.random.Generator) -> Successor:
+        """A successor drawn at random."""
+        if len(self.successors) == 1:
+            return self.successors[0]
+        remaining = rng.random()
+        for successor in self.successors:
+            remaining -= successor.probability
+            if remaining < 0:
+                return successor
+        return self.successors[-1]
 
 
 class Lookahead:
-    """The choices in every state, remembered until the model has learnt more.
+    """The chance nodes of every state, cached until the model is revised.
 
     Args:
-        model: What tells what actions do.
+        model: The model to plan on.
         discount: γ, below 1.
-        r_max: R_max, the most that any step can be worth; none is worth less than -R_max.
+        r_max: R_max, the highest reward of any step; rewards must lie within ±R_max.
 
     Raises:
         ValueError: The discount is not in [0, 1).
@@ -81,45 +82,48 @@ class Lookahead:
             raise ValueError(f"the discount must be at least 0 and below 1, not {discount:g}")
         self.model = model
         self.discount = discount
-        self.best_value = r_max / (1 - discount)  # V(s_max)
-        self._successors = Successors(model)
-        self._choices: dict[State, tuple[Choice, ...]] = {}
+        self.max_value = r_max / (1 - discount)  # V(s_max)
+        self._cache = PredictionCache(model)
+        self._nodes: dict[State, tuple[ChanceNode, ...]] = {}
         self._revisions: dict[str, int] = {}
 
     def refresh(self) -> bool:
-        """Notice whether the model has learnt; then all that was worked out before is void."""
+        """Drop everything cached if the model was revised; return whether it was."""
         if self._revisions == self.model.revisions:
             return False
         self._revisions = dict(self.model.revisions)
-        self._successors.refresh()
-        self._choices.clear()
+        self._cache.refresh()
+        self._nodes.clear()
         return True
 
-    def choices(self, state: State) -> tuple[Choice, ...]:
-        """All that can be done in a state."""
-        known = self._choices.get(state)
-        if known is None:
-            known = tuple(Choice(action, self._ways(prediction)) for action, prediction in self._successors.of(state))
-            self._choices[state] = known
-        return known
+    def chance_nodes(self, state: State) -> tuple[ChanceNode, ...]:
+        """The chance nodes of all actions that can be tried in a state."""
+        nodes = self._nodes.get(state)
+        if nodes is None:
+            nodes = tuple(
+                ChanceNode(action, self._successors(prediction))
+                for action, prediction in self._cache.predictions(state)
+            )
+            self._nodes[state] = nodes
+        return nodes
 
-    def best(self, state: State, value_of: Callable[[State], float]) -> tuple[Choice, float]:
-        """The first of the best choices, and max_a Q(s, a)."""
-        choices = self.choices(state)
-        values = [choice.value(value_of, self.discount) for choice in choices]
-        most = max(values)
-        first = next(at for at, value in enumerate(values) if value >= most - TIE)
-        return choices[first], most
+    def greedy(self, state: State, value_of: Callable[[State], float]) -> tuple[ChanceNode, float]:
+        """The first of the best actions, and max_a Q(s, a)."""
+        nodes = self.chance_nodes(state)
+        q_values = [node.q_value(value_of, self.discount) for node in nodes]
+        best_value = max(q_values)
+        first = next(index for index, value in enumerate(q_values) if value >= best_value - Q_TOLERANCE)
+        return nodes[first], best_value
 
-    def _ways(self, prediction: Prediction) -> tuple[Way, ...]:
-        """What a prediction says may happen; that which cannot be is left out, unless there is nothing else."""
-        branches = [branch for branch in (prediction, *prediction.otherwise) if branch.probability > 0]
-        if not branches:
-            return (Way(1.0, -self.best_value, None),)  # never worth trying
-        total = sum(branch.probability for branch in branches)
-        return tuple(self._way(branch, branch.probability / total) for branch in branches)
+    def _successors(self, prediction: Prediction) -> tuple[Successor, ...]:
+        """The successors with normalized probabilities; one leaf of the lowest return if no outcome is possible."""
+        possible = [outcome for outcome in prediction.outcomes if outcome.probability > 0]
+        if not possible:
+            return (Successor(1.0, -self.max_value, None),)
+        total = sum(outcome.probability for outcome in possible)
+        return tuple(self._successor(outcome, outcome.probability / total) for outcome in possible)
 
-    def _way(self, branch: Prediction, probability: float) -> Way:
-        if branch.state is None or branch.reward is None or branch.terminated is None:
-            return Way(probability, self.best_value, None)
-        return Way(probability, branch.reward, None if branch.terminated else branch.state)
+    def _successor(self, outcome: Outcome, probability: float) -> Successor:
+        if outcome.next_state is None or outcome.reward is None or outcome.terminated is None:
+            return Successor(probability, self.max_value, None)
+        return Successor(probability, outcome.reward, None if outcome.terminated else outcome.next_state)

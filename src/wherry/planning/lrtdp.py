@@ -1,7 +1,7 @@
 """Labelled real-time dynamic programming for stochastic models (Bonet and Geffner, ICAPS 2003).
 
-Values begin too high and come down along trials: walks that follow the greedy policy from the state in question. So
-only states that a good policy may come to are ever looked at, and those whose values are settled are labelled solved.
+Values start at an upper bound and are lowered along trials, which follow the greedy policy from the state in question.
+So only states that a good policy may visit are expanded; states whose values have converged are labelled as solved.
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ from collections.abc import Callable
 
 import numpy as np
 
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.oomdp.domain import Action
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import ConditionalModel
-from wherry.planning.lookahead import Choice, Lookahead
+from wherry.planning.lookahead import ChanceNode, Lookahead
 
 UpperBound = Callable[[State], float]
-"""Never less than V(s), the discounted sum of rewards from a state on; the closer, the faster."""
+"""h(s), admissible: never less than V(s). The closer it is to V(s), the fewer trials are needed."""
 
 
 class Lrtdp:
-    """Optimal policies for the states that are asked for; plans again when the model has learnt.
+    """Optimal policies for the states in question; plans again when the model has been revised.
 
     Args:
-        model: What tells what actions do.
-        rng: Which of several possible successors a trial follows.
+        model: The model to plan on.
+        rng: Draws the successors that a trial follows.
         discount: γ.
-        r_max: R_max, the most that any step can be worth.
-        tolerance: ε, by how much a solved state's value may differ from what its successors' values say.
-        upper_bound: h, admissible; None for R_max / (1 - γ) in every state.
+        r_max: R_max, the highest reward of any step.
+        tolerance: ε, the largest Bellman residual of a solved state.
+        upper_bound: h; None for R_max / (1 - γ) in every state.
     """
 
     def __init__(
@@ -45,17 +45,17 @@ class Lrtdp:
         self.rng = rng
         self.tolerance = tolerance
         self._lookahead = Lookahead(model, discount=discount, r_max=r_max)
-        best_value = self._lookahead.best_value
-        self._upper_bound: UpperBound = upper_bound or (lambda state: best_value)
-        # What lies further ahead is worth less than the tolerance, whatever it is.
-        reach = math.log(tolerance / max(best_value, 2 * tolerance)) / math.log(discount) if discount > 0 else 1
-        self._longest_trial = math.ceil(reach)
+        max_value = self._lookahead.max_value
+        self._upper_bound: UpperBound = upper_bound or (lambda state: max_value)
+        # Rewards farther ahead are discounted to less than the tolerance.
+        horizon = math.log(tolerance / max(max_value, 2 * tolerance)) / math.log(discount) if discount > 0 else 1
+        self._max_trial_length = math.ceil(horizon)
         self._values: dict[State, float] = {}
         self._solved: set[State] = set()
 
     @property
     def visited(self) -> int:
-        """How many states were looked at since the model last learnt."""
+        """How many states were expanded since the model was last revised."""
         return len(self._values)
 
     def policy(self, state: State) -> Action:
@@ -64,7 +64,7 @@ class Lrtdp:
         return self._greedy(state)[0].action
 
     def value(self, state: State) -> float:
-        """V(s), the discounted sum of rewards that the best policy can expect."""
+        """V(s), the expected discounted return of an optimal policy."""
         self._solve(state)
         return self._value(state)
 
@@ -77,40 +77,40 @@ class Lrtdp:
             self._trial(state)
 
     def _trial(self, start: State) -> None:
-        """Follow the greedy policy to the end, then label backwards as far as values are settled (LRTDP-TRIAL)."""
-        walked: list[State] = []
+        """Follow the greedy policy to a leaf, then label states backwards until one is not solved (LRTDP-TRIAL)."""
+        visited: list[State] = []
         state: State | None = start
-        while state is not None and state not in self._solved and len(walked) < self._longest_trial:
-            walked.append(state)
-            choice, self._values[state] = self._greedy(state)
-            state = choice.draw(self.rng).state
-        while walked and self._check_solved(walked.pop()):
+        while state is not None and state not in self._solved and len(visited) < self._max_trial_length:
+            visited.append(state)
+            node, self._values[state] = self._greedy(state)
+            state = node.sample(self.rng).state
+        while visited and self._check_solved(visited.pop()):
             pass
 
     def _check_solved(self, start: State) -> bool:
-        """Label all states that the greedy policy may come to, if none of their values is to change (CHECK-SOLVED)."""
-        settled = True
+        """Label all states that the greedy policy may visit, if the residual of each is small enough (CHECK-SOLVED)."""
+        has_converged = True
         seen, queue = {start: None}, [start]
         while queue:
             state = queue.pop()
-            choice, value = self._greedy(state)
+            node, value = self._greedy(state)
             if abs(value - self._value(state)) > self.tolerance:
-                settled = False
+                has_converged = False
                 continue
-            for way in choice.ways:
-                if way.state is not None and way.state not in self._solved and way.state not in seen:
-                    seen[way.state] = None
-                    queue.append(way.state)
-        if settled:
+            for successor in node.successors:
+                if successor.state is not None and successor.state not in self._solved and successor.state not in seen:
+                    seen[successor.state] = None
+                    queue.append(successor.state)
+        if has_converged:
             self._solved.update(seen)
         else:
             for state in reversed(seen):
                 self._values[state] = self._greedy(state)[1]
-        return settled
+        return has_converged
 
-    def _greedy(self, state: State) -> tuple[Choice, float]:
-        """The best choice by the values as they are, and max_a Q(s, a)."""
-        return self._lookahead.best(state, self._value)
+    def _greedy(self, state: State) -> tuple[ChanceNode, float]:
+        """The greedy action by the current values, and max_a Q(s, a)."""
+        return self._lookahead.greedy(state, self._value)
 
     def _value(self, state: State) -> float:
         known = self._values.get(state)

@@ -1,16 +1,18 @@
-"""The planners that make policies, by the names that users choose them with.
+"""The registry of planners that compute policies.
 
-To find a plan to a goal instead, on a deterministic model, see `wherry.planning.search`.
+A new planner needs its own file, an entry here, and a row in ``docs/learners.md``. To find a plan to a goal on a
+deterministic model instead, see `wherry.planning.search`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from wherry.oomdp.outcomes import ConditionalModel
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.planning.lrtdp import Lrtdp
 from wherry.planning.policy import Planner
 from wherry.planning.policy_iteration import PolicyIteration
@@ -18,32 +20,62 @@ from wherry.planning.uct import Uct
 from wherry.planning.value_iteration import ValueIteration
 
 
-class PlannerMaker(Protocol):
-    """Makes a planner on a model; only those that draw at random use the generator."""
+class PlannerFactory(Protocol):
+    """Makes a planner on a model; planners that do not draw random numbers ignore the generator."""
 
     def __call__(
         self, model: ConditionalModel, rng: np.random.Generator, *, discount: float = 0.95, r_max: float = 20.0
     ) -> Planner:
-        """Make one."""
+        """Make a planner with discount γ and highest reward R_max."""
         ...
 
 
-def _value_iteration(
-    model: ConditionalModel, rng: np.random.Generator, *, discount: float = 0.95, r_max: float = 20.0
-) -> Planner:
-    return ValueIteration(model, discount=discount, r_max=r_max)
+@dataclass(frozen=True)
+class PlannerEntry:
+    """A planner that users can choose.
+
+    Attributes:
+        make: Makes the planner.
+        summary: What the planner does, in one line.
+        suited_for: The models that it is a good choice for.
+    """
+
+    make: PlannerFactory
+    summary: str
+    suited_for: str
 
 
-def _policy_iteration(
-    model: ConditionalModel, rng: np.random.Generator, *, discount: float = 0.95, r_max: float = 20.0
-) -> Planner:
-    return PolicyIteration(model, discount=discount, r_max=r_max)
+def _ignoring_rng(planner: Callable[..., Planner]) -> PlannerFactory:
+    """The factory of a planner that draws no random numbers."""
+
+    def make(
+        model: ConditionalModel, rng: np.random.Generator, *, discount: float = 0.95, r_max: float = 20.0
+    ) -> Planner:
+        return planner(model, discount=discount, r_max=r_max)
+
+    return make
 
 
-PLANNERS: Mapping[str, PlannerMaker] = {
-    "value-iteration": _value_iteration,
-    "policy-iteration": _policy_iteration,
-    "lrtdp": Lrtdp,
-    "uct": Uct,
+PLANNERS: Mapping[str, PlannerEntry] = {
+    "value-iteration": PlannerEntry(
+        _ignoring_rng(ValueIteration),
+        summary="compiled value sweeps over all reachable states",
+        suited_for="learning: it replans fastest after a revision of the model",
+    ),
+    "policy-iteration": PlannerEntry(
+        _ignoring_rng(PolicyIteration),
+        summary="exact policy evaluation and greedy improvement by turns",
+        suited_for="reference values, exact up to rounding",
+    ),
+    "lrtdp": PlannerEntry(
+        Lrtdp,
+        summary="heuristic search along greedy trials, optimal from the states in question",
+        suited_for="large state spaces of which an optimal policy visits few states",
+    ),
+    "uct": PlannerEntry(
+        Uct,
+        summary="Monte Carlo tree search, approximate, anytime",
+        suited_for="state spaces too large to enumerate",
+    ),
 }
-"""Each takes the model and a random generator, and ``discount`` (γ) and ``r_max`` (R_max) by name."""
+"""The planners by the names that users choose them with."""

@@ -1,4 +1,4 @@
-"""What every planner that makes a policy has to offer, whatever it does to find one."""
+"""The protocol of planners that compute policies."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from wherry.oomdp.objects import State
 
 
 class Planner(Protocol):
-    """Knows what to do in every state, on a model that may learn meanwhile: π(s) and V(s)."""
+    """π(s) and V(s) on a model that may be revised at any time."""
 
     def policy(self, state: State) -> Action:
-        """The best action."""
+        """The best action in a state."""
         ...
 
     def value(self, state: State) -> float:
-        """V(s), the discounted sum of rewards that can be expected."""
+        """V(s), the expected discounted return."""
         ...

@@ -1,4 +1,4 @@
-"""Policy iteration: evaluate a policy exactly, improve it, until it stays (Howard 1960; Puterman 1994, section 6.4)."""
+"""Policy iteration: exact evaluation and greedy improvement by turns (Howard 1960; Puterman 1994, section 6.4)."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.oomdp.domain import Action
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import ConditionalModel
-from wherry.planning.lookahead import TIE, Choice, Lookahead
+from wherry.planning.lookahead import Q_TOLERANCE, ChanceNode, Lookahead
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
 class PolicyIteration:
-    """Optimal policies, with values that are exact but for rounding; plans again when the model has learnt.
+    """Optimal policies with values that are exact up to rounding; plans again when the model has been revised.
 
-    It takes few rounds, each of which solves a sparse linear system of as many equations as states can be reached.
+    It takes few iterations, each of which solves a sparse linear system with one equation per reachable state.
 
     Args:
-        model: What tells what actions do.
+        model: The model to plan on.
         discount: γ.
-        r_max: R_max, the most that any step can be worth.
+        r_max: R_max, the highest reward of any step.
     """
 
     def __init__(self, model: ConditionalModel, *, discount: float = 0.95, r_max: float = 20.0) -> None:
         self.discount = discount
         self._lookahead = Lookahead(model, discount=discount, r_max=r_max)
-        self._numbers: dict[State, int] = {}  # of the states that were reached, S in all
+        self._numbers: dict[State, int] = {}  # of the S reachable states
         self._policy: list[Action] = []  # [S]
         self._values: Floats = np.zeros(0)  # [S]
 
@@ -42,12 +42,12 @@ class PolicyIteration:
         return self._policy[number]
 
     def value(self, state: State) -> float:
-        """V(s), the discounted sum of rewards that the best policy can expect."""
+        """V(s), the expected discounted return of an optimal policy."""
         number = self._solve(state)
         return float(self._values[number])
 
     def _solve(self, state: State) -> int:
-        """Make policy and values right for a state and all that can be reached from it; return the state's number."""
+        """Solve for a state and all that can be reached from it, if need be; return the state's number."""
         if self._lookahead.refresh():
             self._numbers.clear()
         if state not in self._numbers:
@@ -60,56 +60,56 @@ class PolicyIteration:
         self._numbers[start] = len(self._numbers)
         queue = deque([start])
         while queue:
-            for choice in self._lookahead.choices(queue.popleft()):
-                for way in choice.ways:
-                    if way.state is not None and way.state not in self._numbers:
-                        self._numbers[way.state] = len(self._numbers)
-                        queue.append(way.state)
+            for node in self._lookahead.chance_nodes(queue.popleft()):
+                for successor in node.successors:
+                    if successor.state is not None and successor.state not in self._numbers:
+                        self._numbers[successor.state] = len(self._numbers)
+                        queue.append(successor.state)
 
     def _iterate(self) -> None:
-        """Evaluate and improve by turns."""
-        choices = [choice for state in self._numbers for choice in self._lookahead.choices(state)]
-        sizes = [len(self._lookahead.choices(state)) for state in self._numbers]
-        first = np.cumsum([0, *sizes[:-1]])  # [S] where each state's choices begin
-        transitions, rewards = self._tabulate(choices)
-        policy = _first_of_the_best(rewards, first)
+        """Evaluate and improve the policy until it is stable."""
+        nodes = [node for state in self._numbers for node in self._lookahead.chance_nodes(state)]
+        sizes = [len(self._lookahead.chance_nodes(state)) for state in self._numbers]
+        first = np.cumsum([0, *sizes[:-1]])  # [S] index of each state's first chance node
+        transitions, rewards = self._tabulate(nodes)
+        policy = _first_greedy(rewards, first)
         while True:
             values = _evaluate(transitions[policy], rewards[policy], self.discount)
-            worth = rewards + self.discount * (transitions @ values)
-            best = _first_of_the_best(worth, first)
-            better = worth[best] > worth[policy] + TIE
-            if not better.any():
+            q_values = rewards + self.discount * (transitions @ values)
+            greedy = _first_greedy(q_values, first)
+            is_better = q_values[greedy] > q_values[policy] + Q_TOLERANCE
+            if not is_better.any():
                 break
-            policy = np.where(better, best, policy)
+            policy = np.where(is_better, greedy, policy)
         self._values = values
-        self._policy = [choices[at].action for at in best]
+        self._policy = [nodes[at].action for at in greedy]
 
-    def _tabulate(self, choices: list[Choice]) -> tuple[sparse.csr_array, Floats]:
-        """P [C, S] and expected rewards [C] of all choices; a leaf has no successor, and so the row adds up to less."""
-        rewards = np.array([sum(way.probability * way.worth for way in choice.ways) for choice in choices])
+    def _tabulate(self, nodes: list[ChanceNode]) -> tuple[sparse.csr_array, Floats]:
+        """P [N, S] and rewards [N] of N chance nodes; leaves have no column, so rows may sum to less than 1."""
+        rewards = [sum(successor.probability * successor.reward for successor in node.successors) for node in nodes]
         entries = [
-            (way.probability, row, self._numbers[way.state])
-            for row, choice in enumerate(choices)
-            for way in choice.ways
-            if way.state is not None
+            (row, self._numbers[successor.state], successor.probability)
+            for row, node in enumerate(nodes)
+            for successor in node.successors
+            if successor.state is not None
         ]
-        probabilities, rows, columns = (np.array(column) for column in zip(*entries, strict=True)) if entries else (
-            np.zeros(0), np.zeros(0, np.intp), np.zeros(0, np.intp)
-        )  # fmt: skip
-        shape = (len(choices), len(self._numbers))
-        return sparse.csr_array((probabilities, (rows, columns)), shape=shape), rewards
+        rows = np.array([row for row, _, _ in entries], np.intp)
+        columns = np.array([column for _, column, _ in entries], np.intp)
+        probabilities = np.array([probability for _, _, probability in entries], np.float64)
+        shape = (len(nodes), len(self._numbers))
+        return sparse.csr_array((probabilities, (rows, columns)), shape=shape), np.array(rewards)
 
 
-def _first_of_the_best(worth: Floats, first: Indices) -> Indices:
-    """[S] of every state's choices the first one that is as good as the best.
+def _first_greedy(q_values: Floats, first: Indices) -> Indices:
+    """[S] index of every state's first chance node whose Q value is as good as the best.
 
     Args:
-        worth: [C] of every choice.
-        first: [S] where each state's choices begin.
+        q_values: [N] Q value of every chance node, those of a state side by side.
+        first: [S] index of each state's first chance node.
     """
-    sizes = np.diff(np.append(first, len(worth)))
-    best = np.repeat(np.maximum.reduceat(worth, first), sizes)
-    candidates = np.flatnonzero(worth >= best - TIE)
+    sizes = np.diff(np.append(first, len(q_values)))
+    best = np.repeat(np.maximum.reduceat(q_values, first), sizes)
+    candidates = np.flatnonzero(q_values >= best - Q_TOLERANCE)
     return candidates[np.searchsorted(candidates, first)]
 
 

@@ -1,7 +1,7 @@
-"""Best-first search on a lazily grounded model: A* to a goal, and the cheapest way to find something out.
+"""Best-first search on a lazily grounded model: A* to a goal, and uniform-cost search for the cheapest experiment.
 
-A step that the model cannot tell about has no successor. `a_star` never takes one, so that its plans are as sure as the
-model is; `cheapest_experiment` looks for nothing else.
+An unknown outcome has no successor. `a_star` never relies on one, so its plans are as certain as the model is;
+`cheapest_experiment` looks for the unknown outcomes.
 """
 
 from __future__ import annotations
@@ -13,25 +13,28 @@ from heapq import heappop, heappush
 from itertools import count
 
 from wherry.oomdp.domain import Action
-from wherry.oomdp.mdp import Prediction
+from wherry.oomdp.mdp import Outcome, Prediction
 from wherry.oomdp.objects import State
-from wherry.planning.successors import Successors
+from wherry.planning.prediction_cache import PredictionCache
 
-Remaining = Callable[[State], float]
-"""How much is still to be done in a state; 0 in a goal."""
+UnmetGoals = Callable[[State], float]
+"""How many goals a state leaves unmet, such as boxes to deliver; 0 in a goal state."""
 
 Heuristic = Callable[[State], float]
-"""h(s): never more than the number of steps from a state to a goal."""
+"""h(s), admissible: never more than the number of steps from a state to a goal state."""
+
+Parents = dict[State, tuple[State, Action]]
+"""For each state that a search has generated, the state and action that lead to it at the lowest cost so far."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to do, and where it leads.
+    """A sequence of actions with the states that it passes through.
 
     Attributes:
-        actions: In their order.
-        states: The states before every action, and, unless the last action is an experiment, the state at the end.
-        cost: What it all costs.
+        actions: The actions, in order.
+        states: The state before each action; then the final state, unless the last action is an experiment.
+        cost: Sum of the step costs.
     """
 
     actions: tuple[Action, ...]
@@ -39,118 +42,119 @@ class Plan:
     cost: float
 
 
-def step_cost(prediction: Prediction) -> float:
-    """What a step costs: as many tries as it takes on average until it does what is predicted, 1/p."""
-    return 1 / prediction.probability
+def step_cost(outcome: Outcome) -> float:
+    """The expected number of attempts until an outcome of probability p happens, 1/p."""
+    return 1 / outcome.probability
 
 
-def no_heuristic(state: State) -> float:
-    """h(s) = 0: nothing is known about the way that is left."""
+def zero_heuristic(state: State) -> float:
+    """h(s) = 0, which makes A* a uniform-cost search."""
     return 0.0
 
 
 def a_star(
-    successors: Successors, start: State, remaining: Remaining, heuristic: Heuristic = no_heuristic
+    cache: PredictionCache, start: State, unmet_goals: UnmetGoals, heuristic: Heuristic = zero_heuristic
 ) -> tuple[Plan, float]:
-    """The shortest plan to a state in which nothing remains to be done, or else to one in which the least remains.
+    """The shortest plan to a state without unmet goals, or else to one with the fewest (Hart, Nilsson, Raphael 1968).
 
-    What is most likely is taken to be sure.
-
-    Hart, Nilsson and Raphael 1968; among equally promising states the one farthest along comes first.
+    Every action is assumed to have its most likely outcome. Among states of equal f = g + h the deepest is expanded
+    first.
 
     Args:
-        successors: The model.
+        cache: The predictions of the model.
         start: s_0.
-        remaining: What is to become 0, or as small as can be.
-        heuristic: h, admissible.
+        unmet_goals: What to reduce to 0, or as far as possible.
+        heuristic: h.
 
     Returns:
-        The plan, which is empty where nothing can be improved, and how much remains at its end.
+        The plan, empty where nothing can be improved; and how many goals its final state leaves unmet.
     """
-    successors.refresh()
-    cost, came_from = {start: 0.0}, dict[State, tuple[State, Action]]()
-    best, least = start, remaining(start)
-    tie = count()
-    queue = [(heuristic(start), 0.0, next(tie), start)]
-    closed = set[State]()
-    while queue and least > 0:
-        _, _, _, state = heappop(queue)
-        if state in closed:
+    cache.refresh()
+    cost_so_far, parents = {start: 0.0}, Parents()
+    best, fewest_unmet = start, unmet_goals(start)
+    insertion = count()
+    open_list = [(heuristic(start), 0.0, next(insertion), start)]
+    expanded = set[State]()
+    while open_list and fewest_unmet > 0:
+        _, _, _, state = heappop(open_list)
+        if state in expanded:
             continue
-        closed.add(state)
-        left = remaining(state)
-        if left < least:
-            best, least = state, left
-        for action, prediction in successors.of(state):
-            after = prediction.state
-            if after is None or after is state:
+        expanded.add(state)
+        unmet = unmet_goals(state)
+        if unmet < fewest_unmet:
+            best, fewest_unmet = state, unmet
+        for action, prediction in cache.predictions(state):
+            successor = prediction.most_likely.next_state
+            if successor is None or successor is state:
                 continue
-            g = cost[state] + 1
-            if g < cost.get(after, math.inf):
-                cost[after], came_from[after] = g, (state, action)
-                heappush(queue, (g + heuristic(after), -g, next(tie), after))
-    return _plan(came_from, cost, best), least
+            g = cost_so_far[state] + 1
+            if g < cost_so_far.get(successor, math.inf):
+                cost_so_far[successor], parents[successor] = g, (state, action)
+                heappush(open_list, (g + heuristic(successor), -g, next(insertion), successor))
+    return _plan(parents, cost_so_far, best), fewest_unmet
 
 
 def cheapest_experiment(
-    successors: Successors, start: State, *, doubts_only: bool = False, limit: float = math.inf
+    cache: PredictionCache, start: State, *, disagreements_only: bool = False, max_cost: float = math.inf
 ) -> Plan | None:
-    """The plan that ends with the experiment that is cheapest, the way there included.
+    """The plan of least total cost that ends with an experiment: an action from which something can be learnt.
 
-    An experiment is a step that the model cannot tell about, which costs 1/p, where p is how likely it is that the
-    action does anything at all; or one about which there is doubt, which costs the more the less trying it settles.
-    Steps on the way of which the model is not sure cost what they take until they succeed.
+    Steps on the way cost the expected number of attempts (`step_cost`), the experiment what `experiment_cost` says.
 
     Args:
-        successors: The model.
+        cache: The predictions of the model.
         start: s_0.
-        doubts_only: Whether to settle doubts only, and to leave alone what cannot be foretold.
-        limit: The most that it may cost.
+        disagreements_only: Whether only actions about which explanations disagree count as experiments, and actions
+            with unknown outcomes do not.
+        max_cost: The plan must cost less.
 
     Returns:
-        The plan, whose last action is the experiment, or None where there is nothing left to find out.
+        The plan, whose last action is the experiment; None where there is nothing to learn at that cost.
     """
-    successors.refresh()
-    cost, came_from = {start: 0.0}, dict[State, tuple[State, Action]]()
-    tie = count()
-    queue = [(0.0, next(tie), start)]
-    closed = set[State]()
-    best = None
-    while queue and queue[0][0] < (limit if best is None else best[0]):
-        _, _, state = heappop(queue)
-        if state in closed:
+    cache.refresh()
+    cost_so_far, parents = {start: 0.0}, Parents()
+    insertion = count()
+    open_list = [(0.0, next(insertion), start)]
+    expanded = set[State]()
+    best, best_cost = None, max_cost
+    while open_list and open_list[0][0] < best_cost:
+        _, _, state = heappop(open_list)
+        if state in expanded:
             continue
-        closed.add(state)
-        for action, prediction in successors.of(state):
-            total = cost[state] + experiment_cost(prediction, doubts_only=doubts_only)
-            if total < (limit if best is None else best[0]):
-                best = total, state, action
-            for branch in (prediction, *prediction.otherwise):
-                if branch.state is None or not branch.probability:
+        expanded.add(state)
+        for action, prediction in cache.predictions(state):
+            total = cost_so_far[state] + experiment_cost(prediction, disagreements_only=disagreements_only)
+            if total < best_cost:
+                best, best_cost = (state, action), total
+            for outcome in prediction.outcomes:
+                if outcome.next_state is None or not outcome.probability:
                     continue
-                g = cost[state] + step_cost(branch)
-                if g < cost.get(branch.state, math.inf):
-                    cost[branch.state], came_from[branch.state] = g, (state, action)
-                    heappush(queue, (g, next(tie), branch.state))
+                g = cost_so_far[state] + step_cost(outcome)
+                if g < cost_so_far.get(outcome.next_state, math.inf):
+                    cost_so_far[outcome.next_state], parents[outcome.next_state] = g, (state, action)
+                    heappush(open_list, (g, next(insertion), outcome.next_state))
     if best is None:
         return None
-    total, state, action = best
-    way = _plan(came_from, cost, state)
-    return Plan((*way.actions, action), way.states, total)
+    state, action = best
+    approach = _plan(parents, cost_so_far, state)
+    return Plan((*approach.actions, action), approach.states, best_cost)
 
 
-def experiment_cost(prediction: Prediction, *, doubts_only: bool) -> float:
-    """What a step costs as an experiment: the less the more it teaches; infinite where that is nothing."""
-    unknown = [branch.probability for branch in (prediction, *prediction.otherwise) if branch.state is None]
-    teaches = max(prediction.doubt, 0.0 if doubts_only else max(unknown, default=0.0))
-    return 1 / teaches if teaches else math.inf
+def experiment_cost(prediction: Prediction, *, disagreements_only: bool) -> float:
+    """1 / information, where the information is the disagreement or the probability of the likeliest unknown outcome.
+
+    Infinite where an action teaches nothing.
+    """
+    unknown = [outcome.probability for outcome in prediction.outcomes if outcome.next_state is None]
+    information = max(prediction.disagreement, 0.0 if disagreements_only else max(unknown, default=0.0))
+    return 1 / information if information else math.inf
 
 
-def _plan(came_from: dict[State, tuple[State, Action]], cost: dict[State, float], end: State) -> Plan:
-    """The way by which a search came to a state."""
+def _plan(parents: Parents, cost_so_far: dict[State, float], end: State) -> Plan:
+    """The plan to a state, traced back through its parents."""
     actions, states = list[Action](), [end]
-    while states[-1] in came_from:
-        before, action = came_from[states[-1]]
+    while states[-1] in parents:
+        before, action = parents[states[-1]]
         actions.append(action)
         states.append(before)
-    return Plan(tuple(reversed(actions)), tuple(reversed(states)), cost[end])
+    return Plan(tuple(reversed(actions)), tuple(reversed(states)), cost_so_far[end])

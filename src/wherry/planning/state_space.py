@@ -1,8 +1,8 @@
-"""The states that a model can reach, numbered, with tables for planners that sweep over them.
+"""The states that a model can reach, numbered, with transition tables for planners that sweep over arrays.
 
-States get numbers in the order in which they are met. Those with the same conditions form a group, for which the model
-is asked once; and what a branch of its answer makes of a state is worked out once, whichever learner says it and
-however often. So after more was learnt only a few table entries change, and learners of one domain can share a space.
+States are numbered in the order in which they are first met. States with the same key form a group, for which the model
+is asked once. What a conditional outcome does in a state is computed once, whichever model predicts it and however
+often; so a revision of the model changes few table entries, and models of one domain can share a space.
 """
 
 from __future__ import annotations
@@ -12,30 +12,33 @@ from collections.abc import Hashable
 import numpy as np
 from numpy.typing import NDArray
 
+from wherry.oomdp.conditional_models import ConditionalModel, ConditionalOutcome
 from wherry.oomdp.domain import Action
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import Branch, ConditionalModel
 
-END = -1  # the episode ends
-UNKNOWN = -2  # the model cannot tell
-HOPELESS = -3  # the model cannot tell, and nothing more can be learnt about it
-MISSING = -4  # not worked out yet
+# Entries of the successor table that are no state numbers:
+TERMINAL = -1  # the episode ends
+UNKNOWN = -2  # the model does not know the outcome
+IMPOSSIBLE = -3  # the outcome is ruled out, or nothing can be learnt about it
+NOT_COMPUTED = -4  # the outcome was not grounded in this state yet
 
 Integers = NDArray[np.int32]
 Floats = NDArray[np.float64]
 
 
 class StateSpace:
-    """Numbered states, and what the branches of answers make of them.
+    """Numbered states, and tables of where each conditional outcome leads from them.
+
+    S states, G groups and O conditional outcomes are known; the tables have spare rows and columns.
 
     Attributes:
-        states: The states that were met, by number.
+        states: The states by number.
         groups: One state of every group, by the group's number.
-        group_actions: The numbers of the actions that are possible in every group.
-        actions: All actions that were met, by number.
-        group: [S] the group of every state.
-        successor: [B, S] the number of the state that branch b makes of state s, or one of the negative constants.
-        reward: [B, S] what that step is worth.
+        group_actions: The numbers of the actions that can be tried in every group.
+        actions: The actions by number.
+        group: [S] group number of every state.
+        successor: [O, S] number of the state that outcome o leads to from state s, or one of the negative constants.
+        reward: [O, S] reward of that step.
     """
 
     def __init__(self) -> None:
@@ -44,15 +47,15 @@ class StateSpace:
         self.group_actions: list[frozenset[int]] = []
         self.actions: list[Action] = []
         self.group: Integers = np.zeros(64, np.int32)
-        self.successor: Integers = np.full((8, 64), MISSING, np.int32)
+        self.successor: Integers = np.full((8, 64), NOT_COMPUTED, np.int32)
         self.reward: Floats = np.zeros((8, 64))
-        self._branches: list[tuple[Action, Branch]] = []
+        self._outcomes: list[tuple[Action, ConditionalOutcome]] = []
         self._state_numbers: dict[State, int] = {}
         self._group_numbers: dict[Hashable, int] = {}
-        self._branch_numbers: dict[tuple[Action, Branch], int] = {}
+        self._outcome_numbers: dict[tuple[Action, ConditionalOutcome], int] = {}
 
     def number(self, state: State, model: ConditionalModel) -> int:
-        """The number of a state, which it gets now if it was not met before."""
+        """The number of a state; a new state is given the next one."""
         known = self._state_numbers.get(state)
         if known is not None:
             state.share_conditions(self.states[known])
@@ -60,12 +63,12 @@ class StateSpace:
         number = self._state_numbers[state] = len(self.states)
         self.states.append(state)
         if number == len(self.group):
-            self._widen()
-        self.group[number] = self._group(state, model)
+            self._double_state_capacity()
+        self.group[number] = self._group_number(state, model)
         return number
 
-    def _group(self, state: State, model: ConditionalModel) -> int:
-        key = model.key(state)
+    def _group_number(self, state: State, model: ConditionalModel) -> int:
+        key = model.state_key(state)
         known = self._group_numbers.get(key)
         if known is None:
             known = self._group_numbers[key] = len(self.groups)
@@ -75,29 +78,29 @@ class StateSpace:
             self.group_actions.append(frozenset(map(self.actions.index, possible)))
         return known
 
-    def branch_number(self, action: Action, branch: Branch) -> int:
-        """The number of a branch, that is, its row in the tables."""
-        known = self._branch_numbers.get((action, branch))
+    def outcome_number(self, action: Action, outcome: ConditionalOutcome) -> int:
+        """The number of a conditional outcome, which is its row in the tables."""
+        known = self._outcome_numbers.get((action, outcome))
         if known is None:
-            known = self._branch_numbers[action, branch] = len(self._branches)
-            self._branches.append((action, branch))
+            known = self._outcome_numbers[action, outcome] = len(self._outcomes)
+            self._outcomes.append((action, outcome))
             if known == len(self.successor):
-                self.successor = np.vstack([self.successor, np.full_like(self.successor, MISSING)])
+                self.successor = np.vstack([self.successor, np.full_like(self.successor, NOT_COMPUTED)])
                 self.reward = np.vstack([self.reward, np.zeros_like(self.reward)])
         return known
 
-    def work_out(self, branch_number: int, state_number: int, model: ConditionalModel) -> None:
-        """Fill in what a branch makes of a state; a state that is met for the first time gets its number."""
-        action, branch = self._branches[branch_number]
-        prediction = branch.predict(self.states[state_number], action)
-        if prediction.state is None or prediction.reward is None or prediction.terminated is None:
-            self.successor[branch_number, state_number] = UNKNOWN if prediction.probability > 0 else HOPELESS
+    def compute(self, outcome_number: int, state_number: int, model: ConditionalModel) -> None:
+        """Ground a conditional outcome in a state and enter it in the tables; a new next state is numbered."""
+        action, conditional = self._outcomes[outcome_number]
+        outcome = conditional.ground(self.states[state_number], action)
+        if outcome.next_state is None or outcome.reward is None or outcome.terminated is None:
+            self.successor[outcome_number, state_number] = UNKNOWN if outcome.probability > 0 else IMPOSSIBLE
             return
-        successor = END if prediction.terminated else self.number(prediction.state, model)
-        self.successor[branch_number, state_number] = successor
-        self.reward[branch_number, state_number] = prediction.reward
+        successor = TERMINAL if outcome.terminated else self.number(outcome.next_state, model)
+        self.successor[outcome_number, state_number] = successor
+        self.reward[outcome_number, state_number] = outcome.reward
 
-    def _widen(self) -> None:
+    def _double_state_capacity(self) -> None:
         self.group = np.concatenate([self.group, np.zeros_like(self.group)])
-        self.successor = np.hstack([self.successor, np.full_like(self.successor, MISSING)])
+        self.successor = np.hstack([self.successor, np.full_like(self.successor, NOT_COMPUTED)])
         self.reward = np.hstack([self.reward, np.zeros_like(self.reward)])

@@ -1,7 +1,7 @@
-"""UCT: Monte Carlo tree search that treats every choice as a bandit (Kocsis and Szepesvári, ECML 2006).
+"""UCT: Monte Carlo tree search with UCB1 as its tree policy (Kocsis and Szepesvári, ECML 2006).
 
-It looks at no more states than it has time for, whatever the size of the world, and gets better with every simulation;
-it never proves that it is right.
+Its cost is set by the number of simulations and not by the size of the state space. It is an anytime algorithm without
+a guarantee of optimality.
 """
 
 from __future__ import annotations
@@ -12,55 +12,60 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.oomdp.domain import Action
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import ConditionalModel
-from wherry.planning.lookahead import Choice, Lookahead
+from wherry.planning.lookahead import ChanceNode, Lookahead
 
 Evaluation = Callable[[State], float]
-"""A guess at V(s), used where the tree ends."""
+"""An estimate of V(s), used at the edge of the tree."""
 
 
 @dataclass(slots=True)
 class _Node:
-    """A state in the tree, with A choices.
+    """A decision node of the tree, with A actions.
 
     Attributes:
         state: s.
-        choices: [A].
-        tried: [A] how often each was simulated, N(s, a).
-        total: [A] the sum of what followed.
-        children: [A] what it led to.
+        chance_nodes: [A] the actions with their successors.
+        visits: [A] N(s, a), how often each action was simulated.
+        total_return: [A] sum of the returns that followed each action.
+        children: [A] the decision nodes that each action has led to.
     """
 
     state: State
-    choices: tuple[Choice, ...]
-    tried: list[int] = field(init=False)
-    total: list[float] = field(init=False)
+    chance_nodes: tuple[ChanceNode, ...]
+    visits: list[int] = field(init=False)
+    total_return: list[float] = field(init=False)
     children: list[dict[State, _Node]] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.tried = [0] * len(self.choices)
-        self.total = [0.0] * len(self.choices)
-        self.children = [{} for _ in self.choices]
+        self.visits = [0] * len(self.chance_nodes)
+        self.total_return = [0.0] * len(self.chance_nodes)
+        self.children = [{} for _ in self.chance_nodes]
 
-    def mean(self, at: int) -> float:
-        """Q(s, a) as simulated so far."""
-        return self.total[at] / self.tried[at]
+    @property
+    def most_visited(self) -> int:
+        """Index of the action that was simulated most often."""
+        return max(range(len(self.visits)), key=self.visits.__getitem__)
+
+    def mean_return(self, index: int) -> float:
+        """Estimate of Q(s, a), the mean return of an action."""
+        return self.total_return[index] / self.visits[index]
 
 
 class Uct:
-    """Good actions for the states that are asked for, searched anew each time.
+    """Good actions for single states; each query builds a new tree.
 
     Args:
-        model: What tells what actions do.
-        rng: What simulations draw from.
+        model: The model to plan on.
+        rng: Draws successors and rollouts.
         discount: γ.
-        r_max: R_max, the most that any step can be worth.
-        simulations: How many to run for a decision.
-        horizon: How many steps a simulation looks ahead.
-        exploration: C_p, for returns that are scaled to [0, 1].
-        evaluation: What a state is worth where the tree ends; None for what a random walk from there brings.
+        r_max: R_max, the highest reward of any step.
+        simulations: How many simulations to run per query.
+        horizon: Length of a simulation, steps.
+        exploration: C_p, the weight of the exploration bonus, for returns scaled to [0, 1].
+        evaluation: Value estimate at the edge of the tree; None for the return of a random rollout.
     """
 
     def __init__(
@@ -84,76 +89,78 @@ class Uct:
         self._evaluation = evaluation
 
     def policy(self, state: State) -> Action:
-        """The action that simulations came back to most often."""
+        """The action that was simulated most often."""
         root = self._search(state)
-        return root.choices[max(range(len(root.choices)), key=root.tried.__getitem__)].action
+        return root.chance_nodes[root.most_visited].action
 
     def value(self, state: State) -> float:
-        """V(s), what followed on average from the action that simulations came back to most often."""
+        """Estimate of V(s), the mean return of the action that was simulated most often."""
         root = self._search(state)
-        return root.mean(max(range(len(root.choices)), key=root.tried.__getitem__))
+        return root.mean_return(root.most_visited)
 
     def _search(self, state: State) -> _Node:
-        """Grow a tree by one state with every simulation."""
+        """Build a tree, which grows by one node with every simulation."""
         self._lookahead.refresh()
-        root = _Node(state, self._lookahead.choices(state))
+        root = _Node(state, self._lookahead.chance_nodes(state))
         lowest, highest = math.inf, -math.inf  # of all returns so far
-        for _ in range(max(self.simulations, len(root.choices))):
+        for _ in range(max(self.simulations, len(root.chance_nodes))):
             path, end = self._descend(root, lowest, highest)
             value = 0.0 if end is None else self._evaluate(end, self.horizon - len(path))
-            for node, at, worth in reversed(path):
-                value = worth + self.discount * value
-                node.tried[at] += 1
-                node.total[at] += value
+            for node, index, reward in reversed(path):
+                value = reward + self.discount * value
+                node.visits[index] += 1
+                node.total_return[index] += value
                 lowest, highest = min(lowest, value), max(highest, value)
         return root
 
     def _descend(
         self, root: _Node, lowest: float, highest: float
     ) -> tuple[list[tuple[_Node, int, float]], State | None]:
-        """Walk down the tree and one state out of it.
+        """Follow the tree policy down to a new node.
 
         Returns:
-            The nodes on the way, each with the choice taken and the reward; and the state at the end, None in a leaf.
+            The nodes visited, each with the index of the action taken and its reward; the state at the end, which is
+            None in a leaf.
         """
         path: list[tuple[_Node, int, float]] = []
         node: _Node | None = root
         end: State | None = root.state
         while node is not None and len(path) < self.horizon:
-            at = self._select(node, lowest, highest)
-            _, worth, end = node.choices[at].draw(self.rng)
-            path.append((node, at, worth))
+            index = self._select(node, lowest, highest)
+            _, reward, end = node.chance_nodes[index].sample(self.rng)
+            path.append((node, index, reward))
             if end is None:
                 break
-            parent, node = node, node.children[at].get(end)
+            parent, node = node, node.children[index].get(end)
             if node is None:
-                parent.children[at][end] = _Node(end, self._lookahead.choices(end))
+                parent.children[index][end] = _Node(end, self._lookahead.chance_nodes(end))
         return path, end
 
     def _select(self, node: _Node, lowest: float, highest: float) -> int:
-        """The choice with the highest upper confidence bound (UCB1); those never tried come first."""
-        if 0 in node.tried:
-            return node.tried.index(0)
+        """Index of the action with the highest upper confidence bound (UCB1); actions without visits come first."""
+        if 0 in node.visits:
+            return node.visits.index(0)
         scale = max(highest - lowest, 1e-12)
-        log_visits = math.log(sum(node.tried))
+        log_visits = math.log(sum(node.visits))
 
-        def bound(at: int) -> float:
-            return node.mean(at) / scale + 2 * self.exploration * math.sqrt(log_visits / node.tried[at])
+        def upper_bound(index: int) -> float:
+            bonus = 2 * self.exploration * math.sqrt(log_visits / node.visits[index])
+            return node.mean_return(index) / scale + bonus
 
-        return max(range(len(node.choices)), key=bound)
+        return max(range(len(node.chance_nodes)), key=upper_bound)
 
     def _evaluate(self, state: State, steps: int) -> float:
-        """What a state at the end of the tree is worth."""
+        """The value of a state at the edge of the tree, by `evaluation` or by a random rollout of some steps."""
         if self._evaluation is not None:
             return self._evaluation(state)
         total, factor = 0.0, 1.0
-        here: State | None = state
+        current: State | None = state
         for _ in range(steps):
-            if here is None:
+            if current is None:
                 break
-            choices = self._lookahead.choices(here)
-            way = choices[self.rng.integers(len(choices))].draw(self.rng)
-            total += factor * way.worth
+            nodes = self._lookahead.chance_nodes(current)
+            successor = nodes[self.rng.integers(len(nodes))].sample(self.rng)
+            total += factor * successor.reward
             factor *= self.discount
-            here = way.state
+            current = successor.state
         return total

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wherry.domains.delivery import DROPOFF, MOVES, PICKUP, Box, Site, reward
+from wherry.domains.delivery import DROPOFF, MOVES, PICKUP, BoxState, DeliverySite, delivery_reward
 from wherry.floorplan.plan import Cell, Direction, Wall
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Transition
@@ -45,7 +45,7 @@ class RobotEnvironment:
         site: The walls that the map and live scans show, and the warehouse.
     """
 
-    def __init__(self, pilot: Pilot, frame: CellFrame, site: Site, boxes: Sequence[BoxTrack]) -> None:
+    def __init__(self, pilot: Pilot, frame: CellFrame, site: DeliverySite, boxes: Sequence[BoxTrack]) -> None:
         self.pilot = pilot
         self.frame = frame
         self.site = site
@@ -93,7 +93,7 @@ class RobotEnvironment:
         """Whether the latch holds a box."""
         return self._boxes.held is not None
 
-    def update_map(self, frame: CellFrame, site: Site, boxes: Sequence[BoxTrack]) -> None:
+    def update_map(self, frame: CellFrame, site: DeliverySite, boxes: Sequence[BoxTrack]) -> None:
         """Replace the map by one that shows more; the known boxes keep their names.
 
         Args:
@@ -138,7 +138,7 @@ class RobotEnvironment:
             if self.pilot.times_lost == times_lost:
                 before = self._without_false_boxes(before)
                 terminated = not after.of_class("Box")
-                return Transition(before, action, after, reward(before, action, after), terminated)
+                return Transition(before, action, after, delivery_reward(before, action, after), terminated)
             self.site = self._mapped_site  # walls perceived from a wrong pose are discarded
             self._centre_in_cell()
 
@@ -198,7 +198,7 @@ class RobotEnvironment:
         if not self.pilot.tracker.is_lost:
             self._remove_false_box(scan)
             self._correct_walls(scan)
-        boxes = (Box(box.name, self._cell_of(box), box.is_held) for box in self._boxes.boxes)
+        boxes = (BoxState(box.name, self._cell_of(box), box.is_held) for box in self._boxes.boxes)
         return self.site.state(self.cell, boxes)
 
     def _remove_false_box(self, scan: Scan) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wherry.domains.delivery import Site
+from wherry.domains.delivery import DeliverySite
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.localization.localizer import Localizer
@@ -211,11 +211,11 @@ class Mission:
         environment.update_map(cells.frame, self._site(cells, map_from_start), boxes)
         return self._surveyed_world(surveyor, cells, map_from_start, environment)
 
-    def _site(self, cells: CellMap, map_from_start: Pose) -> Site:
+    def _site(self, cells: CellMap, map_from_start: Pose) -> DeliverySite:
         """The walls and as much of the warehouse as the map shows."""
         warehouse_cells = cells.frame.cells_at(map_from_start.transform(self._order.warehouse))
         warehouse = {Cell(int(x), int(y)) for x, y in warehouse_cells}
-        return Site.of_plan(replace(cells.plan, warehouse=frozenset(warehouse & set(cells.plan.cells()))))
+        return DeliverySite.of_plan(replace(cells.plan, warehouse=frozenset(warehouse & set(cells.plan.cells()))))
 
     def _drive_to_cell_centre(self, pilot: Pilot, cells: CellMap, environment: RobotEnvironment) -> None:
         """Drive to the centre of the nearest cell without a box that can be reached."""

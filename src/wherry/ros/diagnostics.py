@@ -1,4 +1,4 @@
-"""What goes wrong is counted, and told on ``/diagnostics``: nothing that is refused is refused silently."""
+"""Messages of ``/diagnostics``, and a count of the messages that a node rejected, so that none is dropped silently."""
 
 from __future__ import annotations
 
@@ -7,35 +7,42 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import header_of
+from wherry.ros.encoding import encode_header
 
 OK, WARN, ERROR = ros.DiagnosticStatus.OK, ros.DiagnosticStatus.WARN, ros.DiagnosticStatus.ERROR
 
 
 @dataclass
-class Refusals:
-    """How many messages were refused, by topic, and why the last one was.
+class RejectedMessages:
+    """How many messages a node rejected, and why it rejected the last one.
 
     Attributes:
-        counts: By topic.
-        last: The last one's topic and reason, empty before the first.
+        counts: Number of rejected messages by topic.
+        last: Topic of the last rejected message and the reason; empty if there is none.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
     last: str = ""
 
     def add(self, topic: str, reason: object) -> None:
-        """Count one."""
+        """Count a rejected message."""
         self.counts[topic] += 1
         self.last = f"{topic}: {reason}"
 
 
-def status_of(name: str, level: int, text: str, values: Mapping[str, object]) -> ros.DiagnosticStatus:
-    """How one part is doing."""
+def diagnostic_status(name: str, level: int, text: str, values: Mapping[str, object]) -> ros.DiagnosticStatus:
+    """The status of one component.
+
+    Args:
+        name: Name of the component.
+        level: `OK`, `WARN` or `ERROR`.
+        text: One sentence.
+        values: Further values by name.
+    """
     pairs = tuple(ros.KeyValue(key, str(value)) for key, value in values.items())
     return ros.DiagnosticStatus(level, name, text, "wherry", pairs)
 
 
-def diagnostics_of(seconds: float, *statuses: ros.DiagnosticStatus) -> ros.DiagnosticArray:
-    """How all parts are doing."""
-    return ros.DiagnosticArray(header_of(seconds, ""), statuses)
+def diagnostic_array(seconds: float, *statuses: ros.DiagnosticStatus) -> ros.DiagnosticArray:
+    """The statuses of all components at a time, s."""
+    return ros.DiagnosticArray(encode_header(seconds, ""), statuses)

@@ -1,128 +1,57 @@
-"""The ROS messages that wherry speaks, each written once, in ROS 2's field layout.
+"""The ROS messages that wherry sends and receives, in ROS 2's field layout.
 
-Transports and bags convert them field by field with `fields_of`; ROS 1 differs only in names (``secs``, ``nsecs``), in
-``Header.seq``, and in the fields of `Marker` that it lacks. A test compares every field with the real definitions.
-Units and frames are REP 103's: m, rad, s, x forward, y left, z up.
+These are plain dataclasses rather than classes generated from .msg files, for three reasons. Type checkers and editors
+see their fields. Live ROS works without rosbags, which has the .msg files and is optional. And one class serves ROS 1,
+ROS 2 and bags: ROS 1 differs only in names (``secs``, ``nsecs``), in ``Header.seq``, and in fields of `Marker` that it
+lacks. The price is that definitions are repeated here; a test compares every field and every constant with the real
+ones.
+
+Units and frames follow REP 103: m, rad, s; x forward, y left, z up.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
-from functools import cache
-from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, TypeVar, cast, get_args, get_origin, get_type_hints
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-
-@dataclass(frozen=True, slots=True)
-class Wire:
-    """How a value travels.
-
-    Attributes:
-        kind: The primitive's name in ROS's message files, such as "float64".
-        length: None for one value, 0 for a sequence of any length, else an array's length.
-    """
-
-    kind: str
-    length: int | None = None
-
-
-Int32 = Annotated[int, Wire("int32")]
-UInt32 = Annotated[int, Wire("uint32")]
-UInt8 = Annotated[int, Wire("uint8")]
-Byte = Annotated[int, Wire("byte")]
-Float32 = Annotated[float, Wire("float32")]
-Float64 = Annotated[float, Wire("float64")]
-Text = Annotated[str, Wire("string")]
-Flag = Annotated[bool, Wire("bool")]
-Texts = Annotated[tuple[str, ...], Wire("string", 0)]
-Bytes = Annotated[NDArray[np.uint8], Wire("uint8", 0)]
-Int8s = Annotated[NDArray[np.int8], Wire("int8", 0)]
-Float32s = Annotated[NDArray[np.float32], Wire("float32", 0)]
-Float64s = Annotated[NDArray[np.float64], Wire("float64", 0)]
-Covariance = Annotated[NDArray[np.float64], Wire("float64", 36)]
-
-ARRAY_TYPES: Mapping[str, Any] = MappingProxyType(
-    {"uint8": np.uint8, "int8": np.int8, "float32": np.float32, "float64": np.float64}
+from wherry.ros.message_fields import (
+    Byte,
+    Bytes,
+    Covariance,
+    Flag,
+    Float32,
+    Float32s,
+    Float64,
+    Float64s,
+    Int8s,
+    Int32,
+    Message,
+    Text,
+    Texts,
+    UInt8,
+    UInt32,
 )
-"""Of the primitives whose sequences are arrays."""
-
-
-class Message:
-    """What every message is.
-
-    Attributes:
-        type_name: Package, "msg" and name, as ROS 2 and rosbags write it.
-    """
-
-    type_name: ClassVar[str]
-
-
-M = TypeVar("M", bound=Message)
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def cached(function: F) -> F:
-    """`functools.cache`, keeping the function's type; mypy takes classes of messages for unhashable."""
-    return cast(F, cache(function))
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """One field of a message.
-
-    Attributes:
-        name: Its name.
-        kind: A primitive's name, such as "float64", or the class of the message in it.
-        length: None for one value, 0 for a sequence of any length, else an array's length.
-    """
-
-    name: str
-    kind: str | type[Message]
-    length: int | None
-
-
-@cached
-def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
-    """A message type's fields in the order in which they travel."""
-    hints = get_type_hints(message_type, include_extras=True)
-    return tuple(_field(entry.name, hints[entry.name]) for entry in fields(message_type))  # type: ignore[arg-type]
-
-
-def _field(name: str, hint: Any) -> Field:
-    if get_origin(hint) is Annotated:
-        wire: Wire = get_args(hint)[1]
-        return Field(name, wire.kind, wire.length)
-    if get_origin(hint) is tuple:
-        return Field(name, get_args(hint)[0], 0)
-    return Field(name, hint, None)
 
 
 def message_types() -> dict[str, type[Message]]:
-    """Every message here by its `type_name`."""
+    """All message classes of this module by their `type_name`."""
     return {message_type.type_name: message_type for message_type in Message.__subclasses__()}
 
 
-def _no_bytes() -> NDArray[np.uint8]:
-    return np.empty(0, np.uint8)
+S = TypeVar("S", bound=np.generic)
 
 
-def _no_int8s() -> NDArray[np.int8]:
-    return np.empty(0, np.int8)
+def _empty(dtype: type[S]) -> Callable[[], NDArray[S]]:
+    """A factory of empty arrays, the defaults of sequences."""
+    return lambda: np.empty(0, dtype)
 
 
-def _no_float32s() -> NDArray[np.float32]:
-    return np.empty(0, np.float32)
-
-
-def _no_float64s() -> NDArray[np.float64]:
-    return np.empty(0)
-
-
-def _no_covariance() -> NDArray[np.float64]:
+def _unknown_covariance() -> NDArray[np.float64]:
+    """Zeros, which by convention mean that a covariance is unknown."""
     return np.zeros(36)
 
 
@@ -131,7 +60,7 @@ def _no_covariance() -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Time(Message):
-    """An instant on the one clock of a system."""
+    """A time stamp."""
 
     type_name = "builtin_interfaces/msg/Time"
     sec: Int32 = 0
@@ -140,7 +69,7 @@ class Time(Message):
 
 @dataclass(frozen=True)
 class Duration(Message):
-    """A span of time."""
+    """A duration."""
 
     type_name = "builtin_interfaces/msg/Duration"
     sec: Int32 = 0
@@ -149,7 +78,7 @@ class Duration(Message):
 
 @dataclass(frozen=True)
 class Header(Message):
-    """When and in which frame."""
+    """Time stamp and coordinate frame of the data that follow."""
 
     type_name = "std_msgs/msg/Header"
     stamp: Time = Time()
@@ -169,7 +98,7 @@ class ColorRGBA(Message):
 
 @dataclass(frozen=True)
 class Bool(Message):
-    """Yes or no."""
+    """A Boolean."""
 
     type_name = "std_msgs/msg/Bool"
     data: Flag = False
@@ -177,7 +106,7 @@ class Bool(Message):
 
 @dataclass(frozen=True)
 class Empty(Message):
-    """A signal; the wire's one byte says nothing, and ROS 1 has none."""
+    """A signal without data; ROS 2 serializes one dummy byte, ROS 1 none."""
 
     type_name = "std_msgs/msg/Empty"
     structure_needs_at_least_one_member: UInt8 = 0
@@ -185,7 +114,7 @@ class Empty(Message):
 
 @dataclass(frozen=True)
 class String(Message):
-    """A text."""
+    """A string."""
 
     type_name = "std_msgs/msg/String"
     data: Text = ""
@@ -193,7 +122,7 @@ class String(Message):
 
 @dataclass(frozen=True)
 class Clock(Message):
-    """What time it is in a simulation (``/clock``)."""
+    """Simulated time (``/clock``)."""
 
     type_name = "rosgraph_msgs/msg/Clock"
     clock: Time = Time()
@@ -204,7 +133,7 @@ class Clock(Message):
 
 @dataclass(frozen=True)
 class Vector3(Message):
-    """A vector, without a place."""
+    """A free vector: a displacement, velocity or size."""
 
     type_name = "geometry_msgs/msg/Vector3"
     x: Float64 = 0.0
@@ -214,7 +143,7 @@ class Vector3(Message):
 
 @dataclass(frozen=True)
 class Point(Message):
-    """A place, m."""
+    """A position, m."""
 
     type_name = "geometry_msgs/msg/Point"
     x: Float64 = 0.0
@@ -224,7 +153,7 @@ class Point(Message):
 
 @dataclass(frozen=True)
 class Quaternion(Message):
-    """A rotation, of length 1."""
+    """A rotation as a unit quaternion."""
 
     type_name = "geometry_msgs/msg/Quaternion"
     x: Float64 = 0.0
@@ -235,7 +164,7 @@ class Quaternion(Message):
 
 @dataclass(frozen=True)
 class Pose(Message):
-    """A place and a rotation."""
+    """A position and an orientation."""
 
     type_name = "geometry_msgs/msg/Pose"
     position: Point = Point()
@@ -244,7 +173,7 @@ class Pose(Message):
 
 @dataclass(frozen=True)
 class PoseStamped(Message):
-    """A pose, when and in which frame."""
+    """A pose with time stamp and frame."""
 
     type_name = "geometry_msgs/msg/PoseStamped"
     header: Header = Header()
@@ -253,11 +182,11 @@ class PoseStamped(Message):
 
 @dataclass(frozen=True)
 class PoseWithCovariance(Message):
-    """A pose and how sure it is: [6, 6] by rows, over x, y, z, and the rotations about them."""
+    """A pose and its covariance: [6, 6] row by row, over x, y, z and the rotations about x, y, z."""
 
     type_name = "geometry_msgs/msg/PoseWithCovariance"
     pose: Pose = Pose()
-    covariance: Covariance = field(default_factory=_no_covariance)
+    covariance: Covariance = field(default_factory=_unknown_covariance)
 
 
 @dataclass(frozen=True)
@@ -289,7 +218,7 @@ class Twist(Message):
 
 @dataclass(frozen=True)
 class TwistStamped(Message):
-    """Velocities, when and in which frame."""
+    """Velocities with time stamp and frame."""
 
     type_name = "geometry_msgs/msg/TwistStamped"
     header: Header = Header()
@@ -298,16 +227,16 @@ class TwistStamped(Message):
 
 @dataclass(frozen=True)
 class TwistWithCovariance(Message):
-    """Velocities and how sure they are."""
+    """Velocities and their covariance, laid out as in `PoseWithCovariance`."""
 
     type_name = "geometry_msgs/msg/TwistWithCovariance"
     twist: Twist = Twist()
-    covariance: Covariance = field(default_factory=_no_covariance)
+    covariance: Covariance = field(default_factory=_unknown_covariance)
 
 
 @dataclass(frozen=True)
 class Transform(Message):
-    """A shift and a rotation."""
+    """A translation, m, and a rotation."""
 
     type_name = "geometry_msgs/msg/Transform"
     translation: Vector3 = Vector3()
@@ -316,7 +245,7 @@ class Transform(Message):
 
 @dataclass(frozen=True)
 class TransformStamped(Message):
-    """Where ``child_frame_id`` is in the header's frame."""
+    """Pose of ``child_frame_id`` in the header's frame."""
 
     type_name = "geometry_msgs/msg/TransformStamped"
     header: Header = Header()
@@ -337,7 +266,7 @@ class TFMessage(Message):
 
 @dataclass(frozen=True)
 class LaserScan(Message):
-    """One turn of a lidar (``/scan``): angles in rad, ranges in m, times in s."""
+    """One revolution of a lidar (``/scan``): angles in rad, ranges in m, times in s."""
 
     type_name = "sensor_msgs/msg/LaserScan"
     header: Header = Header()
@@ -348,8 +277,8 @@ class LaserScan(Message):
     scan_time: Float32 = 0.0
     range_min: Float32 = 0.0
     range_max: Float32 = 0.0
-    ranges: Float32s = field(default_factory=_no_float32s)
-    intensities: Float32s = field(default_factory=_no_float32s)
+    ranges: Float32s = field(default_factory=_empty(np.float32))
+    intensities: Float32s = field(default_factory=_empty(np.float32))
 
 
 @dataclass(frozen=True)
@@ -359,24 +288,24 @@ class JointState(Message):
     type_name = "sensor_msgs/msg/JointState"
     header: Header = Header()
     name: Texts = ()
-    position: Float64s = field(default_factory=_no_float64s)
-    velocity: Float64s = field(default_factory=_no_float64s)
-    effort: Float64s = field(default_factory=_no_float64s)
+    position: Float64s = field(default_factory=_empty(np.float64))
+    velocity: Float64s = field(default_factory=_empty(np.float64))
+    effort: Float64s = field(default_factory=_empty(np.float64))
 
 
 @dataclass(frozen=True)
 class CompressedImage(Message):
-    """A picture; here only because a ROS 2 marker has room for one."""
+    """A compressed image; only used as a field of ROS 2 markers."""
 
     type_name = "sensor_msgs/msg/CompressedImage"
     header: Header = Header()
     format: Text = ""
-    data: Bytes = field(default_factory=_no_bytes)
+    data: Bytes = field(default_factory=_empty(np.uint8))
 
 
 @dataclass(frozen=True)
 class Odometry(Message):
-    """Where the wheels say that ``child_frame_id`` is in the header's frame; its velocity in its own (``/odom``)."""
+    """Pose of ``child_frame_id`` in the header's frame by odometry, and its velocity in its own frame (``/odom``)."""
 
     type_name = "nav_msgs/msg/Odometry"
     header: Header = Header()
@@ -387,7 +316,7 @@ class Odometry(Message):
 
 @dataclass(frozen=True)
 class MapMetaData(Message):
-    """A grid's cell size, m, its width and height in cells, and where the outer corner of its first cell is."""
+    """Cell size of a grid, m, its width and height in cells, and the pose of its first cell's outer corner."""
 
     type_name = "nav_msgs/msg/MapMetaData"
     map_load_time: Time = Time()
@@ -404,12 +333,12 @@ class OccupancyGrid(Message):
     type_name = "nav_msgs/msg/OccupancyGrid"
     header: Header = Header()
     info: MapMetaData = MapMetaData()
-    data: Int8s = field(default_factory=_no_int8s)
+    data: Int8s = field(default_factory=_empty(np.int8))
 
 
 @dataclass(frozen=True)
 class Path(Message):
-    """Poses to drive through (``/plan``)."""
+    """A path as a sequence of poses (``/plan``)."""
 
     type_name = "nav_msgs/msg/Path"
     header: Header = Header()
@@ -421,7 +350,7 @@ class Path(Message):
 
 @dataclass(frozen=True)
 class UVCoordinate(Message):
-    """A place in a texture; ROS 2 only."""
+    """Texture coordinates; ROS 2 only."""
 
     type_name = "visualization_msgs/msg/UVCoordinate"
     u: Float32 = 0.0
@@ -430,16 +359,16 @@ class UVCoordinate(Message):
 
 @dataclass(frozen=True)
 class MeshFile(Message):
-    """A mesh in a message; ROS 2 only."""
+    """A mesh file; ROS 2 only."""
 
     type_name = "visualization_msgs/msg/MeshFile"
     filename: Text = ""
-    data: Bytes = field(default_factory=_no_bytes)
+    data: Bytes = field(default_factory=_empty(np.uint8))
 
 
 @dataclass(frozen=True)
 class Marker(Message):
-    """Something to draw; ROS 1 lacks ``texture_resource``, ``texture``, ``uv_coordinates`` and ``mesh_file``."""
+    """A shape for RViz; ROS 1 lacks ``texture_resource``, ``texture``, ``uv_coordinates`` and ``mesh_file``."""
 
     type_name = "visualization_msgs/msg/Marker"
     ARROW: ClassVar[int] = 0
@@ -477,7 +406,7 @@ class Marker(Message):
 
 @dataclass(frozen=True)
 class MarkerArray(Message):
-    """Things to draw (``/markers``)."""
+    """Shapes for RViz (``/markers``)."""
 
     type_name = "visualization_msgs/msg/MarkerArray"
     markers: tuple[Marker, ...] = ()
@@ -485,7 +414,7 @@ class MarkerArray(Message):
 
 @dataclass(frozen=True)
 class KeyValue(Message):
-    """A named value."""
+    """A named value of a diagnostic status."""
 
     type_name = "diagnostic_msgs/msg/KeyValue"
     key: Text = ""
@@ -494,7 +423,7 @@ class KeyValue(Message):
 
 @dataclass(frozen=True)
 class DiagnosticStatus(Message):
-    """How one part is doing."""
+    """Status of one component."""
 
     type_name = "diagnostic_msgs/msg/DiagnosticStatus"
     OK: ClassVar[int] = 0
@@ -510,7 +439,7 @@ class DiagnosticStatus(Message):
 
 @dataclass(frozen=True)
 class DiagnosticArray(Message):
-    """How all parts are doing (``/diagnostics``)."""
+    """Status of all components (``/diagnostics``)."""
 
     type_name = "diagnostic_msgs/msg/DiagnosticArray"
     header: Header = Header()

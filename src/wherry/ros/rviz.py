@@ -1,7 +1,8 @@
-"""RViz of either generation, set up to show what wherry publishes.
+"""RViz of ROS 1 and ROS 2, configured to show what wherry publishes.
 
-The map; the robot; the laser in blue, the particles in red, the predicted path in green; boxes and cells. The two
-configurations are package data, for RViz 2 took other names for everything; here topics and the view are filled in.
+It shows the map, the robot, the laser in blue, the particles in red, the predicted path in green, boxes and cells. Each
+version has its own configuration file in the package, since RViz 2 renamed everything; this module fills in topics,
+frames and the view.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import Any
 import yaml
 
 from wherry.errors import InputError
-from wherry.ros.names import Names, Topics, load_names
+from wherry.ros.names import RosNames, Topics, load_names
 from wherry.ros.transports.ros1_master import Master, choose_interface, wait_for_master
 
 PROGRAMS = {1: "rviz", 2: "rviz2"}
@@ -27,20 +28,20 @@ INSTALL = {
     1: "apt install rviz ros-robot-state-publisher",
     2: "apt install ros-$ROS_DISTRO-rviz2, and source /opt/ros/$ROS_DISTRO/setup.bash",
 }
-PUBLISHER = Path("lib") / "robot_state_publisher" / "robot_state_publisher"
-PREFIXES = {1: "CMAKE_PREFIX_PATH", 2: "AMENT_PREFIX_PATH"}  # variables of a sourced ROS environment
+PUBLISHER_PATH = Path("lib") / "robot_state_publisher" / "robot_state_publisher"
+PREFIX_VARIABLES = {1: "CMAKE_PREFIX_PATH", 2: "AMENT_PREFIX_PATH"}  # set by a sourced ROS environment
 PUBLISHER_NODE = "robot_state_publisher"
-DESCRIPTION = "/robot_description"
+DESCRIPTION_PARAMETER = "/robot_description"
 
 
 @dataclass(frozen=True, slots=True)
-class View:
-    """What RViz looks at at first: straight down, without perspective.
+class RvizView:
+    """The initial view: straight down, without perspective.
 
     Attributes:
-        x: m, map frame, in the middle of the view.
-        y: m.
-        scale: Pixels a metre.
+        x: x of the centre in the map frame, m.
+        y: y of the centre in the map frame, m.
+        scale: Pixels per metre.
     """
 
     x: float = 0.0
@@ -48,13 +49,13 @@ class View:
     scale: float = 80.0
 
 
-def configuration(generation: int, names: Names, view: View) -> str:
-    """RViz's configuration file for a robot with these topics and frames."""
-    text = (resources.files("wherry.ros") / "rviz_configs" / f"rviz{generation}.rviz").read_text(encoding="utf-8")
+def configuration(ros_version: int, names: RosNames, view: RvizView) -> str:
+    """The text of RViz's configuration file for a robot with these topics and frames."""
+    text = (resources.files("wherry.ros") / "rviz_configs" / f"rviz{ros_version}.rviz").read_text(encoding="utf-8")
     document = yaml.safe_load(text)
     manager = document["Visualization Manager"]
-    usual = load_names().topics
-    known = {getattr(usual, entry.name).name: entry.name for entry in fields(Topics)}
+    defaults = load_names().topics
+    known = {getattr(defaults, entry.name).name: entry.name for entry in fields(Topics)}
     for part in (*manager["Displays"], *manager["Tools"]):
         for key in ("Topic", "Marker Topic"):
             if key in part:
@@ -66,23 +67,23 @@ def configuration(generation: int, names: Names, view: View) -> str:
 
 
 def _rename(part: dict[str, Any], key: str, known: Mapping[str, str], topics: Topics) -> None:
-    """Put the robot's own name in place of a topic's usual one, if it is one of ours."""
-    holder, place = (part[key], "Value") if isinstance(part[key], dict) else (part, key)
-    if holder[place] in known:
-        holder[place] = getattr(topics, known[holder[place]]).name
+    """Replace the default name of a topic by the robot's, in the form of RViz 1 (a string) or RViz 2 (a mapping)."""
+    holder, entry = (part[key], "Value") if isinstance(part[key], dict) else (part, key)
+    if holder[entry] in known:
+        holder[entry] = getattr(topics, known[holder[entry]]).name
 
 
-def find_rviz(generation: int | None) -> tuple[int, str]:
-    """Find the user's RViz: that of a generation, or of the sourced ROS environment, or whichever there is.
+def find_rviz(ros_version: int | None) -> tuple[int, str]:
+    """Find the RViz of a ROS version, or else that of the sourced ROS environment, or else any.
 
     Returns:
-        Its generation and its path.
+        ROS version and path of the program.
 
     Raises:
         InputError: It is not installed.
     """
     sourced = {"1": [1], "2": [2]}.get(os.environ.get("ROS_VERSION", ""), [])
-    wanted = [generation] if generation else sourced or [1, 2]
+    wanted = [ros_version] if ros_version else sourced or [1, 2]
     for one in wanted:
         program = shutil.which(PROGRAMS[one])
         if program:
@@ -91,36 +92,36 @@ def find_rviz(generation: int | None) -> tuple[int, str]:
     raise InputError("RViz", missing, f"is not installed: {' or '.join(INSTALL[one] for one in wanted)}")
 
 
-def find_robot_state_publisher(generation: int) -> Path | None:
-    """ROS's node that tells where a robot's links are; None if it is not installed."""
-    prefixes = [*filter(None, os.environ.get(PREFIXES[generation], "").split(os.pathsep)), "/usr"]
-    places = (Path(prefix) / PUBLISHER for prefix in prefixes)
-    return next((place for place in places if os.access(place, os.X_OK)), None)
+def find_robot_state_publisher(ros_version: int) -> Path | None:
+    """Path of ROS's node that publishes the transforms of a robot's links; None if it is not installed."""
+    prefixes = [*filter(None, os.environ.get(PREFIX_VARIABLES[ros_version], "").split(os.pathsep)), "/usr"]
+    candidates = (Path(prefix) / PUBLISHER_PATH for prefix in prefixes)
+    return next((candidate for candidate in candidates if os.access(candidate, os.X_OK)), None)
 
 
 @contextmanager
-def robot_model(generation: int, description: str, folder: Path) -> Iterator[str | None]:
-    """Let RViz see a robot's links, unless somebody does already.
+def robot_model(ros_version: int, urdf: str, folder: Path) -> Iterator[str | None]:
+    """Run robot_state_publisher, so that RViz can draw a robot's links, unless another one runs.
 
     Args:
-        generation: Of ROS.
-        description: The robot's URDF, for robots that do not bring their own.
-        folder: For a file.
+        ros_version: 1 or 2.
+        urdf: The robot's description, for robots that do not publish their own.
+        folder: Existing folder for a parameter file.
 
     Yields:
-        None if all is well, else why there will be no robot to see.
+        None if the robot can be drawn, otherwise the reason why not.
 
     Raises:
         InputError: No ROS master answers.
     """
-    if generation == 1 and not _describe_to_master(description):
+    if ros_version == 1 and not _describe_to_master(urdf):
         yield None
         return
-    program = find_robot_state_publisher(generation)
+    program = find_robot_state_publisher(ros_version)
     if program is None:
-        yield f"the robot's links are not shown without robot_state_publisher: {INSTALL[generation]}"
+        yield f"the robot's links are not shown without robot_state_publisher: {INSTALL[ros_version]}"
         return
-    process = subprocess.Popen([program, *_publisher_arguments(generation, description, folder)])  # noqa: S603
+    process = subprocess.Popen([program, *_publisher_arguments(ros_version, urdf, folder)])  # noqa: S603
     try:
         yield None
     finally:
@@ -128,20 +129,20 @@ def robot_model(generation: int, description: str, folder: Path) -> Iterator[str
         process.wait()
 
 
-def _describe_to_master(description: str) -> bool:
-    """Give the master the robot's description if it has none; return whether nobody publishes the robot's links yet."""
+def _describe_to_master(urdf: str) -> bool:
+    """Set the parameter of the robot's description if it is not set; return whether no robot_state_publisher runs."""
     uri = choose_interface()
     wait_for_master(uri)
     with closing(Master("/wherry_rviz", uri)) as master:
-        if not master.ask("hasParam", DESCRIPTION):
-            master.ask("setParam", DESCRIPTION, description)
+        if not master.call("hasParam", DESCRIPTION_PARAMETER):
+            master.call("setParam", DESCRIPTION_PARAMETER, urdf)
         return not master.is_alive(f"/{PUBLISHER_NODE}")
 
 
-def _publisher_arguments(generation: int, description: str, folder: Path) -> list[str]:
-    """In ROS 1 the description is the master's; in ROS 2 it is a parameter of the node."""
-    if generation == 1:
+def _publisher_arguments(ros_version: int, urdf: str, folder: Path) -> list[str]:
+    """Arguments that give robot_state_publisher the description in ROS 2; in ROS 1 it asks the master."""
+    if ros_version == 1:
         return []
     parameters = folder / "robot_state_publisher.yaml"
-    parameters.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"robot_description": description}}}))
+    parameters.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"robot_description": urdf}}}))
     return ["--ros-args", "--params-file", str(parameters)]

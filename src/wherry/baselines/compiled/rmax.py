@@ -22,7 +22,7 @@ from wherry.baselines.factored_rmax import WORTH, Parent, Parents, Variable, par
 from wherry.kernels import kernel
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.objects import State
-from wherry.planning.lookahead import TIE
+from wherry.planning.lookahead import Q_TOLERANCE
 
 NONE = -1  # in the table of entries: the step needs no more of them
 
@@ -353,7 +353,7 @@ def _best(state: int, world: World, knowledge: Knowledge) -> int:
     successor, reward, ends, gaps, values = world.successor, world.reward, world.ends, knowledge.gaps, knowledge.values
     for action in range(successor.shape[1]):
         worth = _worth(state, action, successor, reward, ends, gaps, values, world.discount, world.best)
-        if worth > most + TIE:
+        if worth > most + Q_TOLERANCE:
             best, most = action, worth
     return best
 

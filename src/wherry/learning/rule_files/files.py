@@ -25,8 +25,8 @@ from wherry.learning.rewards import Rewards
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.effects import EFFECT_TYPES, Effect, EffectType
+from wherry.oomdp.effects_outcome import StepReward
 from wherry.oomdp.mdp import RewardFunction, TerminationFunction
-from wherry.oomdp.outcomes import Worth
 
 LARGEST_FILE = 20_000_000  # bytes
 
@@ -450,7 +450,7 @@ class _Reader:
             subjects = [self._subject(case.action, name, where) for name in case.changed]
             changed = frozenset((subject.class_name, subject.attribute) for subject in subjects)
             for text, (worth, terminated) in case.worth.items():
-                rewards.add(case.action, self._terms(text, where), Worth(changed, worth, terminated))
+                rewards.add(case.action, self._terms(text, where), StepReward(changed, worth, terminated))
 
     def _types(self, names: list[str]) -> Mapping[str, EffectType]:
         if unknown := [name for name in names if name not in self.effect_types]:

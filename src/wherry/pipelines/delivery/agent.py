@@ -9,8 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.domains.delivery import DROPOFF, PICKUP, DeliverySteps, all_delivered, boxes_left, delivery_domain, reward
-from wherry.episodes import GoalAgent, Step, run
+from wherry.domains.delivery import (
+    DROPOFF,
+    PICKUP,
+    DeliveryHeuristic,
+    all_delivered,
+    boxes_left,
+    delivery_domain,
+    delivery_reward,
+)
+from wherry.episodes import GoalAgent, Step, run_episode
 from wherry.errors import InputError
 from wherry.learning.learners import LEARNERS, RuleLearner
 from wherry.learning.rule_files.files import load_rules
@@ -39,8 +47,8 @@ def delivery_learner(name: str, rules_file: Path | None = None) -> RuleLearner:
         raise InputError("--learner", name, f"is none of {', '.join(LEARNERS)}")
     domain = delivery_domain(UNBOUNDED, UNBOUNDED)
     if rules_file is not None:
-        return load_rules(rules_file, domain, reward=reward, terminated=all_delivered)
-    return LEARNERS[name](domain, reward=reward, terminated=all_delivered)
+        return load_rules(rules_file, domain, reward=delivery_reward, terminated=all_delivered)
+    return LEARNERS[name](domain, reward=delivery_reward, terminated=all_delivered)
 
 
 def run_started(world: str, learner: RuleLearner, body: Body) -> RunStarted:
@@ -87,9 +95,9 @@ class DeliveryEpisode:
         self._record_learnt_model()
         can_continue = True
         while can_continue:
-            agent = GoalAgent(self._learner, boxes_left, DeliverySteps())
+            agent = GoalAgent(self._learner, boxes_left, DeliveryHeuristic())
             has_more = bool(environment.remaining) and (yield from self._pursue_goal(agent))
-            self._gave_up = agent.gave_up
+            self._gave_up = agent.failure_reason
             can_continue = has_more or self._extend_survey() or (yield from self._pick_up_blocking_box())
         self._say(Phase.DONE, _final_words(environment.delivered, environment.remaining, self._gave_up))
 
@@ -122,7 +130,7 @@ class DeliveryEpisode:
             Whether the survey was extended.
         """
         environment = self.world.environment
-        for step in run(environment, agent, self._rng, max_steps=MAX_ACTIONS - self._actions):
+        for step in run_episode(environment, agent, self._rng, max_steps=MAX_ACTIONS - self._actions):
             self._actions += 1
             self._record_step(step, agent.plan)
             yield step
@@ -139,9 +147,9 @@ class DeliveryEpisode:
                 time=time,
                 condition=str(step.condition),
                 action=str(step.action),
-                is_learning=step.learning,
+                is_learning=step.is_learning,
                 has_effect=not step.transition.failed,
-                unknown_pairs=step.unknown,
+                unknown_pairs=step.unknown_pairs,
                 delivered=environment.delivered,
                 remaining=environment.remaining,
                 plan=_cell_centres(plan, self.world.frame),
@@ -159,9 +167,9 @@ class DeliveryEpisode:
 
     def _narrate(self, step: Step) -> None:
         """Narrate a surprise, a pick-up or a delivery."""
-        phase = Phase.LEARN if step.learning else Phase.DELIVER
-        if step.surprise:
-            condition = step.condition.words(self._learner.domain.term_names)
+        phase = Phase.LEARN if step.is_learning else Phase.DELIVER
+        if step.is_surprise:
+            condition = step.condition.describe(self._learner.domain.term_names)
             self._say(phase, f"{step.action} had an unexpected outcome where {condition}: I learn from it.")
         if step.transition.failed or step.action not in (PICKUP, DROPOFF):
             return

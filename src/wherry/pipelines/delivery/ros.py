@@ -14,12 +14,12 @@ from wherry.learning.learners import RuleLearner
 from wherry.learning.rule_files.files import save_rules
 from wherry.pipelines.delivery.agent import DeliveryEpisode, run_started
 from wherry.realization.mission import Mission, Order, SurveyedWorld
-from wherry.ros.conversion import header_of, to_pose
+from wherry.ros.encoding import encode_header, encode_pose
 from wherry.ros.messages import PoseWithCovariance, PoseWithCovarianceStamped
-from wherry.ros.names import Names
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.outside import OutsideMap, OutsideMapper, OutsidePose
 from wherry.ros.nodes.robot import RosRobot
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transports.protocol import Transport
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -100,7 +100,7 @@ class Stack:
         self,
         robot: RosRobot,
         transport: Transport,
-        names: Names,
+        names: RosNames,
         patience: float,
         *,
         owns_map: bool,
@@ -159,10 +159,10 @@ class Stack:
         odometry, topic = self._robot.odometry, self._names.topics.initialpose
         if self._pose is None or odometry is None:
             raise RuntimeError("nobody else localizes, or the robot is not ready")
-        estimate = PoseWithCovariance(to_pose(pose), INITIAL_COVARIANCE)
+        estimate = PoseWithCovariance(encode_pose(pose), INITIAL_COVARIANCE)
         deadline = time.monotonic() + self._patience
         while time.monotonic() < deadline:
-            header = header_of(self._robot.time, self._names.frames.map)
+            header = encode_header(self._robot.time, self._names.frames.map)
             self._transport.publish(topic, PoseWithCovarianceStamped(header, estimate))
             if self._pose.wait_until_near(pose, odometry, TELL_AGAIN):
                 return self._pose
@@ -209,7 +209,7 @@ def run(
     actions = learning = 0
     for step in delivery:
         actions += 1
-        learning += step.learning
+        learning += step.is_learning
     ready = delivery.world
     environment = ready.environment
     figures = Figures(environment.delivered, environment.remaining, actions, learning, robot.time - started)

@@ -111,7 +111,7 @@ class DeliveryScorer:
             boxes=boxes,
             unreachable=unreachable,
             collisions=len(referee.collisions),
-            learning_steps=sum(step.learning for segment in self._segments for step in segment.steps),
+            learning_steps=sum(step.is_learning for segment in self._segments for step in segment.steps),
             actions=sum(len(segment.steps) for segment in self._segments),
             path_ratio=self._path_ratio(),
             localization_rmse_m=rmse,
@@ -159,7 +159,7 @@ class DeliveryScorer:
     def _exploitation_stretches(self) -> Iterator[tuple[TrueState, TrueState]]:
         """First and last true state of every stretch in which a complete plan was followed."""
         for segment in self._segments:
-            for begin, end in _true_runs([not step.exploring for step in segment.steps]):
+            for begin, end in _true_runs([not step.is_exploring for step in segment.steps]):
                 yield segment.states[begin], segment.states[end]
 
     def _true_state(self) -> TrueState:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
-from wherry.ros.names import Names
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.simulator import Hardware, SimulatorNode
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transports.protocol import Transport
 from wherry.simulation import Simulation, build
 from wherry.simulation.drive import WHEEL_RADIUS
 from wherry.simulation.model import LASER_HEIGHT
@@ -48,7 +48,7 @@ def prepare(settings: Settings) -> Simulation:
     return build(world.plan, world.physics_rng)
 
 
-def node_of(simulation: Simulation, transport: Transport, names: Names, rate: float) -> SimulatorNode:
+def node_of(simulation: Simulation, transport: Transport, names: RosNames, rate: float) -> SimulatorNode:
     """The simulation's robot as a robot of ROS."""
     hardware = Hardware(
         period=1 / ODOMETRY_RATE,

@@ -20,14 +20,14 @@ from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi
 from wherry.baselines.compiled.rmax import Entries
 from wherry.baselines.compiled.tables import Tables
 from wherry.baselines.factored_rmax import Parents
-from wherry.domains.delivery import Box, DeliverySteps, Site, delivery_grid, transition
+from wherry.domains.delivery import BoxState, DeliveryHeuristic, DeliverySite, delivery_grid, delivery_transition
 from wherry.domains.taxi import PROBES, SIZES, minimal_parents, published_parents, taxi_grid
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
+from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Environment, Transition
 from wherry.oomdp.objects import State
-from wherry.oomdp.outcomes import Grounded
 from wherry.planning.state_space import StateSpace
 from wherry.planning.value_iteration import ValueIteration
 
@@ -87,11 +87,11 @@ class Arena:
             InputError: There is no such world, or it has no robot, no warehouse or no room for a box.
         """
         plan = find_world(world)
-        grid, site = delivery_grid(plan, 1), Site.of_plan(plan)
-        possible, on_floor = DeliverySteps(), [cell for cell in plan.cells() if cell not in plan.warehouse]
-        states = (site.state(robot, [Box("box1", cell)]) for robot, cell in permutations(on_floor, 2))
+        grid, site = delivery_grid(plan, 1), DeliverySite.of_plan(plan)
+        possible, on_floor = DeliveryHeuristic(), [cell for cell in plan.cells() if cell not in plan.warehouse]
+        states = (site.state(robot, [BoxState("box1", cell)]) for robot, cell in permutations(on_floor, 2))
         starts = [state for state in states if possible(state) > 0]
-        truth = DeterministicMdp(grid.domain, transition, lambda rng: starts[rng.integers(len(starts))])
+        truth = DeterministicMdp(grid.domain, delivery_transition, lambda rng: starts[rng.integers(len(starts))])
         return cls(f"Delivery in {plan.name}", truth, truth, _with_lengths(truth, _drawn(starts)), tuple(starts))
 
     @classmethod
@@ -143,7 +143,7 @@ def _drawn(starts: list[State]) -> list[State]:
 
 def _with_lengths(truth: DeterministicMdp, probes: list[State]) -> tuple[tuple[State, int], ...]:
     """Every probe with the fewest steps that solve it."""
-    optimal = ValueIteration(Grounded(truth.domain, truth), optimistic=False)
+    optimal = ValueIteration(PerStateModel(truth.domain, truth), optimistic=False)
     return tuple((probe, _steps_to_end(truth, optimal.policy, probe, LONGEST_EPISODE)) for probe in probes)
 
 

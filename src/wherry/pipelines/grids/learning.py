@@ -17,7 +17,7 @@ import numpy as np
 from wherry.baselines.compiled.q_learning import TabularQLearning
 from wherry.baselines.compiled.rmax import TabularRmax
 from wherry.baselines.compiled.tables import TabularLearner
-from wherry.episodes import Decision, PolicyAgent, run
+from wherry.episodes import Decision, PolicyAgent, run_episode
 from wherry.errors import InputError
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.bounds import UnknownAnswers
@@ -259,7 +259,7 @@ class TaxiExperiment:
             trace = GridTrace(arena.title, self.learner, self.watch)
         steps, solved, points = 0, 0, list[tuple[int, int]]()
         while solved < len(arena.probes) and steps < patience:
-            for step in run(arena.environment, agent, rng, max_steps=LONGEST_EPISODE):
+            for step in run_episode(arena.environment, agent, rng, max_steps=LONGEST_EPISODE):
                 steps += 1
                 if trace is not None:
                     trace.step(step)

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from wherry.domains.delivery import DeliverySteps, all_delivered, boxes_left, delivery_grid, reward
+from wherry.domains.delivery import DeliveryHeuristic, all_delivered, boxes_left, delivery_grid, delivery_reward
 from wherry.domains.taxi import SIZES, taxi_grid
-from wherry.environments.grids import Figures, delivery_figures, taxi_figures
-from wherry.environments.pictures import in_text
+from wherry.environments.grids import SpritesOf, delivery_sprites, taxi_sprites
+from wherry.environments.pictures import render_text
 from wherry.episodes import Agent, GoalAgent, PolicyAgent
 from wherry.errors import InputError
 from wherry.floorplan.plan import FloorPlan
@@ -24,9 +24,10 @@ from wherry.learning.doormax import Doormax
 from wherry.learning.learners import LEARNERS as RULE_LEARNERS
 from wherry.learning.learners import RuleLearner
 from wherry.learning.rule_files.files import load_rules
+from wherry.oomdp.attributes import Value
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Prediction, Transition
-from wherry.oomdp.objects import State, Value
+from wherry.oomdp.objects import State
 from wherry.pipelines.grids.learning import CURIOSITY
 from wherry.planning.value_iteration import ValueIteration
 
@@ -63,19 +64,19 @@ class Settings:
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
-    """What the learner says of an action.
+class PredictionText:
+    """The most likely outcome of an action, as text.
 
     Attributes:
         action: The action.
-        words: What it would change; "UNKNOWN" where the learner cannot tell.
-        worth: Its reward and whether it ends the episode, in words; empty where that is not known.
-        probability: How sure the learner is of that; None where it does not say.
+        changes: The attributes that change; "UNKNOWN" where the learner cannot tell.
+        reward: The reward and whether the episode ends; empty where that is not known.
+        probability: Probability of the outcome; None where the learner is certain or states none.
     """
 
     action: Action
-    words: str
-    worth: str
+    changes: str
+    reward: str
     probability: float | None
 
 
@@ -86,14 +87,14 @@ class Table:
     Attributes:
         mdp: What is true.
         plan: The floor that is drawn.
-        figures: What stands on it.
+        sprites: What stands on it.
         learner: Who watches.
         agent: Acts in the learner's place when it is let.
     """
 
     mdp: DeterministicMdp
     plan: FloorPlan
-    figures: Figures
+    sprites: SpritesOf
     learner: RuleLearner
     agent: Agent
 
@@ -137,7 +138,7 @@ class Game:
     @property
     def drawing(self) -> str:
         """The world as text."""
-        return in_text(self.table.plan, self.table.figures(self.state))
+        return render_text(self.table.plan, self.table.sprites(self.state))
 
     @property
     def condition(self) -> tuple[tuple[str, bool], ...]:
@@ -150,8 +151,8 @@ class Game:
         """What was learnt so far, in words."""
         return self.table.learner.sentences()
 
-    def expected(self) -> tuple[Expected, ...]:
-        """What the learner says of every action."""
+    def predictions(self) -> tuple[PredictionText, ...]:
+        """The learner's prediction for every action."""
         probable = self.settings.learner == "bayes"
         return tuple(
             _in_words(self.state, action, self.table.learner.predict(self.state, action), probable)
@@ -177,16 +178,16 @@ class Game:
         """
         if self.over:
             raise RuntimeError("the episode has ended; begin another")
-        foretold = self.table.learner.predict(self.state, action)
+        expected = self.table.learner.predict(self.state, action).most_likely.next_state
         done = self.table.mdp.step(action)
         self.table.agent.learn(done)
-        wrong = foretold.state is not None and foretold.state.objects != done.next_state.objects
+        wrong = expected is not None and expected.objects != done.next_state.objects
         self.surprises += wrong
         self.steps += 1
         self.all_steps += 1
         self.total += done.reward
         self.told = f"{action}: {changes_in_words(self.state, done.next_state)} ({done.reward:+g})" + (
-            ", a surprise!" if wrong else ", which nobody knew." if foretold.state is None else ", as foretold."
+            ", a surprise!" if wrong else ", which nobody knew." if expected is None else ", as foretold."
         )
         self.state = done.next_state
         if done.terminated:
@@ -203,14 +204,14 @@ def _taxi(settings: Settings) -> Table:
     learner = _learner(settings, grid)
     curiosity = CURIOSITY if settings.learner == "bayes" else 0.0
     agent = PolicyAgent(learner, ValueIteration(learner, curiosity=curiosity))
-    return Table(grid, grid.plan, taxi_figures, learner, agent)
+    return Table(grid, grid.plan, taxi_sprites, learner, agent)
 
 
 def _delivery(settings: Settings) -> Table:
     plan = find_world(settings.world)
     grid = delivery_grid(plan, settings.boxes)
-    learner = _learner(settings, grid, reward=reward, terminated=all_delivered)
-    return Table(grid, plan, delivery_figures, learner, GoalAgent(learner, boxes_left, DeliverySteps()))
+    learner = _learner(settings, grid, reward=delivery_reward, terminated=all_delivered)
+    return Table(grid, plan, delivery_sprites, learner, GoalAgent(learner, boxes_left, DeliveryHeuristic()))
 
 
 TABLES: Mapping[str, Callable[[Settings], Table]] = {"taxi": _taxi, "delivery": _delivery}
@@ -223,17 +224,17 @@ def _learner(settings: Settings, grid: DeterministicMdp, **given: Callable[..., 
     return load_rules(settings.rules, grid.domain, **given)  # type: ignore[arg-type]
 
 
-def _in_words(state: State, action: Action, prediction: Prediction, probable: bool) -> Expected:
-    if prediction.state is None:
-        return Expected(action, "UNKNOWN", "", None)
-    possible = prediction.probability + sum(other.probability for other in prediction.otherwise)
-    probability = prediction.probability / possible
-    worth = [] if prediction.reward is None else [f"{prediction.reward:+g}"]
-    worth += ["the end"] if prediction.terminated else []
-    return Expected(
+def _in_words(state: State, action: Action, prediction: Prediction, probable: bool) -> PredictionText:
+    likely = prediction.most_likely
+    if likely.next_state is None:
+        return PredictionText(action, "UNKNOWN", "", None)
+    probability = likely.probability / sum(outcome.probability for outcome in prediction.outcomes)
+    reward = [] if likely.reward is None else [f"{likely.reward:+g}"]
+    reward += ["the end"] if likely.terminated else []
+    return PredictionText(
         action,
-        changes_in_words(state, prediction.state),
-        ", ".join(worth),
+        changes_in_words(state, likely.next_state),
+        ", ".join(reward),
         probability if probable and probability < SURE else None,
     )
 

@@ -50,7 +50,7 @@ class GridTrace:
                 time=self._time,
                 condition=str(step.condition),
                 action=str(step.action),
-                is_learning=step.learning,
+                is_learning=step.is_learning,
                 has_effect=not step.transition.failed,
                 unknown_pairs=self._unknown.count(),
                 delivered=self._ended,

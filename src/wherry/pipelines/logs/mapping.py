@@ -22,8 +22,8 @@ from wherry.mapping.localizer import MapLocalizer, place_on_map
 from wherry.mapping.pose_graph import optimized
 from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.mapping.slam import Slam
+from wherry.ros.bags.log_recorder import LogRecorder
 from wherry.ros.bags.reading import is_bag, read_bag
-from wherry.ros.bags.recording import LogRecording
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
@@ -237,11 +237,11 @@ class MappingRun:
         if self.settings.out is not None:
             self._write(self.settings.out, grid)
 
-    def record(self, recording: LogRecording) -> None:
+    def record(self, recording: LogRecorder) -> None:
         """Record the log with the trajectory and the map, once all `steps` are done."""
         for index, pose in enumerate(self.slam.trajectory.at(np.array([scan.time for scan in self.log.scans]))):
-            recording.scan(index, Pose.from_array(pose), NO_PARTICLES)
-        recording.map(self.slam.grid(), self.log.scans[-1].time)
+            recording.write_scan(index, Pose.from_array(pose), NO_PARTICLES)
+        recording.write_map(self.slam.grid(), self.log.scans[-1].time)
 
     def _warm_up(self) -> None:
         """Have everything compiled that mapping calls, by mapping a few scans, so that the clock measures mapping."""

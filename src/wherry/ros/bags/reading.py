@@ -1,34 +1,37 @@
-"""ROS 1 and ROS 2 bags as lidar logs, without ROS (the rosbags package, optional extra ``bags``)."""
+"""ROS 1 and ROS 2 bags as lidar logs, without a ROS installation (the rosbags package, optional extra ``bags``)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.logs.carmen import LONGEST_JUMP, MOST_BEAMS, LidarLog
+from wherry.logs.carmen import LONGEST_JUMP, LidarLog
 from wherry.robot import Odometry, Scan, Velocity
+from wherry.ros.decoding import MessageError, decode_laser_scan, decode_odometry, decode_transform, frames_of
+from wherry.ros.message_protocols import OdometryLike, TransformStampedLike
 from wherry.space.pose import IDENTITY, Pose
 from wherry.space.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-UNFINISHED = ".active"  # what recorders call bags that they have not finished, after rosbag itself
+UNFINISHED = ".active"  # suffix of bags whose recording has not ended, as rosbag has it
 SUFFIXES = (".bag", ".mcap", ".db3", UNFINISHED)
 SCAN, ODOMETRY, TRANSFORMS = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 ROBOT_FRAMES = ("base_link", "base_footprint")
 ODOMETRY_FRAMES = ("odom", "odom_combined")
-NANOSECONDS = 1_000_000_000
-MOST_READINGS = 200_000_000  # of all scans together; 1.6 GB
+MAX_READINGS = 200_000_000  # ranges of all scans together, 1.6 GB
+MAX_REASON_LENGTH = 200  # characters of an error of rosbags that are shown
 
 
 def is_bag(path: str | Path) -> bool:
-    """Whether a path looks like a bag: a .bag, .mcap or .db3 file, or a ROS 2 bag's folder."""
+    """Whether a path looks like a bag: a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag."""
     path = Path(path)
     return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
 
@@ -36,42 +39,43 @@ def is_bag(path: str | Path) -> bool:
 def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
     """Read the first LaserScan topic (``/scan`` if there is one) and the first Odometry topic (``/odom``) of a bag.
 
-    Without Odometry messages the transforms of the robot's frame in the odom frame count. Scans get the odometry of
-    their instant by interpolation, and the lidar its place from a transform of the robot's frame to the scans' frame.
+    Messages are decoded and checked as those of a live robot (`wherry.ros.decoding`). A bag without Odometry messages
+    gets its odometry from the transforms of the robot's frame in the odom frame. Odometry is interpolated to the times
+    of the scans. The lidar's pose on the robot is the transform from the robot's frame to the frame of the scans, or
+    the identity if the bag has none.
 
     Args:
-        path: A ROS 1 bag, a ROS 2 bag's folder, or one of its .mcap or .db3 files.
-        lenient: Whether broken messages are left out instead of refusing the bag.
+        path: A ROS 1 bag, the folder of a ROS 2 bag, or one of its .mcap or .db3 files.
+        lenient: Whether to skip and count broken messages instead of refusing the bag.
 
     Raises:
-        InputError: The rosbags package is missing, the bag cannot be read or has no scans, or (unless lenient) a
-            message is broken: the error names it.
+        InputError: The rosbags package is missing, the bag cannot be read or has no scans, all transforms to the lidar
+            are unusable, or (unless lenient) a message is broken: the error names the topic and the message.
     """
     path = Path(path)
     if not path.exists():
         raise InputError(path, "", "No such file or directory")
     if path.suffix == UNFINISHED:
-        raise InputError(path, "", f"is a recording that was cut off; {_rescue(path)}")
+        raise InputError(path, "", f"is a recording that was cut off; {_recovery_hint(path)}")
     try:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
     except ImportError as error:
         raise InputError(path, "", "is a ROS bag: pip install 'wherry[bags]' to read it") from error
     folder = path.parent if path.suffix in (".mcap", ".db3") and (path.parent / "metadata.yaml").is_file() else path
-    reader = None
     try:
         reader = AnyReader([folder], default_typestore=get_typestore(Stores.LATEST))
         reader.open()
-    except Exception as error:  # on a damaged bag rosbags raises errors of a dozen kinds, here and below
+    except Exception as error:  # rosbags raises errors of many types on damaged bags, here and below
         raise InputError(path, "", f"is not a bag that can be read: {_first_line(error)}") from error
     try:
-        return _read(_Bag(path, reader), lenient)
+        return _read_log(_OpenBag(path, reader), _Rejections(path, lenient))
     finally:
         reader.close()
 
 
-def _rescue(path: Path) -> str:
-    """How a bag is made of a recording that was cut off."""
+def _recovery_hint(path: Path) -> str:
+    """How to make a bag of a recording that was cut off."""
     files = sorted(path.glob("*/*")) if path.is_dir() else [path]
     for file in files:
         if file.suffix == ".db3":
@@ -82,188 +86,209 @@ def _rescue(path: Path) -> str:
 
 
 @dataclass(frozen=True)
-class _Bag:
+class _OpenBag:
     """A bag that is open.
 
     Attributes:
-        path: What the user calls it.
-        reader: Of its messages.
+        path: Path of the bag as the user gave it.
+        reader: Reader of its messages.
     """
 
     path: Path
     reader: AnyReader
 
-    def topic(self, kind: str, preferred: str) -> str:
-        """The preferred topic of a kind, else the first by name; empty if there is none."""
-        names = sorted(connection.topic for connection in self.reader.connections if connection.msgtype == kind)
+    def find_topic(self, message_type: str, preferred: str) -> str:
+        """The preferred topic if it has messages of a type, otherwise the first that has; empty if there is none."""
+        names = sorted(entry.topic for entry in self.reader.connections if entry.msgtype == message_type)
         if preferred in names:
             return preferred
         return names[0] if names else ""
 
-    def messages(self, topic: str, kind: str) -> Iterator[tuple[int, Any]]:
-        """A topic's messages of a kind, numbered from 1.
+    def messages(self, topic: str, message_type: str) -> Iterator[tuple[str, Any]]:
+        """The messages of a topic, each with a name for errors such as "/scan, message 1".
 
         Raises:
-            InputError: The bag is damaged there.
+            InputError: The bag is damaged.
         """
-        found = [entry for entry in self.reader.connections if (entry.topic, entry.msgtype) == (topic, kind)]
+        found = [entry for entry in self.reader.connections if (entry.topic, entry.msgtype) == (topic, message_type)]
         if not found:
             return
         number = 0
         try:
             for number, (connection, _, raw) in enumerate(self.reader.messages(connections=found), start=1):
-                yield number, self.reader.deserialize(raw, connection.msgtype)
+                yield f"{topic}, message {number}", self.reader.deserialize(raw, connection.msgtype)
         except Exception as error:
             name = f"{topic}, message {number + 1}"
             raise InputError(self.path, name, f"the bag is damaged here: {_first_line(error)}") from error
 
 
 def _first_line(error: Exception) -> str:
-    """What an error says, in one line."""
+    """The first line of an error's text."""
     lines = str(error).splitlines()
-    return (lines[0] if lines else type(error).__name__)[:200]
+    return (lines[0] if lines else type(error).__name__)[:MAX_REASON_LENGTH]
 
 
-def _read(bag: _Bag, lenient: bool) -> LidarLog:
-    """Everything that is needed of an open bag."""
-    skipped: list[str] = []
-    odometry = _odometry(bag, lenient, skipped)
-    scans, frame = _scans(bag, lenient, skipped)
-    lidar = _mount(bag, frame)
+@dataclass
+class _Rejections:
+    """The messages that cannot be used: each is an error, or is skipped and counted where the caller is lenient.
+
+    Attributes:
+        path: Path of the bag.
+        lenient: Whether to skip.
+        skipped: Name and reason of each skipped message.
+    """
+
+    path: Path
+    lenient: bool
+    skipped: list[str] = field(default_factory=list)
+
+    def add(self, name: str, error: MessageError) -> None:
+        """Reject a message.
+
+        Raises:
+            InputError: Unless lenient.
+        """
+        if not self.lenient:
+            raise InputError(self.path, name, str(error)) from error
+        self.skipped.append(f"{name}: {error}")
+
+
+def _read_log(bag: _OpenBag, rejections: _Rejections) -> LidarLog:
+    """Scans, odometry and the lidar's pose on the robot."""
+    odometry = _read_odometry(bag, rejections)
+    scans, frame = _read_scans(bag, rejections)
+    lidar = _read_mount(bag, frame, rejections)
+    skipped = tuple(rejections.skipped)
     if len(odometry.times) < 2:
-        none = Trajectory(np.zeros(0), np.zeros((0, 3)))
-        return LidarLog(scans, (None,) * len(scans), none, lidar, tuple(skipped))
-    at_scans = odometry.at(np.array([scan.time for scan in scans]))
-    each = tuple(
-        Odometry(scan.time, Pose.from_array(pose), Velocity()) for scan, pose in zip(scans, at_scans, strict=True)
+        return LidarLog(scans, (None,) * len(scans), Trajectory(np.zeros(0), np.zeros((0, 3))), lidar, skipped)
+    poses = odometry.at(np.array([scan.time for scan in scans]))
+    at_scans = tuple(
+        Odometry(scan.time, Pose.from_array(pose), Velocity()) for scan, pose in zip(scans, poses, strict=True)
     )
-    return LidarLog(scans, each, odometry, lidar, tuple(skipped))
+    return LidarLog(scans, at_scans, odometry, lidar, skipped)
 
 
-def _odometry(bag: _Bag, lenient: bool, skipped: list[str]) -> Trajectory:
-    """All odometry; of several messages of one instant the last counts."""
+def _read_odometry(bag: _OpenBag, rejections: _Rejections) -> Trajectory:
+    """All odometry of a bag, of messages if there are any, otherwise of transforms."""
+    topic = bag.find_topic(ODOMETRY, "/odom")
+    if topic:
+        return _trajectory(bag.messages(topic, ODOMETRY), _pose_of_odometry, rejections)
+    return _trajectory(_odometry_transforms(bag), _pose_of_transform, rejections)
+
+
+def _odometry_transforms(bag: _OpenBag) -> Iterator[tuple[str, TransformStampedLike]]:
+    """The transforms of the robot's frame in the odom frame, each with a name for errors."""
+    for name, message in bag.messages("/tf", TRANSFORMS):
+        for transform in message.transforms:
+            parent, child = frames_of(transform)
+            if parent in ODOMETRY_FRAMES and child in ROBOT_FRAMES:
+                yield name, transform
+
+
+def _pose_of_odometry(message: OdometryLike) -> tuple[float, Pose]:
+    """Time, s, and pose; any frames are accepted, since bags of all kinds of robots are read."""
+    odometry = decode_odometry(message)
+    return odometry.time, odometry.pose
+
+
+def _pose_of_transform(message: TransformStampedLike) -> tuple[float, Pose]:
+    """Time, s, and pose."""
+    transform = decode_transform(message)
+    return transform.time, transform.pose
+
+
+def _trajectory(
+    messages: Iterator[tuple[str, Any]], decode: Callable[[Any], tuple[float, Pose]], rejections: _Rejections
+) -> Trajectory:
+    """The poses of messages; of several with the same stamp, the last one counts."""
     poses: dict[float, Pose] = {}
-    latest = -np.inf
-    for name, time, pose in _odometry_messages(bag):
-        reason = "" if np.isfinite([time, *pose.as_array()]).all() else "has a number that is not finite"
-        if time < latest:
-            reason = f"time runs backwards, from {latest:.6f} to {time:.6f}"
-        jump = np.hypot(pose.x - poses[latest].x, pose.y - poses[latest].y) if poses else 0.0
-        if not reason and not jump <= LONGEST_JUMP:
-            reason = f"jumps by {jump:,.0f} m since the one before"
-        if not _refused(bag.path, name, reason, lenient, skipped):
+    latest = -math.inf
+    for name, message in messages:
+        try:
+            time, pose = decode(message)
+            _check_time(time, latest)
+            if poses:
+                _check_step(pose, poses[latest])
+        except MessageError as error:
+            rejections.add(name, error)
+        else:
             poses[time], latest = pose, time
     return Trajectory(np.array(list(poses)), np.array([pose.as_array() for pose in poses.values()]).reshape(-1, 3))
 
 
-def _odometry_messages(bag: _Bag) -> Iterator[tuple[str, float, Pose]]:
-    """What each is called, its time, s, and base_link in the odom frame."""
-    topic = bag.topic(ODOMETRY, "/odom")
-    if topic:
-        for number, message in bag.messages(topic, ODOMETRY):
-            yield (
-                f"odometry {number}",
-                _seconds(message),
-                _pose(message.pose.pose.position, message.pose.pose.orientation),
-            )
-        return
-    for number, message in bag.messages("/tf", TRANSFORMS):
-        for transform in message.transforms:
-            ends = (transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/"))
-            if ends[0] in ODOMETRY_FRAMES and ends[1] in ROBOT_FRAMES:
-                place = transform.transform
-                yield f"/tf {number}", _seconds(transform), _pose(place.translation, place.rotation)
+def _check_time(time: float, latest: float) -> None:
+    """Refuse a stamp, s, that is earlier than the latest one."""
+    if time < latest:
+        raise MessageError(f"time runs backwards, from {latest:.6f} to {time:.6f}")
 
 
-def _scans(bag: _Bag, lenient: bool, skipped: list[str]) -> tuple[tuple[Scan, ...], str]:
+def _check_step(pose: Pose, previous: Pose) -> None:
+    """Refuse odometry that is too far from the pose before."""
+    step = math.hypot(pose.x - previous.x, pose.y - previous.y)
+    if step > LONGEST_JUMP:
+        raise MessageError(f"jumps by {step:,.0f} m since the message before")
+
+
+def _read_scans(bag: _OpenBag, rejections: _Rejections) -> tuple[tuple[Scan, ...], str]:
     """All scans, and the frame that they are in.
 
     Raises:
         InputError: There are none, or too many.
     """
     scans: list[Scan] = []
-    frame = ""
+    frame: str | None = None
     readings = 0
-    for number, message in bag.messages(bag.topic(SCAN, "/scan"), SCAN):
-        scan, frame = _scan(message), message.header.frame_id
-        readings += len(scan.ranges)
-        if readings > MOST_READINGS:
-            raise InputError(
-                bag.path, f"scan {number}", f"is the last of {MOST_READINGS:,} readings that can be taken in"
-            )
-        reason = _fault(scan, scans[-1] if scans else None)
-        if not _refused(bag.path, f"scan {number}", reason, lenient, skipped):
+    for name, message in bag.messages(bag.find_topic(SCAN, "/scan"), SCAN):
+        readings += len(message.ranges)
+        if readings > MAX_READINGS:
+            raise InputError(bag.path, name, f"exceeds the {MAX_READINGS:,} ranges that fit into memory")
+        try:
+            scan = decode_laser_scan(message, frame)
+            if scans:
+                _check_time(scan.time, scans[-1].time)
+                _check_same_beams(scan, scans[-1])
+        except MessageError as error:
+            rejections.add(name, error)
+        else:
             scans.append(scan)
-    if not scans:
-        kinds = sorted({connection.msgtype for connection in bag.reader.connections if connection.topic == "/scan"})
-        other = f"; its /scan is of {kinds[0]}" if kinds and kinds != [SCAN] else ""
-        left_out = f" ({len(skipped)} broken ones were left out, the first: {skipped[0]})" if skipped else ""
-        raise InputError(bag.path, "", f"has no LaserScan messages in it{other}{left_out}")
+            frame = message.header.frame_id
+    if frame is None:
+        raise InputError(bag.path, "", _no_scans(bag, rejections.skipped))
     return tuple(scans), frame
 
 
-def _refused(path: Path, name: str, reason: str, lenient: bool, skipped: list[str]) -> bool:
-    """Whether a message is left out; an error if there is a reason and nobody is lenient."""
-    if not reason:
-        return False
-    if not lenient:
-        raise InputError(path, name, reason)
-    skipped.append(f"{name}: {reason}")
-    return True
+def _check_same_beams(scan: Scan, previous: Scan) -> None:
+    """Refuse a scan with another number of beams than the one before."""
+    if len(scan.ranges) != len(previous.ranges):
+        raise MessageError(f"has {len(scan.ranges)} beams where the scans before have {len(previous.ranges)}")
 
 
-def _fault(scan: Scan, last: Scan | None) -> str:
-    """What is wrong with a scan; empty if nothing is."""
-    limits = [scan.time, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max]
-    if not np.isfinite(limits).all() or scan.range_max <= 0.0 or scan.angle_increment == 0.0:
-        return "has a time, an angle or a limit that cannot be"
-    if not 1 <= len(scan.ranges) <= MOST_BEAMS:
-        return f"has {len(scan.ranges)} beams; 1 to {MOST_BEAMS:,} are possible"
-    if last is not None and scan.time < last.time:
-        return f"time runs backwards, from {last.time:.6f} to {scan.time:.6f}"
-    if last is not None and len(scan.ranges) != len(last.ranges):
-        return f"has {len(scan.ranges)} beams where the scans before have {len(last.ranges)}"
-    return ""
+def _no_scans(bag: _OpenBag, skipped: list[str]) -> str:
+    """Why a bag has no scans."""
+    types = sorted({connection.msgtype for connection in bag.reader.connections if connection.topic == "/scan"})
+    other = f"; its /scan is of {types[0]}" if types and types != [SCAN] else ""
+    broken = f" ({len(skipped)} skipped, the first: {skipped[0]})" if skipped else ""
+    return f"has no usable LaserScan messages{other}{broken}"
 
 
-def _scan(message: Any) -> Scan:
-    """A sensor_msgs/LaserScan; what it does not see within its limits stays as it is."""
-    ranges = np.array(message.ranges, dtype=np.float64)
-    ranges[ranges > message.range_max] = np.inf
-    return Scan(
-        _seconds(message),
-        ranges,
-        float(message.angle_min),
-        float(message.angle_increment),
-        float(message.range_min),
-        float(message.range_max),
-    )
+def _read_mount(bag: _OpenBag, frame: str, rejections: _Rejections) -> Pose:
+    """The lidar's pose in the robot's frame, of the first usable transform; the identity if there is no transform.
 
-
-def _mount(bag: _Bag, frame: str) -> Pose:
-    """The lidar's pose in the robot's frame, if the bag has it as one transform."""
-    frame = frame.lstrip("/")
+    Raises:
+        InputError: There are transforms, but none is usable, as when the lidar is mounted upside down.
+    """
+    unusable: InputError | None = None
     for topic in ("/tf_static", "/tf"):
-        for _, message in bag.messages(topic, TRANSFORMS):
+        for name, message in bag.messages(topic, TRANSFORMS):
             for transform in message.transforms:
-                parent = transform.header.frame_id.lstrip("/")
-                if parent in ROBOT_FRAMES and transform.child_frame_id.lstrip("/") == frame:
-                    return _pose(transform.transform.translation, transform.transform.rotation)
+                parent, child = frames_of(transform)
+                if parent not in ROBOT_FRAMES or child != frame.lstrip("/"):
+                    continue
+                try:
+                    return decode_transform(transform).pose
+                except MessageError as error:
+                    rejections.add(name, error)
+                    unusable = unusable or InputError(bag.path, name, str(error))
+    if unusable is not None:
+        raise unusable
     return IDENTITY
-
-
-def _seconds(message: Any) -> float:
-    """A message's own time, s."""
-    stamp = message.header.stamp
-    return (int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)) / NANOSECONDS
-
-
-def _pose(place: Any, rotation: Any) -> Pose:
-    """A geometry_msgs/Pose or Transform in the plane."""
-    return Pose(float(place.x), float(place.y), _yaw(rotation))
-
-
-def _yaw(quaternion: Any) -> float:
-    """The heading of a quaternion, rad."""
-    x, y, z, w = (float(getattr(quaternion, name)) for name in "xyzw")
-    return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))

@@ -18,11 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import Link, header_of, to_grid, to_path, to_pose, to_pose_array, to_transform
-from wherry.ros.diagnostics import OK, diagnostics_of, status_of
-from wherry.ros.names import Names
+from wherry.ros.diagnostics import OK, diagnostic_array, diagnostic_status
+from wherry.ros.encoding import (
+    encode_header,
+    encode_occupancy_grid,
+    encode_path,
+    encode_pose,
+    encode_pose_array,
+    encode_transform,
+)
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.robot import RosRobot
-from wherry.ros.transports.transport import Transport
+from wherry.ros.transforms import StampedTransform
+from wherry.ros.transports.protocol import Transport
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
@@ -60,7 +68,7 @@ class AgentNode:
     """
 
     def __init__(
-        self, robot: RosRobot, transport: Transport, names: Names, *, owns_map: bool = True, owns_pose: bool = True
+        self, robot: RosRobot, transport: Transport, names: RosNames, *, owns_map: bool = True, owns_pose: bool = True
     ) -> None:
         self._robot = robot
         self._transport = transport
@@ -112,7 +120,7 @@ class AgentNode:
                 self._lasting = tuple(self._cells(record))
                 self._draw(self._lasting)
             case StepTaken():
-                plan = to_path(record.plan, record.time, self._frames.map)
+                plan = encode_path(record.plan, record.time, self._frames.map)
                 self._transport.publish(self._topics.plan, plan)
             case PerceivedState():
                 self._condition = record.condition
@@ -122,7 +130,7 @@ class AgentNode:
     def tell_map(self, grid: OccupancyGrid) -> None:
         """Publish a map, if maps are the agent's to publish."""
         if self._owns_map:
-            self._transport.publish(self._topics.map, to_grid(grid, self._robot.time, self._frames.map))
+            self._transport.publish(self._topics.map, encode_occupancy_grid(grid, self._robot.time, self._frames.map))
 
     # ---- the heartbeat
 
@@ -143,13 +151,13 @@ class AgentNode:
         if now <= self._dated:
             return  # transforms of the same instant are told once
         self._dated = now
-        link = Link(self._frames.map, self._frames.odom, now + TOLERANCE, self._map_from_odom)
-        self._transport.publish(self._topics.tf, ros.TFMessage((to_transform(link),)))
+        link = StampedTransform(self._frames.map, self._frames.odom, now + TOLERANCE, self._map_from_odom)
+        self._transport.publish(self._topics.tf, ros.TFMessage((encode_transform(link),)))
 
     def _tell_diagnostics(self) -> None:
         text, phase = ("", "") if self._narration is None else (self._narration.text, self._narration.phase)
-        agent = status_of("wherry: agent", OK, text, {"phase": phase, "condition": self._condition})
-        message = diagnostics_of(self._robot.time, agent, self._robot.status())
+        agent = diagnostic_status("wherry: agent", OK, text, {"phase": phase, "condition": self._condition})
+        message = diagnostic_array(self._robot.time, agent, self._robot.status())
         self._transport.publish(self._topics.diagnostics, message)
 
     # ---- what is seen and believed
@@ -171,9 +179,9 @@ class AgentNode:
             return
         self._drawn = seen.time
         frame, topics = self._frames.map, self._topics
-        cloud = to_pose_array(_some(seen.particles, MOST_PARTICLES), seen.time, frame)
+        cloud = encode_pose_array(_some(seen.particles, MOST_PARTICLES), seen.time, frame)
         self._transport.publish(topics.particlecloud, cloud)
-        self._transport.publish(topics.predicted_path, to_path(seen.path, seen.time, frame))
+        self._transport.publish(topics.predicted_path, encode_path(seen.path, seen.time, frame))
         self._draw((*self._boxes(seen), *self._condition_bits(seen)))
 
     def _draw(self, markers: tuple[ros.Marker, ...]) -> None:
@@ -186,14 +194,14 @@ class AgentNode:
         if seen.has_load:
             places.append(seen.pose)
         diameter = 2 * self._box_radius
-        header = header_of(seen.time, self._frames.map)
+        header = encode_header(seen.time, self._frames.map)
         for number, place in enumerate(places):
             yield ros.Marker(
                 header,
                 "boxes",
                 number,
                 ros.Marker.CYLINDER,
-                pose=to_pose(place, BOX_HEIGHT / 2),
+                pose=encode_pose(place, BOX_HEIGHT / 2),
                 scale=ros.Vector3(diameter, diameter, BOX_HEIGHT),
                 color=RED,
             )
@@ -205,11 +213,11 @@ class AgentNode:
         """The condition above the robot, a line a term that holds; and the sign of each term in a row of squares."""
         if not self._condition:
             return
-        header = header_of(seen.time, self._frames.map)
+        header = encode_header(seen.time, self._frames.map)
         held = [term for term, sign in zip(self._terms, self._condition, strict=False) if sign == "1"]
         text = "\n".join([self._condition, *held])
         ahead = 0.5 + TEXT_HEIGHT * (1 + len(held)) / 2  # so that it hides neither robot nor squares from above
-        above = to_pose(Pose(seen.pose.x, seen.pose.y + ahead), 0.6)
+        above = encode_pose(Pose(seen.pose.x, seen.pose.y + ahead), 0.6)
         yield ros.Marker(
             header,
             "condition",
@@ -240,7 +248,7 @@ class AgentNode:
 
     def _cells(self, laid: CellLayout) -> Iterator[ros.Marker]:
         """The warehouse's cells as tiles, and the walls between cells as lines."""
-        header = header_of(laid.time, self._frames.map)
+        header = encode_header(laid.time, self._frames.map)
         size, frame = laid.frame.cell_size, laid.frame
         for number, (x, y) in enumerate(laid.warehouse.tolist()):
             centre = frame.centre(x, y)
@@ -249,7 +257,7 @@ class AgentNode:
                 "warehouse",
                 number,
                 ros.Marker.CUBE,
-                pose=to_pose(Pose(float(centre[0]), float(centre[1]), frame.origin.theta), TILE_HEIGHT / 2),
+                pose=encode_pose(Pose(float(centre[0]), float(centre[1]), frame.origin.theta), TILE_HEIGHT / 2),
                 scale=ros.Vector3(size, size, TILE_HEIGHT),
                 color=GREEN,
             )

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import MessageError, header_of, seconds_of
+from wherry.ros.decoding import MessageError, decode_stamp
+from wherry.ros.encoding import encode_header
 
 LATCH, LOAD, ANSWERED = "latch", "load", "answered"
 SAME = 1e-5  # s; stamps nearer than this are of one command: float64 has 2e-7 s left of today's date
@@ -57,7 +58,7 @@ class LatchState:
 
 def to_latch_command(command: LatchCommand) -> ros.JointState:
     """A command as a message."""
-    return ros.JointState(header_of(command.number, ""), (LATCH,), np.array([float(command.close)]))
+    return ros.JointState(encode_header(command.number, ""), (LATCH,), np.array([float(command.close)]))
 
 
 def from_latch_command(message: ros.JointState) -> LatchCommand:
@@ -69,12 +70,14 @@ def from_latch_command(message: ros.JointState) -> LatchCommand:
     position = _positions(message).get(LATCH, math.nan)
     if position not in (0.0, 1.0):
         raise MessageError(f"asks for the latch position {position}; 1 closes it, 0 opens it")
-    return LatchCommand(seconds_of(message.header.stamp), position == 1.0)
+    return LatchCommand(decode_stamp(message.header.stamp), position == 1.0)
 
 
 def to_latch_state(state: LatchState) -> ros.JointState:
     """A state as a message."""
-    return ros.JointState(header_of(state.time, ""), (LOAD, ANSWERED), np.array([float(state.loaded), state.answered]))
+    return ros.JointState(
+        encode_header(state.time, ""), (LOAD, ANSWERED), np.array([float(state.loaded), state.answered])
+    )
 
 
 def from_latch_state(message: ros.JointState) -> LatchState:
@@ -87,7 +90,7 @@ def from_latch_state(message: ros.JointState) -> LatchState:
     load, answered = positions.get(LOAD, math.nan), positions.get(ANSWERED, math.nan)
     if load not in (0.0, 1.0) or not math.isfinite(answered):
         raise MessageError(f"says {positions} instead of {LOAD} (0 or 1) and {ANSWERED}")
-    return LatchState(seconds_of(message.header.stamp), load == 1.0, answered)
+    return LatchState(decode_stamp(message.header.stamp), load == 1.0, answered)
 
 
 def _positions(message: ros.JointState) -> dict[str, float]:

@@ -12,7 +12,7 @@ from collections import deque
 from dataclasses import replace
 
 from wherry.robot import Odometry, Scan
-from wherry.ros.conversion import MessageError
+from wherry.ros.decoding import MessageError
 from wherry.space.pose import Pose, wrap
 
 SAME_INSTANT = 1e-6  # s

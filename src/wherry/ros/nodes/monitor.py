@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wherry.ros import messages as ros
-from wherry.ros.conversion import MessageError, seconds_of
-from wherry.ros.names import Names
-from wherry.ros.transports.transport import Transport
+from wherry.ros.decoding import MessageError, decode_stamp
+from wherry.ros.names import RosNames
+from wherry.ros.transports.protocol import Transport
 
 MILLISECONDS = 1e3
 TOO_LONG = 1.5  # periods between two stamps, from which on a message is missing
@@ -49,7 +49,7 @@ class Monitor:
         names: What everything is called.
     """
 
-    def __init__(self, transport: Transport, names: Names) -> None:
+    def __init__(self, transport: Transport, names: RosNames) -> None:
         self.scans, self.odometry = Stream(), Stream()
         self.commands: list[float] = []  # s, monotonic clock
         self._lock = threading.Lock()
@@ -57,13 +57,13 @@ class Monitor:
         transport.subscribe(topics.scan, lambda message: self._hear(self.scans, message.header))
         transport.subscribe(topics.odom, lambda message: self._hear(self.odometry, message.header))
         transport.subscribe(topics.cmd_vel, self._hear_command)
-        if transport.generation == 2:
+        if transport.ros_version == 2:
             transport.subscribe(topics.cmd_vel_stamped, self._hear_command)
 
     def _hear(self, stream: Stream, header: ros.Header) -> None:
         now = time.monotonic()
         try:
-            stamp = seconds_of(header.stamp)
+            stamp = decode_stamp(header.stamp)
         except MessageError:
             return  # it shows as missing
         with self._lock:

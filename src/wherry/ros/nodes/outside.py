@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from wherry.errors import InputError
 from wherry.robot import Odometry, Scan
 from wherry.ros import messages as ros
-from wherry.ros.conversion import MessageError, from_estimate, from_grid, links_between
-from wherry.ros.diagnostics import Refusals
-from wherry.ros.names import Names
-from wherry.ros.transports.transport import Transport
+from wherry.ros.decoding import MessageError, decode_occupancy_grid, decode_pose_estimate, transforms_between
+from wherry.ros.diagnostics import RejectedMessages
+from wherry.ros.names import RosNames
+from wherry.ros.transports.protocol import Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
@@ -34,8 +34,8 @@ class OutsideMap:
         names: What everything is called.
     """
 
-    def __init__(self, transport: Transport, names: Names) -> None:
-        self.refusals = Refusals()
+    def __init__(self, transport: Transport, names: RosNames) -> None:
+        self.refusals = RejectedMessages()
         self._topic, self._frame = names.topics.map, names.frames.map
         self._news = threading.Condition()
         self._grid: OccupancyGrid | None = None
@@ -59,7 +59,7 @@ class OutsideMap:
     def _hear(self, message: ros.OccupancyGrid) -> None:
         with self._news:
             try:
-                self._grid = from_grid(message, self._frame, margin=MARGIN)
+                self._grid = decode_occupancy_grid(message, self._frame, margin=MARGIN)
             except MessageError as error:
                 self.refusals.add(self._topic.name, error)
             self._news.notify_all()
@@ -74,8 +74,8 @@ class OutsidePose:
         odometry: The robot's last odometry; with it, a pose becomes map → odom.
     """
 
-    def __init__(self, transport: Transport, names: Names, odometry: Callable[[], Odometry | None]) -> None:
-        self.refusals = Refusals()
+    def __init__(self, transport: Transport, names: RosNames, odometry: Callable[[], Odometry | None]) -> None:
+        self.refusals = RejectedMessages()
         self._topics, self._frames = names.topics, names.frames
         self._odometry = odometry
         self._news = threading.Condition()
@@ -130,7 +130,7 @@ class OutsidePose:
     def _hear_transforms(self, message: ros.TFMessage) -> None:
         with self._news:
             try:
-                for link in links_between(message, self._frames.map, self._frames.odom):
+                for link in transforms_between(message, self._frames.map, self._frames.odom):
                     self._map_from_odom, self._confirmed, self._has_transforms = link.pose, link.time, True
             except MessageError as error:
                 self.refusals.add(self._topics.tf.name, error)
@@ -142,7 +142,7 @@ class OutsidePose:
             return  # transforms say it better: they come with every scan
         with self._news:
             try:
-                _, pose = from_estimate(message, self._frames.map)
+                _, pose = decode_pose_estimate(message, self._frames.map)
             except MessageError as error:
                 self.refusals.add(self._topics.amcl_pose.name, error)
             else:
@@ -170,7 +170,7 @@ class OutsideMapper:
 
 
 def _wait(
-    news: threading.Condition, happened: Callable[[], bool], patience: float, what: str, refusals: Refusals
+    news: threading.Condition, happened: Callable[[], bool], patience: float, what: str, refusals: RejectedMessages
 ) -> None:
     deadline = time.monotonic() + patience
     with news:

@@ -18,22 +18,22 @@ from typing import Any, Self
 from wherry.errors import InputError
 from wherry.robot import Body, Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.bodies import BodyParameters
-from wherry.ros.conversion import (
+from wherry.ros.body_files import BodyParameters
+from wherry.ros.decoding import (
     MessageError,
-    from_laser_scan,
-    from_odometry,
-    from_transform,
-    from_twist,
-    header_of,
-    seconds_of,
-    to_twist,
+    decode_laser_scan,
+    decode_odometry,
+    decode_stamp,
+    decode_transform,
+    decode_twist,
 )
-from wherry.ros.diagnostics import ERROR, OK, WARN, Refusals, status_of
-from wherry.ros.names import Names
+from wherry.ros.diagnostics import ERROR, OK, WARN, RejectedMessages, diagnostic_status
+from wherry.ros.encoding import encode_header, encode_twist
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.latch import SPACING, LatchCommand, LatchState, from_latch_state, to_latch_command
 from wherry.ros.nodes.measurements import Row, StampGuard, TimeWentBackError
-from wherry.ros.transports.transport import Topic, Transport
+from wherry.ros.topics import Topic
+from wherry.ros.transports.protocol import Transport
 from wherry.space.pose import Pose
 
 STALE = 0.4  # s; with a scan older than that, the robot does not drive
@@ -66,7 +66,7 @@ class RosRobot:
     """
 
     def __init__(
-        self, transport: Transport, names: Names, parameters: BodyParameters, *, stamped: bool = False
+        self, transport: Transport, names: RosNames, parameters: BodyParameters, *, stamped: bool = False
     ) -> None:
         self._transport = transport
         self._topics, self._frames = names.topics, names.frames
@@ -77,7 +77,7 @@ class RosRobot:
         self._row = Row()
         self._guards = {topic.name: StampGuard(topic.name) for topic in (self._topics.scan, self._topics.odom)}
         self._ready: deque[Odometry | Scan] = deque()
-        self._refusals = Refusals()
+        self._refusals = RejectedMessages()
         self._left_out = 0
         self._fault: TimeWentBackError | None = None
         self._newest = -math.inf  # s, the robot's clock
@@ -120,7 +120,7 @@ class RosRobot:
         transport.subscribe(topics.scan, self._hear_scan)
         transport.subscribe(topics.latch_state, self._hear_latch)
         transport.subscribe(topics.cmd_vel, self._hear_twist)
-        if transport.generation == 2:
+        if transport.ros_version == 2:
             transport.subscribe(topics.cmd_vel_stamped, lambda message: self._hear_twist(message.twist))
 
     def wait_until_ready(self, patience: float, *, use_sim_time: bool | None = None) -> None:
@@ -142,7 +142,7 @@ class RosRobot:
                 self._news.wait(POLL)
             lidar = self._parameters.lidar or self._lidar()
             self._body = self._parameters.body(lidar or Pose())
-        clocks = self._transport.publishers_of(self._topics.clock)
+        clocks = self._transport.count_publishers(self._topics.clock)
         self._simulated = clocks > 0 if use_sim_time is None else use_sim_time
 
     def _missing(self) -> list[str]:
@@ -230,7 +230,7 @@ class RosRobot:
 
     def status(self) -> ros.DiagnosticStatus:
         """How the connection is."""
-        others = self._transport.publishers_of(self._command_topic)
+        others = self._transport.count_publishers(self._command_topic)
         with self._news:
             stale, yielding = self._is_stale(), self._is_yielding()
             values = {
@@ -241,14 +241,14 @@ class RosRobot:
                 "last refused": self._refusals.last,
             }
         if yielding:
-            return status_of("wherry: robot", ERROR, "somebody else drives the robot: I wait", values)
+            return diagnostic_status("wherry: robot", ERROR, "somebody else drives the robot: I wait", values)
         if stale:
-            return status_of("wherry: robot", ERROR, "the last scan is too old: I stand", values)
-        if not self._transport.connected():
-            return status_of("wherry: robot", WARN, "the ROS master cannot be reached", values)
+            return diagnostic_status("wherry: robot", ERROR, "the last scan is too old: I stand", values)
+        if not self._transport.is_connected():
+            return diagnostic_status("wherry: robot", WARN, "the ROS master cannot be reached", values)
         if others:
-            return status_of("wherry: robot", WARN, "somebody else could drive the robot too", values)
-        return status_of("wherry: robot", OK, "well", values)
+            return diagnostic_status("wherry: robot", WARN, "somebody else could drive the robot too", values)
+        return diagnostic_status("wherry: robot", OK, "well", values)
 
     # ---- on the transport's thread
 
@@ -259,7 +259,7 @@ class RosRobot:
 
     def _hear_clock(self, message: ros.Clock) -> None:
         def hear() -> None:
-            now = seconds_of(message.clock)
+            now = decode_stamp(message.clock)
             if self._simulated:
                 self._newest = max(self._newest, now)
 
@@ -267,7 +267,7 @@ class RosRobot:
 
     def _hear_odometry(self, message: ros.Odometry) -> None:
         def hear() -> None:
-            odometry = from_odometry(message, self._frames.odom, self._frames.base_link)
+            odometry = decode_odometry(message, self._frames.odom, self._frames.base_link)
             self._guards[self._topics.odom.name].check(odometry.time)
             if self._odometry is None:
                 self._odometry = odometry
@@ -278,7 +278,7 @@ class RosRobot:
 
     def _hear_scan(self, message: ros.LaserScan) -> None:
         def hear() -> None:
-            scan = from_laser_scan(message, self._frames.laser)
+            scan = decode_laser_scan(message, self._frames.laser)
             self._guards[self._topics.scan.name].check(scan.time)
             self._scanned, self._heard_at = scan.time, time.monotonic()
             self._newest = max(self._newest, scan.time)
@@ -296,7 +296,7 @@ class RosRobot:
         """A command that is none of the last ones from here is somebody else's."""
 
         def hear() -> None:
-            if from_twist(message) not in self._sent:
+            if decode_twist(message) not in self._sent:
                 self._yield_until = time.monotonic() + YIELDING
 
         self._take_in(self._topics.cmd_vel.name, hear)
@@ -327,7 +327,7 @@ class RosRobot:
             if frame not in self._links:
                 return None
             try:
-                link = from_transform(self._links[frame])
+                link = decode_transform(self._links[frame])
             except MessageError as error:
                 raise InputError(self._topics.tf_static.name, frame, str(error)) from error
             frame, pose = link.parent, link.pose @ pose
@@ -372,9 +372,9 @@ class RosRobot:
     def _send(self, velocity: Velocity) -> None:
         with self._news:
             self._sent.append(velocity)
-        twist = to_twist(velocity)
+        twist = encode_twist(velocity)
         if self._stamped:
-            header = header_of(max(self._newest, 0.0), self._frames.base_link)
+            header = encode_header(max(self._newest, 0.0), self._frames.base_link)
             self._transport.publish(self._topics.cmd_vel_stamped, ros.TwistStamped(header, twist))
         else:
             self._transport.publish(self._topics.cmd_vel, twist)

@@ -16,21 +16,14 @@ import numpy as np
 
 from wherry.robot import Odometry, Robot, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.conversion import (
-    Link,
-    MessageError,
-    from_twist,
-    header_of,
-    seconds_of,
-    stamp_of,
-    to_laser_scan,
-    to_odometry,
-    to_transform,
-)
-from wherry.ros.diagnostics import OK, WARN, Refusals, diagnostics_of, status_of
-from wherry.ros.names import Names
+from wherry.ros.decoding import MessageError, decode_stamp, decode_twist
+from wherry.ros.diagnostics import OK, WARN, RejectedMessages, diagnostic_array, diagnostic_status
+from wherry.ros.encoding import encode_header, encode_laser_scan, encode_odometry, encode_stamp, encode_transform
+from wherry.ros.names import RosNames
 from wherry.ros.nodes.latch import LatchCommand, LatchState, from_latch_command, to_latch_state
-from wherry.ros.transports.transport import Topic, Transport
+from wherry.ros.topics import Topic
+from wherry.ros.transforms import StampedTransform
+from wherry.ros.transports.protocol import Transport
 from wherry.space.pose import IDENTITY, Floats
 
 OLDEST_COMMAND = 0.5  # s; what was commanded earlier no longer holds
@@ -95,7 +88,7 @@ class SimulatorNode:
     """
 
     def __init__(
-        self, world: World, hardware: Hardware, transport: Transport, names: Names, *, rate: float = 1.0
+        self, world: World, hardware: Hardware, transport: Transport, names: RosNames, *, rate: float = 1.0
     ) -> None:
         self._world = world
         self._hardware = hardware
@@ -103,7 +96,7 @@ class SimulatorNode:
         self._topics, self._frames, self._rates = names.topics, names.frames, names.rates
         self._rate = rate
         self._commands: SimpleQueue[Velocity | LatchCommand] = SimpleQueue()
-        self._refusals = Refusals()
+        self._refusals = RejectedMessages()
         self._angles = hardware.wheel_angles()
         self._loaded = False
         self._answered = 0.0
@@ -128,32 +121,32 @@ class SimulatorNode:
             self._transport.advertise(topic)
         self._transport.publish(topics.tf_static, self._fixed_links())
         self._transport.subscribe(topics.cmd_vel, self._hear_twist)
-        if self._transport.generation == 2:
+        if self._transport.ros_version == 2:
             self._transport.subscribe(topics.cmd_vel_stamped, self._hear_stamped_twist)
         self._transport.subscribe(topics.latch_command, self._hear_latch_command)
 
     def _fixed_links(self) -> ros.TFMessage:
         """Where the lidar is on the robot, and where the robot stands."""
         frames, now = self._frames, self._world.time
-        mount = Link(frames.base_link, frames.laser, now, self._world.robot.body.lidar)
-        footprint = Link(frames.base_link, frames.base_footprint, now, IDENTITY)
+        mount = StampedTransform(frames.base_link, frames.laser, now, self._world.robot.body.lidar)
+        footprint = StampedTransform(frames.base_link, frames.base_footprint, now, IDENTITY)
         hardware = self._hardware
         return ros.TFMessage(
-            (to_transform(mount, hardware.laser_height), to_transform(footprint, -hardware.base_height))
+            (encode_transform(mount, hardware.laser_height), encode_transform(footprint, -hardware.base_height))
         )
 
     # ---- in: on the transport's thread
 
     def _hear_twist(self, message: ros.Twist) -> None:
         try:
-            self._commands.put(from_twist(message))
+            self._commands.put(decode_twist(message))
         except MessageError as error:
             self._refusals.add(self._topics.cmd_vel.name, error)
             self._commands.put(STANDSTILL)  # whoever sends this must not go on driving
 
     def _hear_stamped_twist(self, message: ros.TwistStamped) -> None:
         try:
-            stamp = seconds_of(message.header.stamp)
+            stamp = decode_stamp(message.header.stamp)
         except MessageError as error:
             self._refusals.add(self._topics.cmd_vel.name, error)
             return
@@ -200,7 +193,7 @@ class SimulatorNode:
             if ticked + tick < instant - tick / 2:
                 time.sleep(max(min(ticked + tick - self._now(), left), 0.0) / self._rate)
                 ticked += tick
-                self._transport.publish(self._topics.clock, ros.Clock(stamp_of(ticked)))
+                self._transport.publish(self._topics.clock, ros.Clock(encode_stamp(ticked)))
             else:
                 time.sleep(left / self._rate)
 
@@ -210,12 +203,12 @@ class SimulatorNode:
         return simulated + (time.monotonic() - wall) * self._rate
 
     def _tell(self, measurements: list[Scan | Odometry]) -> None:
-        self._transport.publish(self._topics.clock, ros.Clock(stamp_of(self._world.time)))
+        self._transport.publish(self._topics.clock, ros.Clock(encode_stamp(self._world.time)))
         for measurement in measurements:
             if isinstance(measurement, Odometry):
                 self._tell_odometry(measurement)
             else:
-                scan = to_laser_scan(measurement, self._frames.laser, self._hardware.scan_period)
+                scan = encode_laser_scan(measurement, self._frames.laser, self._hardware.scan_period)
                 self._transport.publish(self._topics.scan, scan)
         self._tell_wheels()
         if self._world.time >= self._next_state:
@@ -227,14 +220,14 @@ class SimulatorNode:
 
     def _tell_odometry(self, odometry: Odometry) -> None:
         odom, base = self._frames.odom, self._frames.base_link
-        link = Link(odom, base, odometry.time, odometry.pose)
-        self._transport.publish(self._topics.tf, ros.TFMessage((to_transform(link),)))
-        self._transport.publish(self._topics.odom, to_odometry(odometry, odom, base, COVARIANCE))
+        link = StampedTransform(odom, base, odometry.time, odometry.pose)
+        self._transport.publish(self._topics.tf, ros.TFMessage((encode_transform(link),)))
+        self._transport.publish(self._topics.odom, encode_odometry(odometry, odom, base, COVARIANCE))
 
     def _tell_wheels(self) -> None:
         before, self._angles = self._angles, self._hardware.wheel_angles()
         turning = (self._angles - before) / self._hardware.period
-        header = header_of(self._world.time, "")
+        header = encode_header(self._world.time, "")
         state = ros.JointState(header, self._hardware.wheel_joints, self._angles, turning)
         self._transport.publish(self._topics.joint_states, state)
 
@@ -243,7 +236,7 @@ class SimulatorNode:
         self._transport.publish(self._topics.latch_state, to_latch_state(state))
 
     def _tell_diagnostics(self) -> None:
-        commanders = self._transport.publishers_of(self._topics.cmd_vel)
+        commanders = self._transport.count_publishers(self._topics.cmd_vel)
         late, many = self._lag > LARGEST_LAG, commanders > 1
         text = "runs"
         if many:
@@ -257,5 +250,5 @@ class SimulatorNode:
             **{f"refused on {topic}": count for topic, count in self._refusals.counts.items()},
             "last refused": self._refusals.last,
         }
-        status = status_of("wherry: simulator", WARN if late or many else OK, text, values)
-        self._transport.publish(self._topics.diagnostics, diagnostics_of(self._world.time, status))
+        status = diagnostic_status("wherry: simulator", WARN if late or many else OK, text, values)
+        self._transport.publish(self._topics.diagnostics, diagnostic_array(self._world.time, status))

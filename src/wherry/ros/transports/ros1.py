@@ -1,7 +1,8 @@
 """A node of ROS 1, through rospy (Debian's own, or that of a sourced ROS environment).
 
-rospy allows one node in a process, so there can be one `Ros1`. It listens on 127.0.0.1 alone unless ``ROS_IP`` or
-``ROS_HOSTNAME`` names another interface. Topics live on when the master dies, and the node registers with the next one.
+rospy allows one node per process, so there can be one `Ros1Transport`. It listens on 127.0.0.1 only, unless ``ROS_IP``
+or ``ROS_HOSTNAME`` names another interface. Topics keep working when the master dies, and the node registers with the
+next master.
 """
 
 from __future__ import annotations
@@ -9,39 +10,39 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self
 
 from wherry.errors import InputError
-from wherry.ros.messages import M
+from wherry.ros.message_fields import M
+from wherry.ros.messages import String
+from wherry.ros.topics import QosProfile, Topic
 from wherry.ros.transports.ros1_master import (
     PUBLISHER,
     SUBSCRIBER,
-    MasterWatch,
+    MasterMonitor,
     Registration,
     choose_interface,
     wait_for_master,
 )
 from wherry.ros.transports.ros1_messages import from_ros1, ros1_class, ros1_module, ros1_reader, to_ros1
-from wherry.ros.transports.transport import Quality, Topic
 
-QUEUES = {Quality.SENSOR: 100, Quality.RELIABLE: 1000, Quality.LATCHED: 1000}  # messages waiting for a slow listener
-BUFFER = 1 << 22  # bytes that are read at once; rospy falls behind for good where a message is larger
+QUEUE_SIZES = {QosProfile.SENSOR: 100, QosProfile.RELIABLE: 1000, QosProfile.LATCHED: 1000}  # messages per peer
+RECEIVE_BUFFER = 1 << 22  # bytes; rospy never catches up again if a message is larger
 
 
-class Ros1:
-    """A node of ROS 1: a `wherry.ros.transports.transport.Transport`.
+class Ros1Transport:
+    """A node of ROS 1: a `wherry.ros.transports.protocol.Transport`.
 
     Args:
-        name: The node's name, without its namespace. A node of the same name that runs already is shut down by ROS.
-        namespace: The node's; topics come with absolute names.
-        interface: The address at which other machines reach this one; empty for ``ROS_IP``, or else 127.0.0.1.
+        name: Name of the node, without its namespace. ROS shuts down a running node of the same name.
+        namespace: Namespace of the node; topic names are absolute already.
+        interface: Address at which other machines reach this one; empty for ``ROS_IP`` or, without it, 127.0.0.1.
 
     Raises:
         InputError: rospy is not installed, no master answers, or it runs on another machine and ``ROS_IP`` is not set.
     """
 
-    generation = 1
+    ros_version = 1
 
     def __init__(self, name: str, namespace: str = "", interface: str = "") -> None:
         master_uri = choose_interface(interface)
@@ -49,76 +50,84 @@ class Ros1:
             os.environ["ROS_NAMESPACE"] = f"/{namespace.strip('/')}"  # rospy reads it when it is imported
         self._rospy = ros1_module("rospy")
         wait_for_master(master_uri)
-        # argv: the options are not rospy's. Nothing here logs through ROS, or asks rospy for the time.
+        # argv is empty because the command line is not meant for rospy; ROS logging and ROS time are not used here.
         self._rospy.init_node(name, argv=[], disable_rosout=True, disable_rostime=True, disable_signals=True)
-        self._watch = MasterWatch(self._rospy.get_name(), self._rospy.get_node_uri(), master_uri)
+        self._monitor = MasterMonitor(self._rospy.get_name(), self._rospy.get_node_uri(), master_uri)
         self._publishers: dict[str, Any] = {}
-        self._hearing = threading.RLock()  # held while a callback runs
-        self._closed = False
+        self._callback_lock = threading.RLock()  # held while a callback runs
+        self._is_closed = False
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def set_parameter(self, name: str, value: bool | float | str) -> None:
-        """Set a parameter of the whole system, such as ``/use_sim_time``, and again whenever a new master has come.
+        """Set a parameter on the master, such as ``/use_sim_time``, and again on every master that replaces it.
 
         Raises:
-            MasterError: The master has gone.
+            MasterError: The master does not answer.
         """
-        self._watch.set_parameter(name, value)
+        self._monitor.set_parameter(name, value)
 
     def advertise(self, topic: Topic[M]) -> None:
         """As `Transport.advertise`."""
         if topic.name in self._publishers:
             return
         ros1 = ros1_class(topic.message_type)
-        latch, queue = topic.quality is Quality.LATCHED, QUEUES[topic.quality]
+        latch, queue = topic.qos is QosProfile.LATCHED, QUEUE_SIZES[topic.qos]
         publisher = self._rospy.Publisher(topic.name, ros1, queue_size=queue, latch=latch, tcp_nodelay=True)
         self._publishers[topic.name] = publisher
-        self._watch.keep(Registration(PUBLISHER, topic.name, ros1._type))
+        self._monitor.add(Registration(PUBLISHER, topic.name, ros1._type))
 
     def publish(self, topic: Topic[M], message: M) -> None:
         """As `Transport.publish`.
 
         Raises:
-            InputError: ROS has shut this node down, for another of its name has started.
+            InputError: ROS has shut this node down because another node of the same name has started.
         """
         if self._rospy.is_shutdown():
             raise InputError("ROS 1", self._rospy.get_name(), "another node of this name took its place")
         self.advertise(topic)
         self._publishers[topic.name].publish(to_ros1(message))
 
-    def subscribe(self, topic: Topic[M], heard: Callable[[M], None]) -> None:
+    def subscribe(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
         """As `Transport.subscribe`."""
-        ros1, queue = ros1_reader(topic.message_type), QUEUES[topic.quality]
+        ros1, queue = ros1_reader(topic.message_type), QUEUE_SIZES[topic.qos]
 
-        def take_in(message: Any) -> None:
+        def receive(message: Any) -> None:
             converted = from_ros1(message, topic.message_type)
-            with self._hearing:
-                if not self._closed:
-                    heard(converted)
+            with self._callback_lock:
+                if not self._is_closed:
+                    callback(converted)
 
-        self._rospy.Subscriber(topic.name, ros1, take_in, queue_size=queue, buff_size=BUFFER, tcp_nodelay=True)
-        self._watch.keep(Registration(SUBSCRIBER, topic.name, ros1._type))
+        self._rospy.Subscriber(topic.name, ros1, receive, queue_size=queue, buff_size=RECEIVE_BUFFER, tcp_nodelay=True)
+        self._monitor.add(Registration(SUBSCRIBER, topic.name, ros1._type))
 
-    def publishers_of(self, topic: Topic[M]) -> int:
-        """As `Transport.publishers_of`; as it was a quarter of a second ago."""
-        return self._watch.others(PUBLISHER, topic.name)
+    def count_publishers(self, topic: Topic[M]) -> int:
+        """As `Transport.count_publishers`, at most `POLL_PERIOD` old."""
+        return self._monitor.count_others(PUBLISHER, topic.name)
 
-    def subscribers_of(self, topic: Topic[M]) -> int:
-        """As `Transport.subscribers_of`; as it was a quarter of a second ago."""
-        return self._watch.others(SUBSCRIBER, topic.name)
+    def count_subscribers(self, topic: Topic[M]) -> int:
+        """As `Transport.count_subscribers`, at most `POLL_PERIOD` old."""
+        return self._monitor.count_others(SUBSCRIBER, topic.name)
 
-    def connected(self) -> bool:
-        """Whether the master answers, and this node still is one."""
-        return self._watch.reached and not self._rospy.is_shutdown()
+    def is_connected(self) -> bool:
+        """Whether the master answers and ROS has not shut this node down."""
+        return self._monitor.is_reachable and not self._rospy.is_shutdown()
+
+    def announce_sim_time(self) -> None:
+        """As `Transport.announce_sim_time`."""
+        self.set_parameter("/use_sim_time", True)
+
+    def publish_robot_description(self, topic: Topic[String], urdf: str) -> None:
+        """As `Transport.publish_robot_description`."""
+        self.set_parameter(topic.name, urdf)
 
     def close(self) -> None:
         """As `Transport.close`."""
-        with self._hearing:
-            self._closed = True
-        self._watch.stop()
+        with self._callback_lock:
+            self._is_closed = True
+        self._monitor.stop()
         self._rospy.signal_shutdown("closed")

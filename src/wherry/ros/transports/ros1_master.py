@@ -1,4 +1,4 @@
-"""The master of ROS 1, seen from a node: who is there, and what becomes of a node whose master has died.
+"""The master of ROS 1, seen from a node: which other nodes exist, and how a node survives the death of its master.
 
 Everything here is the documented XML-RPC of ROS 1 (ROS Wiki: "Master API", "Slave API", "Parameter Server API").
 """
@@ -20,21 +20,21 @@ from wherry.errors import InputError
 
 LOOPBACK = "127.0.0.1"
 DEFAULT_URI = f"http://{LOOPBACK}:11311"
-PATIENCE = 5.0  # s, how long a master may take to answer at first: it may be starting
-LOOK_EVERY = 0.25  # s between two looks at the master
-REPLY_WITHIN = 2.0  # s
-SUCCESS = 1  # the status code of every reply of a master
-PUBLISHER, SUBSCRIBER = "Publisher", "Subscriber"  # as the methods that register them are called
+STARTUP_TIMEOUT = 5.0  # s, for the first answer of a master, which may be starting
+POLL_PERIOD = 0.25  # s, between two queries of the master
+REPLY_TIMEOUT = 2.0  # s
+SUCCESS = 1  # status code of a successful reply
+PUBLISHER, SUBSCRIBER = "Publisher", "Subscriber"  # as in the names of the methods that register them
 
 
 @dataclass(frozen=True, slots=True)
 class Registration:
-    """What a node told the master.
+    """A publisher or subscriber that a node registered with the master.
 
     Attributes:
         role: `PUBLISHER` or `SUBSCRIBER`.
-        topic: Its absolute name.
-        type_name: As ROS 1 writes it, such as "sensor_msgs/LaserScan".
+        topic: Absolute name of the topic.
+        type_name: Message type as ROS 1 writes it, such as "sensor_msgs/LaserScan".
     """
 
     role: str
@@ -43,75 +43,75 @@ class Registration:
 
 
 class MasterError(Exception):
-    """The master does not answer, or refuses."""
+    """A call to the master failed: it does not answer, or answers with an error."""
 
 
-class RefusalError(MasterError):
-    """The master answers that it cannot do what it was asked for."""
+class MasterReplyError(MasterError):
+    """The master answered with an error, such as that there is no node of a name."""
 
 
 class Master:
     """Calls to the master.
 
     Args:
-        node: The caller's absolute name.
-        uri: Where the master is.
+        node: Absolute name of the calling node.
+        uri: URI of the master.
     """
 
     def __init__(self, node: str, uri: str) -> None:
         self._node = node
-        self._proxy = ServerProxy(uri, transport=_Impatient())
+        self._proxy = ServerProxy(uri, transport=_TransportWithTimeout())
 
-    def ask(self, method: str, *arguments: Any) -> Any:
-        """Call a method of the master's.
+    def call(self, method: str, *arguments: Any) -> Any:
+        """Call a method of the master's API.
 
         Raises:
             MasterError: It does not answer.
-            RefusalError: It answers that it cannot.
+            MasterReplyError: It answers with an error.
         """
         try:
             code, message, value = getattr(self._proxy, method)(self._node, *arguments)
         except (OSError, http.client.HTTPException, Fault) as error:
             raise MasterError(f"{method}: {error}") from error
         if code != SUCCESS:
-            raise RefusalError(f"{method}: {message}")
+            raise MasterReplyError(f"{method}: {message}")
         return value
 
     def is_alive(self, node: str) -> bool:
-        """Whether a node still answers: a master keeps those that were killed.
+        """Whether a node accepts connections; a master keeps the names of nodes that were killed.
 
         Raises:
             MasterError: The master does not answer.
         """
         try:
-            uri = urlparse(self.ask("lookupNode", node))
-            socket.create_connection((uri.hostname or "", uri.port or 0), timeout=REPLY_WITHIN).close()
-        except (RefusalError, OSError):
+            uri = urlparse(self.call("lookupNode", node))
+            socket.create_connection((uri.hostname or "", uri.port or 0), timeout=REPLY_TIMEOUT).close()
+        except (MasterReplyError, OSError):
             return False
         return True
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._proxy("close")()
 
 
-class _Impatient(Transport):
-    """XML-RPC that does not wait for ever."""
+class _TransportWithTimeout(Transport):
+    """XML-RPC over HTTP whose requests time out after `REPLY_TIMEOUT`."""
 
     def make_connection(self, host: Any) -> http.client.HTTPConnection:
         connection = super().make_connection(host)
-        connection.timeout = REPLY_WITHIN
+        connection.timeout = REPLY_TIMEOUT
         return connection
 
 
 def choose_interface(interface: str = "") -> str:
-    """Settle, in the environment, which master to ask, and where to listen: on 127.0.0.1 unless told otherwise.
+    """Set the environment variables that decide where the master is and where this node listens: 127.0.0.1 by default.
 
     Args:
         interface: An address of this machine; empty for ``ROS_IP`` or ``ROS_HOSTNAME``.
 
     Returns:
-        The master's URI.
+        URI of the master.
 
     Raises:
         InputError: The master runs on another machine, which could not reach a node on 127.0.0.1.
@@ -119,7 +119,7 @@ def choose_interface(interface: str = "") -> str:
     uri = os.environ.setdefault("ROS_MASTER_URI", DEFAULT_URI)
     host = urlparse(uri).hostname
     if host is None:
-        raise InputError("ROS_MASTER_URI", uri, f"is no address such as {DEFAULT_URI}")
+        raise InputError("ROS_MASTER_URI", uri, f"is not an address such as {DEFAULT_URI}")
     if interface:
         os.environ["ROS_IP"] = interface
     if "ROS_IP" in os.environ or "ROS_HOSTNAME" in os.environ:
@@ -135,35 +135,35 @@ def wait_for_master(uri: str) -> None:
     """Return once a master answers.
 
     Raises:
-        InputError: None does.
+        InputError: No master answers within `STARTUP_TIMEOUT`.
     """
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + STARTUP_TIMEOUT
     with closing(Master("/wherry", uri)) as master:
         while True:
             try:
-                master.ask("getPid")
+                master.call("getPid")
             except MasterError as error:
                 if time.monotonic() > deadline:
                     reason = "no ROS master answers there; start one: roscore"
                     raise InputError("ROS_MASTER_URI", uri, reason) from error
-                time.sleep(LOOK_EVERY)
+                time.sleep(POLL_PERIOD)
             else:
                 return
 
 
-class MasterWatch:
-    """Looks at the master again and again, knows who else is there, and registers the node with a new master.
+class MasterMonitor:
+    """Polls the master: counts other nodes, and registers this node again when the master was replaced.
 
-    rospy registers once. When a master dies, its nodes go on talking to each other, but a new master knows none of
-    them, and no one could join any more.
+    rospy registers once. When a master dies, its nodes keep talking to each other, but a new master knows none of them,
+    so that no further node could connect to them.
 
     Args:
-        node: The node's absolute name.
-        node_uri: Where the node's own XML-RPC answers.
-        master_uri: Where the master is.
+        node: Absolute name of the node.
+        node_uri: URI of the node's own XML-RPC server.
+        master_uri: URI of the master.
 
     Attributes:
-        reached: Whether the master answered the last time.
+        is_reachable: Whether the master answered the last query.
     """
 
     def __init__(self, node: str, node_uri: str, master_uri: str) -> None:
@@ -172,48 +172,48 @@ class MasterWatch:
         self._master = Master(node, master_uri)
         self._registrations: set[Registration] = set()
         self._parameters: dict[str, Any] = {}
-        self._others: dict[tuple[str, str], int] = {}
-        self._lock = threading.Lock()  # one thread at a time asks the master
-        self._stopped = threading.Event()
-        self.reached = True
+        self._counts: dict[tuple[str, str], int] = {}
+        self._lock = threading.Lock()  # one thread at a time calls the master
+        self._is_stopped = threading.Event()
+        self.is_reachable = True
         self._thread = threading.Thread(target=self._run, name="ROS master", daemon=True)
         self._thread.start()
 
-    def keep(self, registration: Registration) -> None:
-        """Hold on to a registration that rospy has made."""
+    def add(self, registration: Registration) -> None:
+        """Add a registration that rospy has made, to be repeated with every new master."""
         with self._lock:
             self._registrations.add(registration)
-            self._look()
+            self._poll()
 
     def set_parameter(self, name: str, value: bool | float | str) -> None:
-        """Set a parameter, and again on every new master.
+        """Set a parameter, now and with every new master.
 
         Raises:
             MasterError: The master does not answer.
         """
         with self._lock:
             self._parameters[name] = value
-            self._master.ask("setParam", name, value)
+            self._master.call("setParam", name, value)
 
-    def others(self, role: str, topic: str) -> int:
-        """How many other nodes that are alive publish, or subscribe to, a topic that this node has registered for."""
-        return self._others.get((role, topic), 0)
+    def count_others(self, role: str, topic: str) -> int:
+        """How many other living nodes have a role on a topic for which this node is registered."""
+        return self._counts.get((role, topic), 0)
 
     def stop(self) -> None:
-        """Look no more."""
-        self._stopped.set()
+        """Stop polling."""
+        self._is_stopped.set()
         self._thread.join()
         self._master.close()
 
     def _run(self) -> None:
-        while not self._stopped.wait(LOOK_EVERY):
+        while not self._is_stopped.wait(POLL_PERIOD):
             with self._lock:
-                self._look()
+                self._poll()
 
-    def _look(self) -> None:
-        """Find out who is there, and register what the master does not know."""
+    def _poll(self) -> None:
+        """Ask the master which nodes exist, and register what it does not know."""
         try:
-            publishers, subscribers, _ = self._master.ask("getSystemState")
+            publishers, subscribers, _ = self._master.call("getSystemState")
             known = {
                 (role, topic): nodes
                 for role, state in ((PUBLISHER, publishers), (SUBSCRIBER, subscribers))
@@ -222,30 +222,30 @@ class MasterWatch:
             missing = [one for one in self._registrations if self._node not in known.get((one.role, one.topic), ())]
             if missing and not self._is_replaced():
                 self._register(missing)
-            self._others = self._count(known)
-            self.reached = True
+            self._counts = self._count(known)
+            self.is_reachable = True
         except MasterError:
-            self.reached = False
+            self.is_reachable = False
 
     def _is_replaced(self) -> bool:
-        """Whether another node has taken this one's name, which ROS answers by shutting this one down."""
+        """Whether another node has registered under this node's name; ROS then shuts this one down."""
         try:
-            return bool(self._master.ask("lookupNode", self._node) != self._node_uri)
-        except RefusalError:
+            return bool(self._master.call("lookupNode", self._node) != self._node_uri)
+        except MasterReplyError:
             return False
 
     def _register(self, missing: list[Registration]) -> None:
-        """Tell a new master what the old one knew; publishers first, so that no subscriber loses one."""
+        """Register with a new master; publishers first, so that no subscriber misses one."""
         for name, value in self._parameters.items():
-            self._master.ask("setParam", name, value)
+            self._master.call("setParam", name, value)
         for one in sorted(missing, key=lambda one: one.role):
-            answer = self._master.ask(f"register{one.role}", one.topic, one.type_name, self._node_uri)
-            if one.role == SUBSCRIBER:  # the answer is who publishes; rospy takes that from a master's call alone
-                with ServerProxy(self._node_uri, transport=_Impatient()) as node:
-                    node.publisherUpdate("/master", one.topic, answer)
+            publishers = self._master.call(f"register{one.role}", one.topic, one.type_name, self._node_uri)
+            if one.role == SUBSCRIBER:  # rospy connects only to publishers that its XML-RPC server is told of
+                with ServerProxy(self._node_uri, transport=_TransportWithTimeout()) as node:
+                    node.publisherUpdate("/master", one.topic, publishers)
 
     def _count(self, known: dict[tuple[str, str], list[str]]) -> dict[tuple[str, str], int]:
-        """Who else is there by role and topic, for the topics of this node."""
+        """Number of other living nodes by role and topic, for the topics of this node."""
         topics = {one.topic for one in self._registrations}
         nodes = {
             key: [name for name in names if name != self._node] for key, names in known.items() if key[1] in topics

@@ -10,27 +10,28 @@ from hypothesis import strategies as st
 
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
-from wherry.ros.conversion import (
-    Link,
+from wherry.ros.decoding import (
     MessageError,
-    from_estimate,
-    from_grid,
-    from_laser_scan,
-    from_odometry,
-    from_pose,
-    from_transform,
-    from_twist,
-    links_between,
-    seconds_of,
-    stamp_of,
-    to_grid,
-    to_laser_scan,
-    to_odometry,
-    to_path,
-    to_pose,
-    to_pose_array,
-    to_transform,
-    to_twist,
+    decode_laser_scan,
+    decode_occupancy_grid,
+    decode_odometry,
+    decode_pose,
+    decode_pose_estimate,
+    decode_stamp,
+    decode_transform,
+    decode_twist,
+    transforms_between,
+)
+from wherry.ros.encoding import (
+    encode_laser_scan,
+    encode_occupancy_grid,
+    encode_odometry,
+    encode_path,
+    encode_pose,
+    encode_pose_array,
+    encode_stamp,
+    encode_transform,
+    encode_twist,
 )
 from wherry.ros.nodes.latch import (
     LatchCommand,
@@ -40,40 +41,41 @@ from wherry.ros.nodes.latch import (
     to_latch_command,
     to_latch_state,
 )
+from wherry.ros.transforms import StampedTransform
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
 SCAN = Scan(1.5, np.array([1.0, np.inf, np.nan, 0.01, 2.0]), -math.pi, 0.5, 0.02, 12.0)
-MESSAGE = to_laser_scan(SCAN, "laser")
+MESSAGE = encode_laser_scan(SCAN, "laser")
 poses = st.builds(Pose, st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(-3.1, 3.1))
 
 
 @given(st.integers(0, 2**31 - 1), st.integers(0, 999_999_999))
 def test_stamps_survive(sec: int, nanosec: int) -> None:
-    there = stamp_of(seconds_of(ros.Time(sec, nanosec)))
+    there = encode_stamp(decode_stamp(ros.Time(sec, nanosec)))
     assert abs((there.sec - sec) * 10**9 + there.nanosec - nanosec) < 500  # float64 has 0.2 µs of today's date
 
 
 def test_stamps_of_ticks_are_exact() -> None:
-    assert stamp_of(0.05) == ros.Time(0, 50_000_000)
-    assert stamp_of(2.9999999999) == ros.Time(3, 0)
+    assert encode_stamp(0.05) == ros.Time(0, 50_000_000)
+    assert encode_stamp(2.9999999999) == ros.Time(3, 0)
 
 
 @pytest.mark.parametrize("stamp", [ros.Time(-1), ros.Time(0, 1_000_000_000)])
 def test_impossible_stamps_are_refused(stamp: ros.Time) -> None:
     with pytest.raises(MessageError, match="stamp"):
-        seconds_of(stamp)
+        decode_stamp(stamp)
 
 
 @given(poses)
 def test_poses_survive(pose: Pose) -> None:
-    there = from_pose(to_pose(pose))
+    there = decode_pose(encode_pose(pose))
     assert (there.x, there.y) == (pose.x, pose.y)
     assert there.theta == pytest.approx(pose.theta, abs=1e-12)
 
 
 def test_headings_are_counter_clockwise_about_z() -> None:
-    quaternion = to_pose(Pose(theta=math.pi / 2)).orientation
+    quaternion = encode_pose(Pose(theta=math.pi / 2)).orientation
     assert (quaternion.x, quaternion.y) == (0.0, 0.0)
     assert quaternion.z == pytest.approx(math.sqrt(0.5))
     assert quaternion.w == pytest.approx(math.sqrt(0.5))
@@ -92,13 +94,15 @@ def test_headings_are_counter_clockwise_about_z() -> None:
 )
 def test_poses_that_cannot_be_are_refused(broken: ros.Pose) -> None:
     with pytest.raises(MessageError):
-        from_pose(broken)
+        decode_pose(broken)
     with pytest.raises(MessageError):
-        from_estimate(ros.PoseWithCovarianceStamped(ros.Header(frame_id="map"), ros.PoseWithCovariance(broken)), "map")
+        decode_pose_estimate(
+            ros.PoseWithCovarianceStamped(ros.Header(frame_id="map"), ros.PoseWithCovariance(broken)), "map"
+        )
 
 
 def test_scans_survive_as_float32() -> None:
-    there = from_laser_scan(MESSAGE, "laser")
+    there = decode_laser_scan(MESSAGE, "laser")
     np.testing.assert_array_equal(there.ranges, SCAN.ranges.astype(np.float32))
     assert (there.time, there.angle_increment, there.range_max) == (1.5, 0.5, 12.0)
     assert MESSAGE.angle_max == pytest.approx(SCAN.angles[-1])
@@ -106,14 +110,14 @@ def test_scans_survive_as_float32() -> None:
 
 def test_what_is_beyond_a_lidars_limits_is_read_as_rep_117_says() -> None:
     message = replace(MESSAGE, ranges=np.array([-np.inf, 13.0, 0.0, np.nan], np.float32))
-    there = from_laser_scan(message, "/laser")
+    there = decode_laser_scan(message, "/laser")
     np.testing.assert_array_equal(there.ranges, [there.range_min, np.inf, 0.0, np.nan])
     assert there.valid.tolist() == [True, False, False, False]
 
 
 def test_a_lidar_that_turns_clockwise_is_turned_around() -> None:
     message = replace(MESSAGE, angle_min=1.0, angle_increment=-0.5, ranges=np.array([1, 2, 3], np.float32))
-    there = from_laser_scan(message, "laser")
+    there = decode_laser_scan(message, "laser")
     assert there.angles.tolist() == [0.0, 0.5, 1.0]
     assert there.ranges.tolist() == [3.0, 2.0, 1.0]
 
@@ -123,13 +127,13 @@ def test_a_lidar_that_turns_clockwise_is_turned_around() -> None:
     [
         ({"header": ros.Header(frame_id="camera")}, "camera"),
         ({"header": ros.Header(ros.Time(-5), "laser")}, "stamp"),
-        ({"angle_min": math.nan}, "no number"),
-        ({"angle_increment": math.inf}, "no number"),
+        ({"angle_min": math.nan}, "not finite"),
+        ({"angle_increment": math.inf}, "not finite"),
         ({"angle_increment": 0.0}, "rad apart"),
         ({"angle_increment": 3.0}, "rad apart"),
         ({"range_min": -1.0}, "ranges from"),
         ({"range_max": 0.0}, "ranges from"),
-        ({"range_max": math.nan}, "no number"),
+        ({"range_max": math.nan}, "not finite"),
         ({"range_max": 1e9}, "ranges from"),
         ({"ranges": np.zeros(0, np.float32)}, "0 beams"),
         ({"ranges": np.zeros(30_000, np.float32), "angle_increment": 1e-5}, "30000 beams"),
@@ -137,18 +141,18 @@ def test_a_lidar_that_turns_clockwise_is_turned_around() -> None:
 )
 def test_scans_that_cannot_be_are_refused(changes: dict[str, object], reason: str) -> None:
     with pytest.raises(MessageError, match=reason):
-        from_laser_scan(replace(MESSAGE, **changes), "laser")
+        decode_laser_scan(replace(MESSAGE, **changes), "laser")
 
 
 def test_odometry_survives() -> None:
     odometry = Odometry(3.25, Pose(1.0, 2.0, 0.5), Velocity(0.3, -0.2))
-    message = to_odometry(odometry, "odom", "base_link", np.zeros(36))
-    there = from_odometry(message, "odom", "base_link")
+    message = encode_odometry(odometry, "odom", "base_link", np.zeros(36))
+    there = decode_odometry(message, "odom", "base_link")
     assert (there.time, there.velocity) == (odometry.time, odometry.velocity)
     assert there.pose.theta == pytest.approx(0.5)
     for frame, child in (("map", "base_link"), ("odom", "base_footprint")):
         with pytest.raises(MessageError, match="instead of"):
-            from_odometry(message, frame, child)
+            decode_odometry(message, frame, child)
 
 
 @pytest.mark.parametrize(
@@ -162,38 +166,38 @@ def test_odometry_survives() -> None:
 )
 def test_speeds_that_cannot_be_are_refused(twist: ros.Twist) -> None:
     with pytest.raises(MessageError, match="speed"):
-        from_twist(twist)
+        decode_twist(twist)
 
 
 @given(st.floats(-10, 10), st.floats(-10, 10))
 def test_velocities_survive(linear: float, angular: float) -> None:
-    assert from_twist(to_twist(Velocity(linear, angular))) == Velocity(linear, angular)
+    assert decode_twist(encode_twist(Velocity(linear, angular))) == Velocity(linear, angular)
 
 
 @given(poses)
 def test_transforms_survive(pose: Pose) -> None:
-    message = to_transform(Link("odom", "base_link", 2.0, pose), z=0.3)
-    there = from_transform(message)
+    message = encode_transform(StampedTransform("odom", "base_link", 2.0, pose), z=0.3)
+    there = decode_transform(message)
     assert (there.parent, there.child, there.time) == ("odom", "base_link", 2.0)
     assert there.pose.distance_to(pose) == 0.0
     assert message.transform.translation.z == 0.3
 
 
 def test_a_lidar_upside_down_is_refused() -> None:
-    message = to_transform(Link("base_link", "laser", 0.0, Pose()))
+    message = encode_transform(StampedTransform("base_link", "laser", 0.0, Pose()))
     message = replace(message, transform=ros.Transform(rotation=ros.Quaternion(1.0, 0.0, 0.0, 0.0)))
     with pytest.raises(MessageError, match="upright"):
-        from_transform(message)
-    assert list(links_between(ros.TFMessage((message,)), "odom", "base_link")) == []  # not looked at
+        decode_transform(message)
+    assert list(transforms_between(ros.TFMessage((message,)), "odom", "base_link")) == []  # not looked at
 
 
 def test_maps_survive_as_free_occupied_or_unknown() -> None:
     probability = np.array([[0.0, 1.0, 0.5], [0.1, 0.9, 0.3]], np.float32)
     grid = OccupancyGrid(probability, 0.05, Pose(-1.0, 2.0, 0.3))
-    message = to_grid(grid, 4.0, "map")
+    message = encode_occupancy_grid(grid, 4.0, "map")
     assert message.data.tolist() == [0, 100, -1, 0, 100, -1]
     assert (message.info.width, message.info.height) == (3, 2)
-    there = from_grid(message, "map")
+    there = decode_occupancy_grid(message, "map")
     np.testing.assert_array_equal(there.occupied, grid.occupied)
     np.testing.assert_array_equal(there.free, grid.free)
     assert there.resolution == 0.05
@@ -205,8 +209,8 @@ def test_maps_survive_as_free_occupied_or_unknown() -> None:
     [
         ({"header": ros.Header(frame_id="odom")}, "odom"),
         ({"data": np.zeros(5, np.int8)}, "5 values"),
-        ({"data": np.full(6, 101, np.int8)}, "per cent"),
-        ({"data": np.full(6, -2, np.int8)}, "per cent"),
+        ({"data": np.full(6, 101, np.int8)}, "percentage"),
+        ({"data": np.full(6, -2, np.int8)}, "percentage"),
         ({"info": ros.MapMetaData(resolution=math.nan, width=3, height=2)}, "cells of nan"),
         ({"info": ros.MapMetaData(resolution=0.0, width=3, height=2)}, "cells of 0"),
         ({"info": ros.MapMetaData(resolution=0.05)}, "0 × 0"),
@@ -214,23 +218,23 @@ def test_maps_survive_as_free_occupied_or_unknown() -> None:
     ],
 )
 def test_maps_that_cannot_be_are_refused(changes: dict[str, object], reason: str) -> None:
-    message = to_grid(OccupancyGrid(np.zeros((2, 3), np.float32), 0.05), 0.0, "map")
+    message = encode_occupancy_grid(OccupancyGrid(np.zeros((2, 3), np.float32), 0.05), 0.0, "map")
     with pytest.raises(MessageError, match=reason):
-        from_grid(replace(message, **changes), "map")
+        decode_occupancy_grid(replace(message, **changes), "map")
 
 
 def test_a_paths_poses_look_ahead() -> None:
-    path = to_path(np.array([[0, 0], [1, 0], [1, 1]], np.float32), 1.0, "map")
-    headings = [from_pose(stamped.pose).theta for stamped in path.poses]
+    path = encode_path(np.array([[0, 0], [1, 0], [1, 1]], np.float32), 1.0, "map")
+    headings = [decode_pose(stamped.pose).theta for stamped in path.poses]
     assert headings == pytest.approx([0.0, math.pi / 2, math.pi / 2])
-    assert len(to_path(np.empty((0, 2)), 1.0, "map").poses) == 0
-    assert from_pose(to_path(np.array([[2.0, 3.0]]), 1.0, "map").poses[0].pose) == Pose(2.0, 3.0, 0.0)
+    assert len(encode_path(np.empty((0, 2)), 1.0, "map").poses) == 0
+    assert decode_pose(encode_path(np.array([[2.0, 3.0]]), 1.0, "map").poses[0].pose) == Pose(2.0, 3.0, 0.0)
 
 
 def test_particles_become_poses() -> None:
-    message = to_pose_array(np.array([[1, 2, 0.5], [3, 4, -0.5]], np.float32), 2.0, "map")
-    assert [from_pose(pose).x for pose in message.poses] == [1.0, 3.0]
-    assert from_pose(message.poses[1]).theta == pytest.approx(-0.5)
+    message = encode_pose_array(np.array([[1, 2, 0.5], [3, 4, -0.5]], np.float32), 2.0, "map")
+    assert [decode_pose(pose).x for pose in message.poses] == [1.0, 3.0]
+    assert decode_pose(message.poses[1]).theta == pytest.approx(-0.5)
 
 
 @pytest.mark.parametrize("close", [True, False])

@@ -1,0 +1,7 @@
+from .grids import DeliveryEnvironment, ObjectEnvironment, TaxiEnvironment
+
+__all__ = [
+    "DeliveryEnvironment",
+    "ObjectEnvironment",
+    "TaxiEnvironment",
+]

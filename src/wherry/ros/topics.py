@@ -1,0 +1,32 @@
+"""Topics of ROS: a name, a message type and how messages are delivered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Generic
+
+from wherry.ros.message_fields import M
+
+
+class QosProfile(Enum):
+    """How the messages of a topic are delivered: a profile of ROS 2's quality of service; ROS 1 only knows latching."""
+
+    SENSOR = "only the newest messages count; subscribers accept best-effort delivery"
+    RELIABLE = "every message is delivered"
+    LATCHED = "every message is delivered, and late subscribers receive the last one"
+
+
+@dataclass(frozen=True, slots=True)
+class Topic(Generic[M]):
+    """A named stream of messages of one type.
+
+    Attributes:
+        name: Absolute name such as "/scan", once `wherry.ros.names` has resolved it.
+        message_type: Class of the messages.
+        qos: How messages are delivered.
+    """
+
+    name: str
+    message_type: type[M]
+    qos: QosProfile = QosProfile.RELIABLE
