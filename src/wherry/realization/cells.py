@@ -89,8 +89,7 @@ def occupied_cells(grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan) -> fr
     """The cells whose centre is occupied on the map, by a box perhaps; walls and obstacles' faces lie on the edges."""
     points = grid.occupied_points()
     cells = frame.cells_at(points)
-    centres = frame.origin.transform((cells + 0.5) * frame.cell_size)
-    is_inner = np.hypot(*(points - centres).T) < frame.cell_size / 3
+    is_inner = np.hypot(*(points - frame.centres(cells)).T) < frame.cell_size / 3
     occupied = {Cell(x, y) for x, y in np.unique(cells[is_inner], axis=0).tolist()}
     return frozenset(cell for cell in occupied if plan.contains(cell))
 

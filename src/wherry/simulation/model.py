@@ -10,7 +10,7 @@ import numpy as np
 from wherry.floorplan.plan import FloorPlan
 from wherry.robot import Body
 from wherry.simulation.drive import WHEEL_RADIUS
-from wherry.simulation.static_geometry import OBSTACLE, WALL, StaticGeometry
+from wherry.simulation.static_geometry import OBSTACLE, WALL, StaticGeometry, world_frame
 from wherry.space.pose import Floats, Pose
 
 TIMESTEP = 0.005  # s
@@ -107,7 +107,7 @@ def _add_building(spec: mujoco.MjSpec, plan: FloorPlan, geometry: StaticGeometry
             name=f"warehouse {cell.x} {cell.y}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=[plan.cell_size / 2, plan.cell_size / 2, 0.001],
-            pos=[(cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size, 0],
+            pos=[*world_frame(plan).centre(cell.x, cell.y), 0],
             contype=0,
             conaffinity=0,
             rgba=COLOURS["warehouse"],

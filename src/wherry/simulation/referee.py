@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, auto
 
 import numpy as np
 
@@ -20,11 +20,11 @@ CELL_MARGIN = 0.1  # cell sizes by which the robot must be inside a cell to have
 
 
 class BoxStatus(Enum):
-    """Whether a box is still to be delivered."""
+    """Progress of a box's delivery."""
 
-    ON_FLOOR = "on the floor"
-    HELD = "held"
-    DELIVERED = "delivered"
+    ON_FLOOR = auto()
+    HELD = auto()
+    DELIVERED = auto()
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,7 @@ from wherry.simulation.lidar import Lidar, LidarSpecification
 from wherry.simulation.model import BODY, BOX_HEIGHT, LIDAR_HEIGHT, TIMESTEP, build_model
 from wherry.simulation.physics import Physics
 from wherry.simulation.referee import BoxStatus, BoxTruth, Referee
-from wherry.simulation.static_geometry import StaticGeometry
-from wherry.space.frame import CellFrame
+from wherry.simulation.static_geometry import StaticGeometry, world_frame
 from wherry.space.pose import Floats, Pose
 
 ODOMETRY_RATE = 20.0  # Hz
@@ -212,11 +211,6 @@ class SimulatedRobot:
     def open_latch(self) -> bool:
         """Open the latch if the robot is over the warehouse; return whether the fork is empty now."""
         return self._simulation.open_latch()
-
-
-def world_frame(plan: FloorPlan) -> CellFrame:
-    """The plan's cells in the world frame, whose origin is the outer corner of cell (0, 0)."""
-    return CellFrame(Pose(), plan.cell_size)
 
 
 def _random_offsets(count: int, rng: np.random.Generator) -> Floats:

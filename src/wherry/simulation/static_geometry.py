@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
 from wherry.kernels import kernel
-from wherry.space.pose import Floats
+from wherry.space.frame import CellFrame
+from wherry.space.pose import Floats, Pose
 
 WALL_THICKNESS = 0.06  # m; a wall is centred on the border between two cells
 FREE, WALL, OBSTACLE = 0, 1, 2
@@ -80,6 +81,11 @@ class StaticGeometry:
         vertical = [(self.xs[x], y0, self.xs[x], y1) for x, y0, y1 in _faces(solid, self.ys)]
         horizontal = [(x0, self.ys[y], x1, self.ys[y]) for y, x0, x1 in _faces(solid.T, self.xs)]
         return np.array(vertical + horizontal, dtype=np.float64).reshape(-1, 4)
+
+
+def world_frame(plan: FloorPlan) -> CellFrame:
+    """The plan's cells in the world frame, whose origin is the outer corner of cell (0, 0)."""
+    return CellFrame(Pose(), plan.cell_size)
 
 
 def clearance(geometry: StaticGeometry, points: Floats) -> Floats:

@@ -28,9 +28,12 @@ class CellFrame:
 
     def centre(self, x: int, y: int) -> Floats:
         """[2] m, map frame: the middle of a cell."""
-        middle = np.array([[(x + 0.5) * self.cell_size, (y + 0.5) * self.cell_size]])
-        point: Floats = self.origin.transform(middle)[0]
+        point: Floats = self.centres(np.array([[x, y]]))[0]
         return point
+
+    def centres(self, cells: NDArray[np.int64]) -> Floats:
+        """[N, 2] m, map frame: the centres of cells [N, 2] (x, y)."""
+        return self.origin.transform((cells + 0.5) * self.cell_size)
 
     def cells_at(self, points: Floats) -> NDArray[np.int64]:
         """The cells that contain points.

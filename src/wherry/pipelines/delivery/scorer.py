@@ -19,7 +19,8 @@ from wherry.pipelines.delivery.score import (
     shortest_delivery,
 )
 from wherry.simulation.referee import BoxStatus
-from wherry.simulation.simulator import Simulation, world_frame
+from wherry.simulation.simulator import Simulation
+from wherry.simulation.static_geometry import world_frame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.trace.records import CellLayout, Record, RobotSnapshot, throttle_snapshots
