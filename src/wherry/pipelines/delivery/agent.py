@@ -22,6 +22,7 @@ from wherry.episodes import GoalAgent, Step, run_episode
 from wherry.errors import InputError
 from wherry.learning.learners import LEARNERS, RuleLearner
 from wherry.learning.rule_files.files import load_rules
+from wherry.oomdp.conditions import Condition
 from wherry.oomdp.objects import State
 from wherry.pipelines.records import learnt_model, perceived_state
 from wherry.realization.mission import SurveyedWorld
@@ -169,8 +170,8 @@ class DeliveryEpisode:
         """Narrate a surprise, a pick-up or a delivery."""
         phase = Phase.LEARN if step.is_learning else Phase.DELIVER
         if step.is_surprise:
-            condition = step.condition.describe(self._learner.domain.term_names)
-            self._say(phase, f"{step.action} had an unexpected outcome where {condition}: I learn from it.")
+            terms = _true_terms(step.condition, self._learner.domain.term_names)
+            self._say(phase, f"{step.action} had an unexpected outcome while {terms}: I learn from it.")
         if step.transition.failed or step.action not in (PICKUP, DROPOFF):
             return
         before = {box.name for box in step.state.of_class("Box")}
@@ -184,6 +185,12 @@ class DeliveryEpisode:
 
     def _say(self, phase: Phase, text: str) -> None:
         self._sink(Narration(self.world.environment.pilot.time, phase, text))
+
+
+def _true_terms(condition: Condition, names: Sequence[str]) -> str:
+    """The terms that are true under a condition cond(s), in words: "touch_N(robot, wall) was true"."""
+    true = [name for name, bit in zip(names, str(condition), strict=True) if bit == "1"]
+    return f"{' and '.join(true) or 'no term'} {'were' if len(true) > 1 else 'was'} true"
 
 
 def _not_held(name: str, state: State) -> int:
