@@ -49,9 +49,9 @@ def deliver(world: str, folder: Path, **settings: object) -> tuple[DeliveryResul
 def boxes_known(records: list[Record]) -> list[set[str]]:
     """The names of the boxes in each state, without repetitions."""
     names = [
-        {thing.name for thing in r.objects if thing.class_name == "Box"}
-        for r in records
-        if isinstance(r, PerceivedState)
+        {item.name for item in record.objects if item.class_name == "Box"}
+        for record in records
+        if isinstance(record, PerceivedState)
     ]
     return [now for before, now in zip([set(), *names], names, strict=False) if now != before]
 
