@@ -1,4 +1,4 @@
-"""How Sphinx builds the site: `./wherry docs`."""
+"""Configuration of Sphinx, which builds the site: `./wherry docs`."""
 
 import re
 from importlib.metadata import version as version_of
@@ -30,14 +30,14 @@ html_theme_options = {"navigation_with_keys": True}
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 
-# Notebooks are run when the site is built; one that fails fails the build.
+# Notebooks are run when the site is built; an error in one fails the build.
 nb_execution_mode = "cache"
 nb_execution_cache_path = "../site/.jupyter_cache"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
 
-# The reference is made from the docstrings; what only a robot or a desktop has is not needed for that.
+# The reference documents the names in the `__all__` of each package; optional dependencies are mocked.
 autosummary_generate = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
@@ -49,28 +49,26 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 napoleon_custom_sections = [("Beyond amcl", "Attributes")]
-suppress_warnings = ["ref.python"]  # a type of the same name in two modules: the page shows the right one
+suppress_warnings = ["ref.python"]  # of types that have the same name in two packages
 
-# The docstrings are plain text: the paper's * and | are signs there, not markup.
-SIGNS_OUTSIDE_CODE = re.compile(r"(``.*?``)|([*|])")
+# Docstrings are plain text, in which * and | are symbols of the paper and not markup.
+SYMBOLS_OUTSIDE_CODE = re.compile(r"(``.*?``)|([*|])")
 
 
-def escape_signs(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Escape * and | wherever they are not code."""
-    lines[:] = [SIGNS_OUTSIDE_CODE.sub(lambda match: match[1] or "\\" + match[2], line) for line in lines]
-    if (
-        what == "property"
-    ):  # "Never: it is sure" is a sentence here; napoleon takes what stands before the colon for a type
+def escape_symbols(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Escape * and | outside code."""
+    lines[:] = [SYMBOLS_OUTSIDE_CODE.sub(lambda match: match[1] or "\\" + match[2], line) for line in lines]
+    if what == "property":  # napoleon would take the part of a sentence before a colon for a type
         app.env.temp_data[name] = list(lines)
 
 
-def keep_sentences(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Give properties their text back as it was."""
+def restore_properties(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Restore the text of properties, which napoleon has parsed."""
     if what == "property":
         lines[:] = app.env.temp_data.pop(name)
 
 
 def setup(app: Sphinx) -> None:
-    """Sphinx calls this when it starts."""
-    app.connect("autodoc-process-docstring", escape_signs, priority=100)  # before the sections are read
-    app.connect("autodoc-process-docstring", keep_sentences, priority=900)
+    """Connect the handlers; called by Sphinx."""
+    app.connect("autodoc-process-docstring", escape_symbols, priority=100)  # before napoleon
+    app.connect("autodoc-process-docstring", restore_properties, priority=900)  # after napoleon

@@ -1,4 +1,4 @@
-"""Make docs/images/page.png: the page of a run, at a telling moment.
+"""Capture docs/images/page.png: the page of a run at one time.
 
     ./wherry deliver --seed 0
     .venv/bin/python docs/images/page.py runs/rooms-seed0 docs/images/page.png --at 762
@@ -18,15 +18,15 @@ from wherry.trace.recordings import find_trace, load_frames
 from wherry.views.web.page import player_page
 
 SIZE = {"width": 1280, "height": 800}
-SETTLING = 2_000  # ms, until what flashed has faded
+FADE_TIME = 2_000  # ms, until highlighted rules have faded
 
 
 def main() -> None:
-    """Open the run's page, go to the moment, and take a picture."""
-    parser = argparse.ArgumentParser(description="A picture of a run's page.")
-    parser.add_argument("run", type=Path, help="the run's folder")
-    parser.add_argument("picture", type=Path, help="the PNG to write")
-    parser.add_argument("--at", type=float, default=762.0, help="s, on the robot's clock")
+    """Open the page of a run, seek, and take a screenshot."""
+    parser = argparse.ArgumentParser(description="Capture the page of a run.")
+    parser.add_argument("run", type=Path, help="folder of the run")
+    parser.add_argument("picture", type=Path, help="PNG file to write")
+    parser.add_argument("--at", type=float, default=762.0, help="time on the robot's clock, s")
     parser.add_argument("--theme", choices=("light", "dark"), default="light")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as tools:
@@ -39,7 +39,7 @@ def main() -> None:
         while not page.evaluate("trace.over"):
             page.wait_for_timeout(50)
         page.evaluate("time => { player.playing = false; player.seek(time) }", arguments.at)
-        page.wait_for_timeout(SETTLING)
+        page.wait_for_timeout(FADE_TIME)
         page.screenshot(path=arguments.picture)
         browser.close()
 

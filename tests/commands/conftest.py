@@ -1,4 +1,4 @@
-"""Calls commands as a shell would, in this process, and tells what they printed."""
+"""A fixture that runs commands in this process and captures their output."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Call = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
-    """Call ``wherry`` with arguments: exit status, standard output, standard error."""
+    """A function that runs ``wherry`` with arguments; exit status, standard output and standard error."""
 
     def called(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["wherry", *map(str, arguments)])

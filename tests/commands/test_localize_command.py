@@ -1,4 +1,4 @@
-"""wherry localize: its table for people, its JSON for programs, and what it says of a beginning off the map."""
+"""wherry localize: its table, its JSON, and its warning about a start off the map."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from wherry.space.pose import Pose
 
 Call = Callable[..., tuple[int, str, str]]
 
-OFF_THE_MAP = "Where the log is taken to begin, the map has no free place; --global looks for it everywhere.\n"
+OFF_THE_MAP = "The map has no free space at the start pose of the log; --global searches the whole map.\n"
 
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    """Six scans in the middle of a room of 4 by 4 m, by a robot that stands still."""
+    """Six scans of a robot that stands still in the middle of a room of 4 by 4 m."""
     angles = np.radians(np.arange(180) - 90.0)
     ranges = 2.0 / np.maximum(np.abs(np.cos(angles)), np.abs(np.sin(angles)))
     beams = " ".join(f"{distance:.3f}" for distance in ranges)
@@ -31,26 +31,26 @@ def log(tmp_path: Path) -> Path:
 
 
 def map_at(folder: Path, x: float) -> Path:
-    """The room, its middle at (x, 0)."""
+    """The map file of the room, with its centre at (x, 0)."""
     probability = np.full((82, 82), 0.02, np.float32)
     probability[[0, -1]] = probability[:, [0, -1]] = 0.98
     return save_map(OccupancyGrid(probability, 0.05, Pose(x - 2.05, -2.05)), folder / "map.yaml")
 
 
-def test_people_get_words_and_programs_get_names(call: Call, log: Path, tmp_path: Path) -> None:
+def test_table_has_words_and_json_has_names(call: Call, log: Path, tmp_path: Path) -> None:
     status, out, err = call("localize", log, "--map", map_at(tmp_path, 0.0), "--json")
     assert status == 0
-    figures = json.loads(out)
-    assert figures["scans"] == 6
-    assert figures["rmse_m"] is None
-    x, y, _ = figures["final_pose"]
+    metrics = json.loads(out)
+    assert metrics["scans"] == 6
+    assert metrics["rmse_m"] is None
+    x, y, _ = metrics["final_pose"]
     assert f"x {x:.2f} m, y {y:.2f} m, heading " in err
     assert "Not measured: position error to the reference.\n" in err
     assert "final_pose" not in err
     assert OFF_THE_MAP not in err
 
 
-def test_a_beginning_off_the_map_is_said(call: Call, log: Path, tmp_path: Path) -> None:
+def test_start_off_the_map_is_reported(call: Call, log: Path, tmp_path: Path) -> None:
     status, out, _ = call("localize", log, "--map", map_at(tmp_path, 30.0))
     assert status == 0
     assert OFF_THE_MAP in out

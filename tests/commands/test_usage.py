@@ -1,4 +1,4 @@
-"""Wrong usage is told in one line, whatever is wrong; shells complete; pipes get no colours."""
+"""Usage errors, help, shell completion and output to pipes."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ Call = Callable[..., tuple[int, str, str]]
         (["--nope"], "wherry: --nope: no such option\n"),
     ],
 )
-def test_wrong_usage_is_told_in_one_line(call: Call, arguments: list[str], line: str) -> None:
+def test_wrong_usage_is_reported_in_one_line(call: Call, arguments: list[str], line: str) -> None:
     status, out, err = call(*arguments)
     assert (status, out) == (2, "")
     assert err.startswith(line)
     assert err.count("\n") == 1
 
 
-def test_no_command_is_a_question_for_help(call: Call) -> None:
+def test_help_is_printed_without_a_command(call: Call) -> None:
     status, out, err = call()
     assert (status, err) == (0, "")
     assert "deliver" in out
 
 
 @pytest.mark.parametrize("group", ["worlds", "export", "ros1", "ros2"])
-def test_a_group_without_a_command_is_a_question_for_help(call: Call, group: str) -> None:
+def test_help_of_a_group_is_printed_without_a_command(call: Call, group: str) -> None:
     status, out, err = call(group)
     assert (status, err) == (0, "")
     assert out.startswith(f"Usage: wherry {group} [OPTIONS] COMMAND")
@@ -61,24 +61,24 @@ def test_shells_complete_commands_and_values() -> None:
     assert offered("wherry learn ta") == ["taxi"]
 
 
-def test_values_to_complete_begin_as_typed() -> None:
+def test_completions_start_with_the_typed_text() -> None:
     assert one_of(("bayes", "doormax", "doormax-letter"))("door") == ["doormax", "doormax-letter"]
 
 
-def test_pipes_get_no_colours_and_quiet_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_pipes_get_no_colours_and_quiet_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     console_for(as_json=False).print("[bold red]loud[/]")
     console_for(as_json=False, quiet=True).print("said")
     console_for(as_json=True).print("[bold]for people[/]")
     assert capsys.readouterr() == ("loud\n", "for people\n")
 
 
-def test_a_path_is_told_whole_and_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_path_is_printed_unwrapped_and_unchanged(capsys: pytest.CaptureFixture[str]) -> None:
     path = f"runs/[bold]{'x' * 100} 17"
     say(console_for(as_json=False), f"Written: {path}")
     assert capsys.readouterr().out == f"Written: {path}\n"
 
 
-def test_every_command_helps() -> None:
+def test_every_command_has_help() -> None:
     for command in app.registered_commands:
         name = command.name or getattr(command.callback, "__name__", "")
         done = CliRunner().invoke(app, [name, "--help"])

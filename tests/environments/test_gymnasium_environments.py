@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 import wherry.environments
 from wherry.domains.taxi import taxi_grid
 from wherry.environments.grids import DeliveryEnvironment, ObjectEnvironment, TaxiEnvironment
-from wherry.environments.observations import Observer
+from wherry.environments.observations import ObservationEncoder
 from wherry.errors import InputError
 from wherry.oomdp.attributes import enumeration, integer, real
 from wherry.oomdp.conditional_models import PerStateModel
@@ -101,7 +101,7 @@ def test_a_box_that_has_left_no_longer_exists() -> None:
     environment = unwrapped("wherry/Delivery-v0", boxes=2)
     observation, _ = environment.reset(seed=0)
     assert [observation[name]["exists"] for name in ("box1", "box2")] == [1, 1]
-    left = environment._observer.observe(environment.state.without("box1"))
+    left = environment._encoder.encode(environment.state.without("box1"))
     assert left["box1"] == {"x": 0, "y": 0, "in_bot": 0, "exists": 0}
     assert left in environment.observation_space
 
@@ -109,16 +109,16 @@ def test_a_box_that_has_left_no_longer_exists() -> None:
 def test_enumerations_and_reals_are_observed() -> None:
     lamp = ObjectClass("Lamp", (enumeration("colour", "red", "green"), real("height", 0, 2)))
     state = State((lamp("lamp", colour="green", height=1.5),))
-    observer = Observer(state)
-    seen = observer.observe(state)
-    assert seen in observer.space
+    encoder = ObservationEncoder(state)
+    seen = encoder.encode(state)
+    assert seen in encoder.space
     assert (seen["lamp"]["colour"], seen["lamp"]["height"].tolist()) == (1, [1.5])
 
 
 def test_what_has_no_bounds_cannot_be_observed() -> None:
     item = ObjectClass("Item", (integer("x"),))
     with pytest.raises(ValueError, match="x needs bounds"):
-        Observer(State((item("item", x=0),)))
+        ObservationEncoder(State((item("item", x=0),)))
 
 
 def test_an_optimal_policy_ends_the_episode_with_the_optimal_return() -> None:

@@ -1,4 +1,4 @@
-"""The paper's figures, made by our own runs."""
+"""The paper's figures, drawn from runs of wherry."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ PARTICLE = re.compile(r'<line class="particle" x1="(\S+)" y1="(\S+)"')
 
 
 @pytest.mark.slow
-def test_every_figure_is_made_and_shown(tmp_path: Path) -> None:
+def test_every_figure_is_drawn_and_linked(tmp_path: Path) -> None:
     images = tmp_path / "images"
     images.mkdir()
-    told: list[tuple[int, int]] = []
-    markdown = reproduce(images, lambda done, total: told.append((done, total)))
+    progress: list[tuple[int, int]] = []
+    markdown = reproduce(images, lambda done, total: progress.append((done, total)))
     assert sorted(path.name for path in images.iterdir()) == sorted(CAPTIONS)
     assert all(f"(images/{name})" in markdown for name in CAPTIONS)
-    assert told == [(done, len(CAPTIONS)) for done in range(len(CAPTIONS))]
+    assert progress == [(done, len(CAPTIONS)) for done in range(len(CAPTIONS))]
     for name in ("fig1a-taxi.png", "fig1b-world.png"):
         assert len(np.unique(np.array(Image.open(io.BytesIO((images / name).read_bytes()))))) > 10
-    # The cloud begins everywhere and ends in one place.
+    # The particles start all over the map and converge to one pose.
     spread = []
     for number in range(3):
         svg = (images / f"fig3-particles-{number}.svg").read_text()

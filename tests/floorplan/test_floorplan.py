@@ -18,16 +18,16 @@ CORRIDOR = FloorPlan("corridor", 7, 1, start=Cell(0, 0), warehouse=frozenset({Ce
 @pytest.mark.parametrize("direction", Direction)
 def test_a_wall_has_one_name_from_both_its_sides(direction: Direction) -> None:
     cell = Cell(3, 5)
-    assert Wall.between(cell, direction) == Wall.between(cell.towards(direction), direction.opposite)
+    assert Wall.between(cell, direction) == Wall.between(cell.neighbour(direction), direction.opposite)
 
 
 def test_steps_are_stopped_by_edges_walls_and_obstacles() -> None:
     plan = FloorPlan(
         "plan", 2, 2, walls=frozenset({Wall.between(Cell(0, 0), Direction.EAST)}), obstacles=frozenset({Cell(0, 1)})
     )
-    stopped = {direction for direction in Direction if plan.blocked(Cell(0, 0), direction)}
+    stopped = {direction for direction in Direction if plan.is_blocked(Cell(0, 0), direction)}
     assert stopped == set(Direction)
-    assert {direction for direction in Direction if not plan.blocked(Cell(1, 0), direction)} == {Direction.NORTH}
+    assert {direction for direction in Direction if not plan.is_blocked(Cell(1, 0), direction)} == {Direction.NORTH}
     assert not plan.is_connected()
 
 
@@ -155,13 +155,13 @@ def test_too_many_or_fewer_than_no_boxes_are_refused() -> None:
 @pytest.mark.parametrize(("width", "height"), [(3, 3), (8, 6), (17, 17), (40, 12), (5, 31)])
 @pytest.mark.parametrize("seed", range(4))
 def test_every_open_cell_of_a_random_world_is_connected(width: int, height: int, seed: int) -> None:
-    plan = generate_world(width, height, np.random.default_rng(seed), obstacle_share=0.08)
+    plan = generate_world(width, height, np.random.default_rng(seed), obstacle_fraction=0.08)
     assert (plan.width, plan.height) == (width, height)
     assert plan.is_connected()
     assert len(plan.warehouse) == 4
     assert plan.start is not None
     assert plan.start not in plan.warehouse | plan.obstacles
-    assert plan == generate_world(width, height, np.random.default_rng(seed), obstacle_share=0.08)
+    assert plan == generate_world(width, height, np.random.default_rng(seed), obstacle_fraction=0.08)
 
 
 def test_a_random_world_has_rooms_and_doorways_of_one_or_two_cells() -> None:
@@ -171,7 +171,9 @@ def test_a_random_world_has_rooms_and_doorways_of_one_or_two_cells() -> None:
     assert plan != generate_world(17, 17, np.random.default_rng(1))
 
 
-@pytest.mark.parametrize("arguments", [{"width": 2}, {"height": 5_000}, {"obstacle_share": 0.9}, {"smallest_room": 0}])
+@pytest.mark.parametrize(
+    "arguments", [{"width": 2}, {"height": 5_000}, {"obstacle_fraction": 0.9}, {"min_room_size": 0}]
+)
 def test_a_random_world_of_no_sense_is_refused(arguments: dict[str, float]) -> None:
     with pytest.raises(InputError):
         generate_world(**{"width": 9, "height": 9, "rng": np.random.default_rng(0), **arguments})  # type: ignore[arg-type]

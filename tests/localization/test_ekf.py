@@ -1,4 +1,4 @@
-"""EKF localization tracks from a known start; from a wrong one it cannot find back."""
+"""EKF localization tracks from a known start, and does not recover from a wrong one."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def test_tracks_from_a_known_start() -> None:
     assert math.sqrt((found**2).mean()) < 0.03
 
 
-def test_cannot_find_back_from_a_wrong_one() -> None:
+def test_does_not_recover_from_a_wrong_start() -> None:
     assert errors(Pose(4.5, 2.1, 2.0))[-1] > 0.5
 
 
-def test_without_readings_it_moves_and_grows_unsure_exactly_as_odometry_says() -> None:
+def test_without_readings_only_the_prediction_step_runs() -> None:
     ekf = EkfLocalization(Building().grid(), LIDAR, AmclParameters(alpha1=0, alpha2=0, alpha3=0.01, alpha4=0))
     ekf.initialize(Pose(1.0, 1.0, math.pi / 2), np.diag([0.0, 0.0, 0.01]))
     blind = Building().scan(0.0, Pose(1.0, 1.0))

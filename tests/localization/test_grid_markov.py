@@ -1,4 +1,4 @@
-"""Grid Markov localization finds the robot's cell from anywhere, and knows no more than that."""
+"""Grid Markov localization finds the robot's cell from a global start, with the resolution of a cell."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def run(filter_: GridMarkov, steps: int) -> np.ndarray:
     )
 
 
-def test_finds_the_robot_from_anywhere() -> None:
+def test_global_localization_converges() -> None:
     found = run(GridMarkov(Building().grid(), LIDAR, PARAMETERS, cell=0.3, headings=36), 250)
     assert np.median(found[-50:]) < 0.2
 
 
-def test_tracks_to_about_a_cell() -> None:
+def test_tracking_is_precise_to_a_cell() -> None:
     markov = GridMarkov(Building().grid(), LIDAR, PARAMETERS, cell=0.3, headings=36)
     markov.initialize(next(iter(drive())), np.diag([0.01, 0.01, 0.01]))
     found = run(markov, 250)
@@ -36,11 +36,11 @@ def test_tracks_to_about_a_cell() -> None:
     assert markov.memory == 4 * 36 * 36 * 36
 
 
-def test_a_motion_of_whole_cells_moves_the_belief_exactly() -> None:
+def test_motion_of_whole_cells_shifts_the_histogram_exactly() -> None:
     exact = replace(PARAMETERS, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
     markov = GridMarkov(Building().grid(origin=Pose()), LIDAR, exact, cell=0.3, headings=36)
     markov._belief[:] = 0.0
-    markov._belief[9, 5, 7] = 1.0  # looking up: 90°
+    markov._belief[9, 5, 7] = 1.0  # heading 90°
     markov._predict(Pose(0.6, 0.0, 0.0))
     assert np.unravel_index(markov._belief.argmax(), markov._belief.shape) == (9, 7, 7)
     assert markov._belief.max() > 0.999

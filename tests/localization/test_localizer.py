@@ -1,4 +1,4 @@
-"""The watched filter starts from anywhere, notices when it is moved away, finds itself, and raises no false alarm."""
+"""The localizer starts globally, detects kidnappings, relocalizes itself, and raises no false alarm."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from wherry.localization.localizer import Localization, Localizer
-from wherry.localization.parameters import PRECISE
+from wherry.localization.parameters import PRECISE_PARAMETERS
 from wherry.robot import Odometry
 from wherry.space.pose import Pose
 from wherry_testing.rooms import LIDAR, Building, drive, wheel_odometry
@@ -23,9 +23,9 @@ def follow(localizer: Localizer, truth: list[Pose], odometry: list[Odometry], se
     return [localizer.update(now, BUILDING.scan(now.time, pose, rng)) for pose, now in pairs]
 
 
-def test_undisturbed_it_is_never_lost() -> None:
+def test_undisturbed_robot_is_never_lost() -> None:
     truth = list(drive())
-    localizer = Localizer(GRID, LIDAR, PRECISE, np.random.default_rng(0))
+    localizer = Localizer(GRID, LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0))
     localizer.initialize(truth[0], CLOSE)
     found = follow(localizer, truth, wheel_odometry(truth, np.random.default_rng(0)))
     assert max(one.lost_probability for one in found) < 0.5
@@ -33,9 +33,9 @@ def test_undisturbed_it_is_never_lost() -> None:
     assert all(one.pose.distance_to(pose) < 0.1 for one, pose in zip(found, truth, strict=True))
 
 
-def test_starts_from_anywhere() -> None:
+def test_global_start_converges() -> None:
     truth = list(drive())[300:500]
-    localizer = Localizer(GRID, LIDAR, PRECISE, np.random.default_rng(0))
+    localizer = Localizer(GRID, LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0))
     localizer.initialize_globally()
     found = follow(localizer, truth, wheel_odometry(truth, np.random.default_rng(0)))
     assert found[0].hypotheses
@@ -43,14 +43,14 @@ def test_starts_from_anywhere() -> None:
     assert found[-1].lost_probability < 0.05
 
 
-def test_a_kidnapped_robot_notices_and_finds_itself() -> None:
-    way = list(drive())
-    truth = way[:100] + way[600:700]  # picked up after 10 s, and put down in another room
-    wheels = wheel_odometry(way[:100], np.random.default_rng(0))
-    resumed = wheel_odometry(way[600:700], np.random.default_rng(1))
+def test_kidnapping_is_detected_and_recovered() -> None:
+    path = list(drive())
+    truth = path[:100] + path[600:700]  # carried to another room after 10 s
+    wheels = wheel_odometry(path[:100], np.random.default_rng(0))
+    resumed = wheel_odometry(path[600:700], np.random.default_rng(1))
     shift = wheels[-1].pose @ resumed[0].pose.inverse
     wheels += [replace(now, time=10.0 + now.time, pose=shift @ now.pose) for now in resumed]
-    localizer = Localizer(GRID, LIDAR, PRECISE, np.random.default_rng(0))
+    localizer = Localizer(GRID, LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0))
     localizer.initialize(truth[0], CLOSE)
     found = follow(localizer, truth, wheels)
     assert max(one.lost_probability for one in found[:100]) < 0.1
@@ -59,11 +59,11 @@ def test_a_kidnapped_robot_notices_and_finds_itself() -> None:
     assert found[-1].lost_probability < 0.05
 
 
-def test_the_same_seed_gives_the_same_bytes() -> None:
+def test_same_seed_gives_same_bytes() -> None:
     truth = list(drive())[300:400]
     runs = []
     for _ in range(2):
-        localizer = Localizer(GRID, LIDAR, PRECISE, np.random.default_rng(7))
+        localizer = Localizer(GRID, LIDAR, PRECISE_PARAMETERS, np.random.default_rng(7))
         localizer.initialize_globally()
         found = follow(localizer, truth, wheel_odometry(truth, np.random.default_rng(0)))
         runs.append(np.array([[*one.pose.as_array(), one.lost_probability] for one in found]).tobytes())

@@ -1,4 +1,4 @@
-"""The motion models move exactly without noise, and spread as table 5.6 says with it."""
+"""The motion models are exact without noise, and have the variances of table 5.6 with it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from wherry.localization.motion import MOTION_MODELS, STANDING
+from wherry.localization.motion import MIN_DIRECTED_TRANSLATION, MOTION_MODELS
 from wherry.localization.parameters import ROBOT_MODELS, AmclParameters
 from wherry.space.pose import Pose
 
@@ -26,8 +26,8 @@ def test_every_named_model_exists() -> None:
 @pytest.mark.parametrize("model", ROBOT_MODELS)
 @settings(deadline=None)  # the first call compiles
 @given(start=poses, motion=poses)
-def test_without_noise_it_is_the_odometry(model: str, start: Pose, motion: Pose) -> None:
-    assume(math.hypot(motion.x, motion.y) > STANDING or motion.x == motion.y == 0.0)
+def test_without_noise_the_particles_follow_the_odometry(model: str, start: Pose, motion: Pose) -> None:
+    assume(math.hypot(motion.x, motion.y) > MIN_DIRECTED_TRANSLATION or motion.x == motion.y == 0.0)
     particles = start.as_array()[None, :].repeat(3, axis=0)
     MOTION_MODELS[model](particles, motion, EXACT, np.ones((3, 3), np.float32))
     expected = start @ motion
@@ -39,22 +39,22 @@ def test_without_noise_it_is_the_odometry(model: str, start: Pose, motion: Pose)
 
 
 def spread(model: str, motion: Pose, parameters: AmclParameters) -> np.ndarray:
-    """[3] variances along, across and of the heading, of 40,000 particles that start at the origin."""
+    """[3] variances of x, y and heading of 40,000 particles that start at the origin."""
     particles = np.zeros((40_000, 3))
     noise = np.random.default_rng(1).standard_normal((40_000, 3)).astype(np.float32)
     MOTION_MODELS[model](particles, motion, parameters, noise)
     return particles.var(axis=0)
 
 
-def test_differential_noise() -> None:
+def test_noise_of_a_differential_drive() -> None:
     p = AmclParameters(alpha1=0.0, alpha2=0.01, alpha3=0.02, alpha4=0.0)
     along, across, heading = spread("differential", Pose(1.0, 0.0, 0.0), p)
     assert along == pytest.approx(0.02, rel=0.05)  # alpha3 · 1² (and the first turn's cosine)
-    assert across == pytest.approx(0.01, rel=0.05)  # alpha2 · 1²: the first turn's error swings the way
+    assert across == pytest.approx(0.01, rel=0.05)  # alpha2 · 1²: the first rotation's error moves it sideways
     assert heading == pytest.approx(0.02, rel=0.05)  # alpha2 for either turn
 
 
-def test_turning_on_the_spot() -> None:
+def test_noise_of_a_turn_on_the_spot() -> None:
     p = AmclParameters(alpha1=0.04, alpha2=0.0, alpha3=0.0, alpha4=0.01)
     along, across, heading = spread("differential", Pose(0.0, 0.0, 0.5), p)
     assert heading == pytest.approx(0.04 * 0.25, rel=0.05)
@@ -62,7 +62,7 @@ def test_turning_on_the_spot() -> None:
     assert across < 1e-9
 
 
-def test_a_turn_slips_sideways() -> None:
+def test_turn_slip_moves_particles_sideways() -> None:
     p = AmclParameters(alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0, turn_slip=0.1)
     particles, noise = np.zeros((40_000, 3)), np.random.default_rng(1).standard_normal((40_000, 4)).astype(np.float32)
     MOTION_MODELS["differential"](particles, Pose(0.0, 0.0, 0.5), p, noise)
@@ -71,12 +71,12 @@ def test_a_turn_slips_sideways() -> None:
     assert max(along, heading) < 1e-9
 
 
-def test_backwards_is_no_worse_than_forwards() -> None:
+def test_driving_backwards_is_as_precise_as_forwards() -> None:
     p = AmclParameters(alpha1=0.1, alpha2=0.0, alpha3=0.0, alpha4=0.0)
     np.testing.assert_allclose(spread("differential", Pose(-1.0, 0.0, 0.0), p), 0.0, atol=1e-9)
 
 
-def test_omnidirectional_noise() -> None:
+def test_noise_of_an_omnidirectional_drive() -> None:
     p = AmclParameters(alpha1=0.0, alpha2=0.03, alpha3=0.02, alpha4=0.0, alpha5=0.05)
     along, across, heading = spread("omnidirectional", Pose(0.0, 1.0, 0.0), p)
     assert along == pytest.approx(0.05, rel=0.05)  # driving to the left, alpha5 shows along x

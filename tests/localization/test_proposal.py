@@ -1,4 +1,4 @@
-"""Particles drawn around a match are where the scan fits, and their weights leave the belief what it was."""
+"""Particles drawn around a match have a high likelihood, and importance weights leave the posterior unchanged."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from wherry.localization.amcl import Amcl
-from wherry.localization.parameters import PRECISE, AmclParameters
+from wherry.localization.parameters import PRECISE_PARAMETERS, AmclParameters
 from wherry.localization.proposal import draw_around_match
-from wherry.localization.resampling import tempering
-from wherry.localization.sensor import choose_beams
+from wherry.localization.resampling import tempering_exponent
+from wherry.localization.sensor import valid_beams
 from wherry.robot import Odometry, Velocity
 from wherry.space.distance_field import DistanceField
 from wherry.space.pose import Pose
@@ -23,24 +23,24 @@ TRUTH = Pose(4.5, 2.0, 0.4)
 WIDE = np.diag([0.3**2, 0.3**2, 0.2**2])
 
 
-def test_it_is_fair() -> None:
+def test_weighted_mean_is_unchanged() -> None:
     rng = np.random.default_rng(0)
     mean = TRUTH.as_array() + np.array([0.2, -0.1, 0.1])
     particles = rng.multivariate_normal(mean, WIDE, 20_000)
-    ends = choose_beams(Building().scan(0.0, TRUTH), LIDAR, AmclParameters()).ends
+    ends = valid_beams(Building().scan(0.0, TRUTH), LIDAR, AmclParameters()).evenly_spaced(60).ends
     field = DistanceField.of(GRID, 2.0)
-    moved, log_weights = draw_around_match(particles, TRUTH, field, ends, 0.2, 4.0, rng)
-    assert len(moved) == 4000
-    np.testing.assert_allclose(particles[moved].mean(axis=0), TRUTH.as_array(), atol=0.05)
-    weights = np.exp(log_weights)
+    proposal = draw_around_match(particles, TRUTH, field, ends, 0.2, 4.0, rng)
+    assert len(proposal.redrawn) == 4000
+    np.testing.assert_allclose(proposal.poses[proposal.redrawn].mean(axis=0), TRUTH.as_array(), atol=0.05)
+    weights = np.exp(proposal.log_weights)
     assert weights.mean() == pytest.approx(1.0, abs=0.03)
-    np.testing.assert_allclose(weights @ particles / weights.sum(), mean, atol=0.02)
-    assert weights.max() < 1.3  # no particle can outweigh all others
+    np.testing.assert_allclose(weights @ proposal.poses / weights.sum(), mean, atol=0.02)
+    assert weights.max() < 1.3  # no particle dominates
 
 
-def test_one_long_motion_with_rough_odometry_is_no_problem() -> None:
+def test_long_motion_with_noisy_odometry_is_tracked() -> None:
     rng = np.random.default_rng(1)
-    start, parameters = Pose(4.5, 0.8, 1.2), replace(PRECISE, alpha1=0.1, alpha2=0.1, alpha3=0.1, alpha4=0.1)
+    start, parameters = Pose(4.5, 0.8, 1.2), replace(PRECISE_PARAMETERS, alpha1=0.1, alpha2=0.1, alpha3=0.1, alpha4=0.1)
     amcl = Amcl(GRID, LIDAR, parameters, rng)
     amcl.initialize(start, np.diag([0.01, 0.01, 0.01]))
     amcl.update(Odometry(0.0, Pose(), Velocity()), Building().scan(0.0, start, rng))
@@ -50,11 +50,11 @@ def test_one_long_motion_with_rough_odometry_is_no_problem() -> None:
     assert found.pose.distance_to(goal) < 0.05
 
 
-def test_tempering_keeps_as_many_particles_alive_as_asked() -> None:
+def test_tempering_keeps_the_effective_sample_size() -> None:
     rng = np.random.default_rng(0)
     even, increments = np.full(1000, -math.log(1000)), rng.normal(0.0, 5.0, 1000)
-    exponent = tempering(even, increments, 300.0)
+    exponent = tempering_exponent(even, increments, 300.0)
     weights = np.exp(exponent * increments)
     assert 0.0 < exponent < 1.0
     assert weights.sum() ** 2 / (weights @ weights) == pytest.approx(300.0, rel=0.02)
-    assert tempering(even, 0.1 * increments, 300.0) == 1.0
+    assert tempering_exponent(even, 0.1 * increments, 300.0) == 1.0

@@ -1,41 +1,27 @@
-"""Real robots in real buildings: half of the Intel log on the map of the other half, and Wean Hall from anywhere."""
+"""Real robots: half of the Intel log on the map of the other half."""
 
 from __future__ import annotations
 
-import os
 from functools import cache
-from pathlib import Path
 
 import numpy as np
-import pytest
 
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.relocalization import Relocalizer
 from wherry.logs.carmen import LidarLog, read_log, read_rows
-from wherry.pipelines.logs.localization import Settings, prepare
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-
-
-def data(name: str) -> Path:
-    folder = Path(os.environ.get("WHERRY_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
-    path = folder / name
-    if not path.exists():
-        if os.environ.get("CI") == "true":
-            pytest.fail(f"{path} is missing; set WHERRY_DATA")
-        pytest.skip(f"{path} is missing; set WHERRY_DATA")
-    return path
+from wherry_testing.buildings import shared_data
 
 
 @cache
 def intel() -> tuple[LidarLog, list[Pose], OccupancyGrid]:
-    """The log, its reference poses, and the map that every second scan draws from there."""
-    log = read_log(data("intel/intel_910_rawodom.clf.gz"))
-    poses = [
-        Pose.from_array(row[1:]) for row in read_rows(data("intel/intel_910_gfs_corrected_tum.txt.gz"), widths=(4,))
-    ]
+    """The log, its reference poses, and the map of every second scan at these poses."""
+    log = read_log(shared_data("intel/intel_910_rawodom.clf.gz"))
+    rows = read_rows(shared_data("intel/intel_910_gfs_corrected_tum.txt.gz"), widths=(4,))
+    poses = [Pose.from_array(row[1:]) for row in rows]
     mapper = GridMapper(0.05)
     for scan, pose in zip(log.scans[::2], poses[::2], strict=True):
         lidar = pose @ log.lidar
@@ -44,7 +30,7 @@ def intel() -> tuple[LidarLog, list[Pose], OccupancyGrid]:
     return log, poses, mapper.grid()
 
 
-def test_one_scan_finds_the_robot_in_the_intel_lab() -> None:
+def test_one_scan_relocalizes_the_robot_in_the_intel_lab() -> None:
     log, poses, grid = intel()
     relocalizer = Relocalizer(grid, log.lidar)
     chosen = range(1, 910, 18)
@@ -66,15 +52,3 @@ def test_tracking_in_the_intel_lab_with_raw_odometry() -> None:
         errors.append(localizer.update(odometry, log.scans[i]).pose.distance_to(poses[i]))
     assert np.median(errors) < 0.03
     assert max(errors) < 1.0
-
-
-def test_wean_hall_from_anywhere() -> None:
-    log, plan = data("wean/robotdata3.log.gz"), data("wean/wean.dat.gz")
-    finals = []
-    for seed in range(2):
-        run = prepare(Settings(log, plan, everywhere=True, seed=seed))
-        for _ in run.steps():
-            pass
-        finals.append(run.result().final_pose)
-    assert np.hypot(finals[0][0] - 39.9, finals[0][1] - 39.7) < 0.5  # beside where the log begins
-    assert np.hypot(finals[0][0] - finals[1][0], finals[0][1] - finals[1][1]) < 0.5

@@ -9,7 +9,7 @@ import pytest
 
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.refinement import agrees, match_scan
-from wherry.localization.sensor import choose_beams
+from wherry.localization.sensor import valid_beams
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
@@ -28,7 +28,7 @@ def test_finds_the_true_pose(origin: Pose) -> None:
     # Turned by 0.9 rad only part of the building fits the grid: the beams that leave it must not matter.
     field = fine_map(origin)
     truth = Pose(4.5, 2.0, 0.4)
-    ends = choose_beams(Building().scan(0.0, truth), LIDAR, AmclParameters(), 360).ends
+    ends = valid_beams(Building().scan(0.0, truth), LIDAR, AmclParameters()).ends
     prior = Pose(4.56, 1.93, 0.36)
     match = match_scan(field, ends, prior, PRIOR, 0.05)
     assert match.accepted

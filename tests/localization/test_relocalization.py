@@ -11,7 +11,7 @@ from wherry.localization.relocalization import Relocalizer, _bordered, _branch_a
 from wherry.robot import Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose, wrap
-from wherry_testing.rooms import LIDAR, THICK, Building, drive
+from wherry_testing.rooms import LIDAR, WALL_THICKNESS, Building, drive
 
 RELOCALIZER = Relocalizer(Building().grid(), LIDAR)
 
@@ -99,7 +99,7 @@ def test_finds_it_on_a_turned_map() -> None:
 
 
 def test_two_equal_rooms_are_two_hypotheses() -> None:
-    half = THICK / 2
+    half = WALL_THICKNESS / 2
     walls = [(x - half, 0.0, x + half, 4.0) for x in (0.0, 4.0, 4.8, 8.8)]
     walls += [(x, y - half, x + 4.0, y + half) for x in (0.0, 4.8) for y in (0.0, 4.0)]
     walls += [(x, 1.0, x + 0.5, 1.3) for x in (0.6, 5.4)]  # something that tells the directions apart
@@ -140,4 +140,4 @@ def test_an_earlier_scan_confirms_a_place_although_the_wheels_are_wrong_by_a_ten
     reported = Pose(1.1 * true.x, 1.1 * true.y, true.theta + 0.15)
     ends = LIDAR.transform(building.scan(0.0, earlier).points())
     (confirmed,) = RELOCALIZER.confirm([found], [(reported, ends)])
-    assert confirmed.agreement.explained > 0.95
+    assert confirmed.agreement.inlier_fraction > 0.95

@@ -1,15 +1,14 @@
-"""The sensor models give the numbers that their formulas give, particle by particle and beam by beam."""
+"""The sensor models compute their formulas for every particle and beam."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from wherry.localization.parameters import LASER_MODELS, AmclParameters
-from wherry.localization.sensor import SENSOR_MODELS, Beams, choose_beams, trace_ray
+from wherry.localization.sensor import SENSOR_MODELS, Beams, trace_ray, valid_beams
 from wherry.robot import Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
@@ -27,17 +26,17 @@ def scan_of(ranges: list[float]) -> Scan:
     return Scan(0.0, np.array(ranges), 0.0, 0.1, 0.1, 10.0)
 
 
-def test_only_readings_become_beams() -> None:
+def test_invalid_readings_are_dropped() -> None:
     scan = scan_of([math.nan, math.inf, -math.inf, -1.0, 0.0, 0.05, 1.0, 2.0, 10.0, 11.0])
-    np.testing.assert_allclose(choose_beams(scan, Pose(), PARAMETERS).ranges, [1.0, 2.0])
+    np.testing.assert_allclose(valid_beams(scan, Pose(), PARAMETERS).ranges, [1.0, 2.0])
     limits = AmclParameters(laser_min_range=1.5, laser_max_range=5.0)
-    np.testing.assert_allclose(choose_beams(scan, Pose(), limits).ranges, [2.0])
-    assert len(choose_beams(scan_of([math.nan] * 5), Pose(), PARAMETERS)) == 0
+    np.testing.assert_allclose(valid_beams(scan, Pose(), limits).ranges, [2.0])
+    assert len(valid_beams(scan_of([math.nan] * 5), Pose(), PARAMETERS)) == 0
 
 
-def test_beams_are_spread_evenly_and_seen_from_the_base() -> None:
+def test_evenly_spaced_beams_are_in_the_base_frame() -> None:
     scan = Scan(0.0, np.ones(181), -math.pi / 2, math.pi / 180, 0.1, 10.0)
-    beams = choose_beams(scan, Pose(0.2, 0.0, math.pi / 2), replace(PARAMETERS, max_beams=3))
+    beams = valid_beams(scan, Pose(0.2, 0.0, math.pi / 2), PARAMETERS).evenly_spaced(3)
     np.testing.assert_allclose(beams.ends, [[1.2, 0.0], [0.2, 1.0], [-0.8, 0.0]], atol=1e-12)
 
 
@@ -48,7 +47,7 @@ def one_wall(origin: Pose = Pose()) -> DistanceField:  # noqa: B008
 
 
 @pytest.mark.parametrize("origin", [Pose(), Pose(-3.0, 5.0, 0.7)])
-def test_likelihood_field_is_the_formula(origin: Pose) -> None:
+def test_likelihood_field_computes_its_formula(origin: Pose) -> None:
     field = one_wall(origin)
     rng = np.random.default_rng(0)
     ends = rng.uniform(-4.0, 4.0, (7, 2))
@@ -63,7 +62,7 @@ def test_likelihood_field_is_the_formula(origin: Pose) -> None:
         assert found == pytest.approx(0.5 + np.log(p).sum(), abs=1e-4)
 
 
-def test_beam_skipping_ignores_what_hardly_any_particle_explains() -> None:
+def test_beam_skipping_drops_beams_that_agree_with_few_particles() -> None:
     field = one_wall()
     particles = np.array([[5.05, 5.05, 0.0]]).repeat(10, axis=0)
     wall, box = [3.0, 0.0], [0.5, 0.0]
@@ -81,7 +80,7 @@ def test_beam_skipping_ignores_what_hardly_any_particle_explains() -> None:
     np.testing.assert_allclose(weigh(skipping, [box] * 10), weigh(plain, [box] * 10))
 
 
-def test_rays_stop_at_the_first_obstacle() -> None:
+def test_rays_end_at_the_first_obstacle() -> None:
     field = one_wall()
     for angle in np.linspace(-1.0, 1.0, 41):
         length = trace_ray(field.distance, 0.1, 20.5, 50.5, math.cos(angle), math.sin(angle), 12.0)
@@ -90,13 +89,13 @@ def test_rays_stop_at_the_first_obstacle() -> None:
     assert trace_ray(field.distance, 0.1, 20.5, 50.5, -1.0, 0.0, 12.0) == 12.0
 
 
-def test_beam_model_prefers_the_true_place() -> None:
+def test_beam_model_prefers_the_true_pose() -> None:
     building = Building()
     grid = building.grid()
     parameters = AmclParameters(laser_model_type="beam", sigma_hit=0.1)
     model = SENSOR_MODELS["beam"](DistanceField.of(grid, 2.0), parameters)
     truth = Pose(4.5, 2.0, 0.4)
-    beams = choose_beams(building.scan(0.0, truth), LIDAR, parameters)
+    beams = valid_beams(building.scan(0.0, truth), LIDAR, parameters).evenly_spaced(60)
     offsets = [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.0, -0.3, 0.0), (0.0, 0.0, 0.2), (1.0, 1.0, 1.0)]
     log_weights = np.zeros(len(offsets))
     model.add_log_likelihood(truth.as_array() + np.array(offsets), beams, log_weights)

@@ -1,4 +1,4 @@
-"""What is told of a log that is gone through, and of a learner on a grid."""
+"""Trace records of a log that is mapped or localized, and of a learner on a grid."""
 
 from __future__ import annotations
 
@@ -35,61 +35,61 @@ def log() -> LidarLog:
     return LidarLog(scans, odometry, Trajectory(np.array([1000.0]), np.zeros((1, 3))), LIDAR, ())
 
 
-def test_times_count_from_the_first_scan_and_points_lie_in_the_map() -> None:
-    told: list[Record] = []
-    trace = LogTrace("localize", "walk.log", log(), told.append)
+def test_times_count_from_the_first_scan_and_points_are_in_the_map_frame() -> None:
+    records: list[Record] = []
+    trace = LogTrace("localize", "walk.log", log(), records.append)
     grid = OccupancyGrid(np.full((2, 2), 0.5, np.float32), 0.1)
     trace.map(grid)
     trace.scan(1, Pose(1.0, 2.0, np.pi / 2), np.array([[1.0, 2.0, 0.5]]))
-    assert [type(record) for record in told] == [RunStarted, Narration, MapUpdate, RobotSnapshot]
-    seen = told[-1]
+    assert [type(record) for record in records] == [RunStarted, Narration, MapUpdate, RobotSnapshot]
+    seen = records[-1]
     assert isinstance(seen, RobotSnapshot)
     assert seen.time == 1.5
     np.testing.assert_allclose(seen.points, [[1.0, 4.1]], atol=1e-6)
     np.testing.assert_allclose(seen.particles, [[1.0, 2.0, 0.5]])
-    assert isinstance(told[2], MapUpdate)
-    assert told[2].grid is grid
+    assert isinstance(records[2], MapUpdate)
+    assert records[2].grid is grid
 
 
-def test_doubt_is_said_once_and_so_is_its_end() -> None:
-    told: list[Record] = []
-    trace = LogTrace("localize", "walk.log", log(), told.append)
+def test_getting_lost_and_localized_again_is_narrated_once_each() -> None:
+    records: list[Record] = []
+    trace = LogTrace("localize", "walk.log", log(), records.append)
     for probability in (0.1, 0.6, 0.9, 0.2, 0.1):
-        trace.doubt(1, probability)
-    assert [record.text for record in told[2:] if isinstance(record, Narration)] == [
+        trace.lost_probability(1, probability)
+    assert [record.text for record in records[2:] if isinstance(record, Narration)] == [
         "I no longer know where I am.",
         "Now I know where I am.",
     ]
 
 
-def test_loops_are_counted_when_more_were_tried() -> None:
-    told: list[Record] = []
-    trace = LogTrace("map", "walk.log", log(), told.append)
-    tried = [closure(""), closure("response 0.3"), closure("")]
+def test_loop_closures_are_narrated_when_their_number_changes() -> None:
+    records: list[Record] = []
+    trace = LogTrace("map", "walk.log", log(), records.append)
+    candidates = [closure(""), closure("response 0.3"), closure("")]
     for count in (0, 2, 2, 3):
-        trace.closures(1, tried[:count])
-    assert [record.text for record in told[2:] if isinstance(record, Narration)] == [
-        "Loops so far: 1 closed, 1 refused.",
-        "Loops so far: 2 closed, 1 refused.",
+        trace.loop_closures(1, candidates[:count])
+    assert [record.text for record in records[2:] if isinstance(record, Narration)] == [
+        "Loop closures so far: 1 accepted, 1 rejected.",
+        "Loop closures so far: 2 accepted, 1 rejected.",
     ]
 
 
 def closure(refused: str) -> Closure:
-    """A loop that was tried."""
+    """A candidate loop closure, rejected for a reason unless that is empty."""
     return Closure(1000.0, 1, 0, Pose(), np.eye(3), 0.5, 0.0, 1.0, refused)
 
 
 @pytest.fixture(scope="module")
 def learning() -> list[Record]:
-    told: list[Record] = []
+    records: list[Record] = []
     experiment = TaxiExperiment(Settings(learner="doormax", repetitions=2, seed=0))
-    experiment.watch = told.append
+    experiment.watch = records.append
     steps = [repetition.steps for repetition in experiment.repetitions()]
-    assert sum(isinstance(record, StepTaken) for record in told) == steps[0]  # the first one alone
-    return told
+    assert sum(isinstance(record, StepTaken) for record in records) == steps[0]  # the first one alone
+    return records
 
 
-def test_a_learner_on_a_grid_is_told_from_knowing_nothing(learning: list[Record]) -> None:
+def test_trace_of_a_learner_on_a_grid_starts_without_rules(learning: list[Record]) -> None:
     assert isinstance(learning[0], RunStarted)
     assert learning[0].terms[0] == "touch_N(taxi, wall)"
     assert sum(isinstance(record, CellLayout) for record in learning) == 1
@@ -100,7 +100,7 @@ def test_a_learner_on_a_grid_is_told_from_knowing_nothing(learning: list[Record]
     assert sum(isinstance(record, PerceivedState) for record in learning) == len(steps)
 
 
-def test_rules_are_told_when_they_change_and_the_last_are_the_true_ones(learning: list[Record]) -> None:
+def test_rules_are_emitted_when_they_change_and_end_with_the_true_ones(learning: list[Record]) -> None:
     learnt = [record for record in learning if isinstance(record, LearntModel)]
     assert len({record.rules for record in learnt}) > 5
     rules = {(rule.action, rule.condition, rule.effect) for rule in learnt[-1].rules}

@@ -1,4 +1,4 @@
-"""A recorded robot, mapped and localized again, from either generation's bag."""
+"""Replay of a bag of ROS 1 or ROS 2: mapping, and localization on the map."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from wherry.cli import app
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
-from wherry.pipelines.logs.replay import Settings, prepare
+from wherry.pipelines.logs.replay import ReplaySettings, prepare
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros.bags.reading import read_bag
 from wherry.ros.bags.run_recorder import RunRecorder
@@ -26,7 +26,7 @@ SCANS = 200
 
 @pytest.fixture(scope="module")
 def ride(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
-    """A folder with run.bag, run.mcap and run of the same ride, and where it truly ended as seen from its start."""
+    """A folder with run.bag, run.mcap and run of the same drive, and its true end pose relative to its start."""
     folder = tmp_path_factory.mktemp("ride")
     simulation = build(find_world("small"), np.random.default_rng(0))
     start = simulation.referee.pose
@@ -37,7 +37,7 @@ def ride(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
     while simulation.time < 20.0:
         robot.receive()
         robot.command(Velocity(0.2, -0.25) if simulation.time < 10.0 else Velocity(0.0, 0.4))
-    assert not simulation.referee.collisions  # wheels that slip at a wall are another matter
+    assert not simulation.referee.collisions  # a collision would make the wheels slip
     for bag in bags:
         bag.close()
     return folder, simulation.referee.pose.relative_to(start)
@@ -51,39 +51,39 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-def test_a_bag_is_mapped_and_localized_on_its_map(ride: tuple[Path, Pose], tmp_path: Path) -> None:
+def test_bag_is_mapped_and_localized_on_its_map(ride: tuple[Path, Pose], tmp_path: Path) -> None:
     folder, truth = ride
     result = run("replay", str(folder / "run.bag"), "--out", str(tmp_path / "out"), "--json", "--seed", "3")
     assert result.exit_code == 0, result.output
-    figures = json.loads(result.stdout.splitlines()[-1])
-    assert figures["mapping"]["scans"] == figures["localization"]["scans"] == SCANS
-    assert figures["localization"]["rmse_m"] < 0.05  # from mapping's own trajectory
-    assert np.hypot(*np.subtract(figures["localization"]["final_pose"][:2], (truth.x, truth.y))) < 0.05
-    assert figures["localization"]["lost_fraction"] < 0.05
+    metrics = json.loads(result.stdout.splitlines()[-1])
+    assert metrics["mapping"]["scans"] == metrics["localization"]["scans"] == SCANS
+    assert metrics["localization"]["rmse_m"] < 0.05  # against mapping's own trajectory
+    assert np.hypot(*np.subtract(metrics["localization"]["final_pose"][:2], (truth.x, truth.y))) < 0.05
+    assert metrics["localization"]["lost_fraction"] < 0.05
     names = set(files_of(tmp_path / "out"))
     assert names >= {"mapping/map.yaml", "mapping/map.png", "mapping/trajectory.tum", "localization/localization.png"}
 
 
-def test_both_generations_and_both_runs_give_the_same_bytes(ride: tuple[Path, Pose], tmp_path: Path) -> None:
+def test_all_bag_formats_give_the_same_bytes(ride: tuple[Path, Pose], tmp_path: Path) -> None:
     folder, _ = ride
     for out, bag in (("one", "run.bag"), ("two", "run.mcap"), ("three", "run")):
         assert run("replay", str(folder / bag), "--out", str(tmp_path / out), "-q").exit_code == 0
     assert files_of(tmp_path / "one") == files_of(tmp_path / "two") == files_of(tmp_path / "three")
 
 
-def test_on_a_given_map_only_localization_runs(ride: tuple[Path, Pose], tmp_path: Path) -> None:
+def test_with_a_map_only_localization_runs(ride: tuple[Path, Pose], tmp_path: Path) -> None:
     folder, _ = ride
     assert run("replay", str(folder / "run"), "--out", str(tmp_path / "first"), "-q").exit_code == 0
     map_file = tmp_path / "first" / "mapping" / "map.yaml"
     result = run("replay", str(folder / "run"), "--map", str(map_file), "--out", str(tmp_path / "second"), "--json")
-    figures = json.loads(result.stdout.splitlines()[-1])
-    assert figures["mapping"] is None
-    assert figures["localization"]["scans"] == SCANS
+    metrics = json.loads(result.stdout.splitlines()[-1])
+    assert metrics["mapping"] is None
+    assert metrics["localization"]["scans"] == SCANS
     assert set(files_of(tmp_path / "second")) == {"localization/localization.png", "localization/trajectory.tum"}
 
 
 @pytest.mark.parametrize("name", ["map.bag", "map.mcap", "map"])
-def test_mapping_is_recorded_with_its_log_and_reads_back(ride: tuple[Path, Pose], tmp_path: Path, name: str) -> None:
+def test_recorded_mapping_contains_its_log(ride: tuple[Path, Pose], tmp_path: Path, name: str) -> None:
     folder, _ = ride
     assert run("map", str(folder / "run"), "--record", str(tmp_path / name), "-q").exit_code == 0
     before, after = read_bag(folder / "run"), read_bag(tmp_path / name)
@@ -94,7 +94,7 @@ def test_mapping_is_recorded_with_its_log_and_reads_back(ride: tuple[Path, Pose]
     assert after.lidar == before.lidar
 
 
-def test_localization_is_recorded_with_its_particles(ride: tuple[Path, Pose], tmp_path: Path) -> None:
+def test_recorded_localization_contains_its_particles(ride: tuple[Path, Pose], tmp_path: Path) -> None:
     from rosbags.highlevel import AnyReader  # noqa: PLC0415
 
     folder, _ = ride
@@ -109,7 +109,7 @@ def test_localization_is_recorded_with_its_particles(ride: tuple[Path, Pose], tm
 
 
 @pytest.mark.slow
-def test_a_delivery_is_recorded_and_replayed(tmp_path: Path) -> None:
+def test_recorded_delivery_is_replayed(tmp_path: Path) -> None:
     record = tmp_path / "run.bag"
     arguments = ("--world", "small", "--boxes", "1", "--seed", "0", "--out", str(tmp_path / "out"), "-q", "--json")
     recorded = json.loads(run("deliver", *arguments, "--record", str(record)).stdout.splitlines()[-1])
@@ -117,15 +117,12 @@ def test_a_delivery_is_recorded_and_replayed(tmp_path: Path) -> None:
     log = read_bag(record)
     assert log.scans[-1].time == pytest.approx(recorded["sim_seconds"], abs=0.1)
     result = run("replay", str(record), "--out", str(tmp_path / "replay"), "--json", "-q")
-    figures = json.loads(result.stdout.splitlines()[-1])
-    assert figures["localization"]["rmse_m"] < 0.05
-    assert figures["localization"]["lost_fraction"] < 0.02
+    metrics = json.loads(result.stdout.splitlines()[-1])
+    assert metrics["localization"]["rmse_m"] < 0.05
+    assert metrics["localization"]["lost_fraction"] < 0.02
 
 
-# ---- what cannot be replayed
-
-
-def without_odometry(path: Path) -> None:
+def write_bag_without_odometry(path: Path) -> None:
     simulation = build(find_world("small"), np.random.default_rng(0))
     with BagWriter(path) as bag:
         recording = RunRecorder(bag)
@@ -135,32 +132,32 @@ def without_odometry(path: Path) -> None:
                 recording.write_measurement(measurement, Pose())
 
 
-def test_what_cannot_be_replayed_is_told(tmp_path: Path) -> None:
+def test_invalid_bags_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "log.txt").write_text("FLASER")
     (tmp_path / "empty").mkdir()
-    without_odometry(tmp_path / "scans.bag")
+    write_bag_without_odometry(tmp_path / "scans.bag")
     for name, reason in (
-        ("log.txt", "is no bag"),
-        ("empty", "is no bag"),
+        ("log.txt", "is not a bag"),
+        ("empty", "is not a bag"),
         ("missing.bag", "No such file"),
         ("scans.bag", "has no odometry"),
     ):
         with pytest.raises(InputError, match=reason):
-            prepare(Settings(tmp_path / name, tmp_path / "out"))
+            prepare(ReplaySettings(tmp_path / name, tmp_path / "out"))
     with pytest.raises(InputError, match="--backend"):
-        prepare(Settings(tmp_path / "scans.bag", tmp_path / "out", backend="magic"))
+        prepare(ReplaySettings(tmp_path / "scans.bag", tmp_path / "out", backend="magic"))
 
 
 @pytest.mark.parametrize("with_map", [False, True])
-def test_parameters_and_maps_that_cannot_be_are_told_before_anything_is_done(
+def test_invalid_parameters_and_maps_are_rejected_before_mapping(
     ride: tuple[Path, Pose], tmp_path: Path, with_map: bool
 ) -> None:
     params = tmp_path / "amcl.yaml"
     params.write_text("max_particles: many")
     map_file = tmp_path / "missing.yaml" if with_map else None
     with pytest.raises(InputError, match=r"amcl\.yaml"):
-        prepare(Settings(ride[0] / "run.bag", tmp_path / "out", map_file, params=params))
+        prepare(ReplaySettings(ride[0] / "run.bag", tmp_path / "out", map_file, params=params))
     if with_map:
         with pytest.raises(InputError, match=r"missing\.yaml"):
-            prepare(Settings(ride[0] / "run.bag", tmp_path / "out", map_file))
+            prepare(ReplaySettings(ride[0] / "run.bag", tmp_path / "out", map_file))
     assert not (tmp_path / "out").exists()

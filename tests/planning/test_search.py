@@ -35,7 +35,7 @@ def shortest(environment: DeterministicMdp, start: State) -> dict[State, int]:
 
 def worlds(count: int) -> list[DeterministicMdp]:
     rng = np.random.default_rng(5)
-    return [delivery_grid(generate_world(6, 5, rng, smallest_room=2), 2) for _ in range(count)]
+    return [delivery_grid(generate_world(6, 5, rng, min_room_size=2), 2) for _ in range(count)]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -42,7 +42,7 @@ def assert_same_passages(read: FloorPlan, frame: CellFrame, plan: FloorPlan, map
         (cell, way)
         for cell, name in names.items()
         for way in Direction
-        if read.blocked(name, turned[way]) != plan.blocked(cell, way)
+        if read.is_blocked(name, turned[way]) != plan.is_blocked(cell, way)
     ]
     assert differing == []
 
@@ -99,7 +99,7 @@ def test_an_exact_scan_shows_the_blocked_directions_of_every_cell(heading: float
         pose = Pose(x, y, heading)
         scan = mask_load(eye.scan(pose, centre(ROOMS, cell) if with_box else None), BODY)
         seen = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, NOTHING, BODY.box_radius)
-        assert seen == {way: ROOMS.blocked(cell, way) for way in seen}, cell
+        assert seen == {way: ROOMS.is_blocked(cell, way) for way in seen}, cell
         missing += len(Direction) - len(seen)
     # Only the direction behind a box in the fork may be unobserved.
     assert missing <= (len(cells) if with_box else 0)
@@ -116,17 +116,17 @@ def test_blocked_directions_are_robust_to_noise_and_pose_errors(with_box: bool) 
         estimated = Pose(x + rng.uniform(-0.01, 0.01), y + rng.uniform(-0.01, 0.01), pose.theta)
         seen = blocked_directions(scan, estimated @ BODY.lidar, cell, frame, BODY.radius, NOTHING, BODY.box_radius)
         observed += len(seen)
-        wrong += sum(blocked != ROOMS.blocked(cell, way) for way, blocked in seen.items())
+        wrong += sum(blocked != ROOMS.is_blocked(cell, way) for way, blocked in seen.items())
     assert observed > 800
     assert wrong == 0
 
 
 def test_a_known_box_in_the_next_cell_is_not_a_wall() -> None:
     plan, cell = find_world("small").with_boxes(()), Cell(2, 3)
-    assert not any(plan.blocked(cell, way) for way in Direction)
+    assert not any(plan.is_blocked(cell, way) for way in Direction)
     eye, frame = Eye(plan), frame_of(plan)
     pose = Pose(*centre(plan, cell), 0.0)
-    boxes = np.array([centre(plan, cell.towards(Direction.NORTH))])
+    boxes = np.array([centre(plan, cell.neighbour(Direction.NORTH))])
     scan = eye.scan(pose, boxes)
     with_boxes = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, boxes, BODY.box_radius)
     without_boxes = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, NOTHING, BODY.box_radius)

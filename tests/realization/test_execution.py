@@ -28,7 +28,7 @@ def make(beside: str = " ") -> tuple[Pilot, KinematicRobot]:
 def go(
     pilot: Pilot, here: Cell, way: Direction, *, docking: bool = False, full: bool = False, held: bool = False
 ) -> bool:
-    home, goal = centre(PLAN, here), centre(PLAN, here.towards(way))
+    home, goal = centre(PLAN, here), centre(PLAN, here.neighbour(way))
     return move_to_cell(pilot, home, goal, docking=docking, fork_full=full, held=held)
 
 
@@ -42,7 +42,7 @@ def off(robot: KinematicRobot, cell: Cell) -> float:
 def test_a_free_move_ends_in_the_centre_of_the_next_cell(way: Direction) -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), way) is True
-    assert off(robot, Cell(1, 2).towards(way)) < 0.015
+    assert off(robot, Cell(1, 2).neighbour(way)) < 0.015
     heading = math.atan2(way.dy, way.dx)  # forwards: the fork leads
     assert abs(math.remainder(robot.pose.theta - heading, math.tau)) < 0.05
 

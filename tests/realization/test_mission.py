@@ -76,9 +76,9 @@ def test_the_map_has_the_true_cells_and_walls(survey: FinishedSurvey) -> None:
     }
     for cell, other in neighbours:
         a, b = true[cell], true[other]
-        mine = next(way for way in Direction if a.towards(way) == b)
-        theirs = next(way for way in Direction if cell.towards(way) == other)
-        assert read.blocked(a, mine) == plan.blocked(cell, theirs), (cell, other)
+        mine = next(way for way in Direction if a.neighbour(way) == b)
+        theirs = next(way for way in Direction if cell.neighbour(way) == other)
+        assert read.is_blocked(a, mine) == plan.is_blocked(cell, theirs), (cell, other)
 
 
 def test_every_box_is_found_in_its_true_cell(survey: FinishedSurvey) -> None:

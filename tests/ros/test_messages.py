@@ -1,3 +1,5 @@
+"""Our message classes against the real definitions of ROS 1 and ROS 2."""
+
 from __future__ import annotations
 
 import pytest
@@ -14,7 +16,7 @@ ROS2_MARKER_FIELDS = {"texture_resource", "texture", "uv_coordinates", "mesh_fil
 
 
 def described(message_type: type[Message]) -> list[tuple[str, str, int | None]]:
-    """Name, kind and length of our fields."""
+    """Name, type and length of the fields of our class."""
 
     def kind(entry: Field) -> str:
         return entry.kind if isinstance(entry.kind, str) else entry.kind.type_name
@@ -23,7 +25,7 @@ def described(message_type: type[Message]) -> list[tuple[str, str, int | None]]:
 
 
 def defined(store: Typestore, type_name: str) -> list[tuple[str, str, int | None]]:
-    """Name, kind and length of the real definition's fields."""
+    """Name, type and length of the fields of the real definition."""
     found = []
     for name, (node, detail) in store.fielddefs[type_name][1]:
         if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
@@ -41,7 +43,7 @@ def test_fields_are_those_of_ros_2(type_name: str, store: Stores) -> None:
 
 
 @pytest.mark.parametrize("type_name", sorted(TYPES.keys() - ROS2_ONLY))
-def test_fields_are_those_of_ros_1_but_for_its_known_differences(type_name: str) -> None:
+def test_fields_are_those_of_ros_1_except_for_known_differences(type_name: str) -> None:
     store = get_typestore(Stores.ROS1_NOETIC)
     store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", "tf2_msgs/msg/TFMessage"))
     ours = [entry for entry in described(TYPES[type_name]) if entry[0] not in ROS2_MARKER_FIELDS]

@@ -1,4 +1,4 @@
-"""What the real rclpy (Jazzy, Fast DDS) hears of our robot, and how it drives it; it is installed for this alone."""
+"""The real rclpy (Jazzy, Fast DDS) receives from our robot and drives it; it is installed for these tests only."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from wherry.ros.names import load_names
 from wherry.ros.transports.ros2 import Ros2Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
+from wherry_testing import worlds
 from wherry_testing.bus import free_domain
-from wherry_testing.worlds import hall
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -36,21 +36,21 @@ GRID = OccupancyGrid(np.array([[0.0, 1.0, 0.5], [0.1, 0.9, 0.3]], np.float32), 0
 
 @pytest.fixture(scope="session")
 def rclpy(request: pytest.FixtureRequest) -> str:
-    """The Python of an environment with rclpy; third-party wheels, never a dependency of ours."""
+    """The Python of an environment with rclpy, from third-party wheels that are not a dependency of wherry."""
     if sys.version_info[:2] != (3, 11) and os.environ.get("CI") != "true":
         pytest.skip("rclpy's wheels are for Python 3.11")
     assert request.config.cache is not None
     folder = request.config.cache.mkdir("rclpy-jazzy")
     python = folder / "bin" / "python"
     with (folder.parent / f"{folder.name}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # tests may run in several processes
+        fcntl.flock(lock, fcntl.LOCK_EX)  # tests run in several processes
         if not (folder / "complete").exists():
             _install(folder, python)
     return str(python)
 
 
 def _install(folder: Path, python: Path) -> None:
-    """Make the environment."""
+    """Create the environment."""
     wheels = [f"ros-jazzy-{name}" for name in WHEELS]
     try:
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True, capture_output=True)
@@ -63,14 +63,14 @@ def _install(folder: Path, python: Path) -> None:
 
 
 def ask(python: str, speed: float, seconds: float, kind: str = "plain") -> dict[str, Any]:
-    """What rclpy hears while it drives."""
+    """Drive the robot with rclpy; return what it received meanwhile."""
     environment = {
         **os.environ,
         "ROS_DOMAIN_ID": str(DOMAIN),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
     }
-    oracle = Path(__file__).with_name("rclpy_oracle.py")
+    oracle = Path(worlds.__file__).with_name("rclpy_oracle.py")
     command = [python, str(oracle), str(speed), str(seconds), kind]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
@@ -80,10 +80,10 @@ def ask(python: str, speed: float, seconds: float, kind: str = "plain") -> dict[
 
 
 class Stage:
-    """A robot and a map on DDS, and all that was said."""
+    """A simulated robot on DDS, with its scans and odometry by stamp, ns."""
 
     def __init__(self, transport: Ros2Transport) -> None:
-        self.simulation = hall()
+        self.simulation = worlds.hall()
         self.scans: dict[int, ros.LaserScan] = {}
         self.odometry: dict[int, ros.Odometry] = {}
         transport.subscribe(TOPICS.scan, lambda message: self.scans.update({_nanoseconds(message.header): message}))
@@ -103,7 +103,7 @@ def stage(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
         node = node_of(stage.simulation, robot, load_names(), 1.0)
         thread = threading.Thread(target=node.run, args=(over.is_set,))
         thread.start()
-        agent.publish(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))  # long before rclpy comes
+        agent.publish(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))  # long before rclpy subscribes
         try:
             yield stage
         finally:
@@ -111,7 +111,7 @@ def stage(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
             thread.join()
 
 
-def test_rclpy_hears_the_right_values_and_drives(rclpy: str, stage: Stage) -> None:
+def test_rclpy_receives_the_values_that_were_sent_and_drives(rclpy: str, stage: Stage) -> None:
     heard = ask(rclpy, 0.25, 3.0)
     compared = 0
     for stamp, ranges in heard["scans"].items():
@@ -137,24 +137,24 @@ def test_rclpy_hears_the_right_values_and_drives(rclpy: str, stage: Stage) -> No
     assert max(speed for _, _, speed in heard["odom"].values()) == pytest.approx(0.25, abs=0.05)
 
 
-def test_rclpy_drives_with_stamps_too(rclpy: str, stage: Stage) -> None:
+def test_rclpy_drives_with_stamped_velocities(rclpy: str, stage: Stage) -> None:
     heard = ask(rclpy, -0.2, 2.0, "stamped")
     assert min(speed for _, _, speed in heard["odom"].values()) == pytest.approx(-0.2, abs=0.05)
     time.sleep(0.6)
     last = stage.odometry[max(stage.odometry)]
-    assert abs(last.twist.twist.linear.x) < 0.02  # it stands once rclpy is gone
+    assert abs(last.twist.twist.linear.x) < 0.02  # the robot stops once rclpy has ended
 
 
-def test_what_the_agent_says_is_understood(rclpy: str, stage: Stage) -> None:
+def test_rclpy_receives_messages_of_the_agent(rclpy: str, stage: Stage) -> None:
     over = threading.Event()
 
-    def say(transport: Ros2Transport) -> None:
+    def publish(transport: Ros2Transport) -> None:
         cloud = encode_pose_array(np.random.default_rng(0).normal(size=(200, 3)), 0.0, "map")
         while not over.wait(0.1):
             transport.publish(TOPICS.particlecloud, cloud)
 
     with Ros2Transport() as agent:
-        thread = threading.Thread(target=say, args=(agent,))
+        thread = threading.Thread(target=publish, args=(agent,))
         thread.start()
         try:
             heard = ask(rclpy, 0.0, 1.0)

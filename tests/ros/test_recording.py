@@ -1,4 +1,4 @@
-"""Bags of both generations: what goes in comes out, others open them, and none is lost or written over in silence."""
+"""Recorded bags of ROS 1 and ROS 2: their contents, other readers, interrupted recordings, recorded transports."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ TOPICS = load_names().topics
 
 
 def drive(robot: Any, seconds: float) -> list[Scan | Odometry]:
-    """Drive in a circle, and return what was measured."""
+    """Drive in a circle; return the measurements."""
     measured = [robot.receive()]
     while measured[-1].time < seconds:
         robot.command(Velocity(0.2, 0.5))
@@ -61,7 +61,7 @@ def drive(robot: Any, seconds: float) -> list[Scan | Odometry]:
 
 
 def record_drive(path: Path, seconds: float = 2.0) -> list[Scan | Odometry]:
-    """A bag of two seconds' driving."""
+    """Record two seconds of driving; return the measurements."""
     simulation = build(find_world("taxi"), np.random.default_rng(0))
     with BagWriter(path) as bag:
         recording = RunRecorder(bag, laser_height=0.15)
@@ -71,29 +71,29 @@ def record_drive(path: Path, seconds: float = 2.0) -> list[Scan | Odometry]:
 
 
 def count(measured: list[Scan | Odometry]) -> int:
-    """How many messages a bag of a drive has: odometry comes with a transform, and a command follows all but one."""
+    """Number of messages in a bag of a drive: one transform per odometry, one command per measurement but the last."""
     both = sum(1 + isinstance(one, Odometry) for one in measured)
     return both + len(measured) - 1 + len(("/tf_static", "/map"))
 
 
 @pytest.fixture(scope="module", params=NAMES)
 def bag_of_a_drive(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Any]]:
-    """A bag, and what was measured while it was recorded."""
+    """A bag and the measurements that were recorded in it."""
     path = tmp_path_factory.mktemp("bags") / request.param
     return path, record_drive(path)
 
 
 def messages(path: Path) -> Iterator[tuple[str, int, Any]]:
-    """Topic, time in ns and message of all that is in a bag, in the order of their times."""
+    """Topic, time in ns, and content of all messages of a bag, in order of time."""
     with AnyReader([path]) as reader:
         for connection, stamp, raw in reader.messages():
             yield connection.topic, stamp, reader.deserialize(raw, connection.msgtype)
 
 
-# ---- what goes in comes out
+# ---- contents
 
 
-def test_a_bag_is_the_log_of_what_was_measured(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
+def test_a_bag_is_read_as_a_log_of_the_measurements(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
     path, measured = bag_of_a_drive
     assert is_bag(path)
     log = read_bag(path)
@@ -110,7 +110,7 @@ def test_a_bag_is_the_log_of_what_was_measured(bag_of_a_drive: tuple[Path, list[
     assert log.skipped == ()
 
 
-def test_every_topic_is_there_by_its_customary_name(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
+def test_topics_have_their_default_names(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
     path, measured = bag_of_a_drive
     counts = Counter(topic for topic, _, _ in messages(path))
     scans, odometry = (sum(isinstance(one, kind) for one in measured) for kind in (Scan, Odometry))
@@ -124,7 +124,9 @@ def test_every_topic_is_there_by_its_customary_name(bag_of_a_drive: tuple[Path, 
     }
 
 
-def test_all_stamps_are_of_one_clock_and_transforms_come_first(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
+def test_stamps_are_times_of_the_robots_clock_and_transforms_precede_scans(
+    bag_of_a_drive: tuple[Path, list[Any]],
+) -> None:
     path, _ = bag_of_a_drive
     latest: dict[str, int] = {}
     for topic, stamp, message in messages(path):
@@ -158,7 +160,7 @@ def example(message_type: type[Message], seed: int) -> Any:
 
 
 def assert_same(found: Any, true: Any, *, ros1: bool) -> None:
-    """Every field of a message, however deep."""
+    """Compare all fields of a message at every depth."""
     if isinstance(true, Message):
         for field in fields_of(type(true)):
             if not (ros1 and field.name in ROS2_ONLY):
@@ -174,7 +176,7 @@ def assert_same(found: Any, true: Any, *, ros1: bool) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_field_of_every_message_survives(tmp_path: Path, name: str) -> None:
+def test_every_field_of_every_message_survives_the_round_trip(tmp_path: Path, name: str) -> None:
     known = {key: kind for key, kind in message_types().items() if not key.startswith("builtin_interfaces")}
     ros1 = name.endswith(".bag")
     if ros1:
@@ -189,7 +191,7 @@ def test_every_field_of_every_message_survives(tmp_path: Path, name: str) -> Non
         assert_same(found[topic], message, ros1=ros1)
 
 
-def test_ros_1s_headers_are_numbered(tmp_path: Path) -> None:
+def test_headers_of_ros1_have_sequence_numbers(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "run.bag") as bag:
         for _ in range(3):
             header = encode_header(1.0, "map")
@@ -199,7 +201,7 @@ def test_ros_1s_headers_are_numbered(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_late_comers_get_what_was_latched(tmp_path: Path, name: str) -> None:
+def test_latched_topics_are_marked(tmp_path: Path, name: str) -> None:
     with BagWriter(tmp_path / name) as bag:
         bag.write(Topic("/map", ros.String, QosProfile.LATCHED), ros.String("m"), 0.0)
         bag.write(Topic("/scan", ros.String, QosProfile.SENSOR), ros.String("s"), 0.0)
@@ -213,7 +215,7 @@ def test_late_comers_get_what_was_latched(tmp_path: Path, name: str) -> None:
         assert (qos["/scan"].durability.name, qos["/scan"].reliability.name) == ("VOLATILE", "BEST_EFFORT")
 
 
-def test_recording_changes_nothing(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
+def test_recording_does_not_change_the_run(bag_of_a_drive: tuple[Path, list[Any]]) -> None:
     simulation = build(find_world("taxi"), np.random.default_rng(0))
     for one, other in zip(drive(simulation.robot, 2.0), bag_of_a_drive[1], strict=True):
         assert type(one) is type(other)
@@ -224,10 +226,10 @@ def test_recording_changes_nothing(bag_of_a_drive: tuple[Path, list[Any]]) -> No
             assert one == other
 
 
-# ---- beliefs
+# ---- estimates
 
 
-def test_what_the_agent_tells_is_recorded(tmp_path: Path) -> None:
+def test_estimates_are_recorded(tmp_path: Path) -> None:
     none = np.empty((0, 2), np.float32)
     cloud = np.array([[1.0, 2.0, 3.1], [1.2, 2.0, -3.1]], np.float32)
     grid = OccupancyGrid(np.array([[0.0, 0.5], [1.0, 0.0]], np.float32), 0.1, Pose(-1.0, 2.0, 0.0))
@@ -241,13 +243,13 @@ def test_what_the_agent_tells_is_recorded(tmp_path: Path) -> None:
         for record in (
             seen,
             MapUpdate(4.0, grid, 0.5, 1.0),
-            MapUpdate(6.0, grid, 0.6, 1.0),  # too soon after the last one
+            MapUpdate(6.0, grid, 0.6, 1.0),  # within MAP_PERIOD of the last one
             MapUpdate(9.5, grid, 0.7, 1.0),
-            MapUpdate(9.6, grid, 1.0, 0.0),  # the last one always counts
+            MapUpdate(9.6, grid, 1.0, 0.0),  # the complete map is always recorded
             StepTaken(
                 10.0, "1", "N", is_learning=True, has_effect=True, unknown_pairs=0, delivered=0, remaining=1, plan=none
             ),
-            Narration(10.0, Phase.DONE, "nothing of ROS"),
+            Narration(10.0, Phase.DONE, "not a ROS message"),
         ):
             recording(record)
     found: dict[str, list[Any]] = {}
@@ -264,12 +266,12 @@ def test_what_the_agent_tells_is_recorded(tmp_path: Path) -> None:
     assert len(found["/particlecloud"][0][1].poses) == 2
     estimate = found["/amcl_pose"][0][1].pose
     assert_allclose(estimate.covariance.reshape(6, 6)[0, 0], 0.01, atol=1e-6)
-    assert_allclose(estimate.covariance.reshape(6, 6)[5, 5], (np.pi - 3.1) ** 2, atol=1e-6)  # across ±π
+    assert_allclose(estimate.covariance.reshape(6, 6)[5, 5], (np.pi - 3.1) ** 2, atol=1e-6)  # across the jump at ±π
     assert len(found["/predicted_path"][0][1].poses) == 2
     assert found["/plan"][0][1].poses == []
 
 
-def test_the_latch_is_recorded(tmp_path: Path) -> None:
+def test_latch_states_are_recorded(tmp_path: Path) -> None:
     simulation = build(find_world("taxi"), np.random.default_rng(0))
     with BagWriter(tmp_path / "run.bag") as bag:
         robot = RunRecorder(bag).robot(simulation.robot)
@@ -281,7 +283,7 @@ def test_the_latch_is_recorded(tmp_path: Path) -> None:
     assert [list(state.position[:1]) for state in states] == [[0.0], [0.0]]
 
 
-def test_a_log_becomes_a_bag_with_what_was_found_out(tmp_path: Path) -> None:
+def test_a_log_is_recorded_with_its_estimates(tmp_path: Path) -> None:
     times = np.array([100.0, 101.0, 102.0, 103.0])
     poses = np.column_stack([np.arange(4.0), np.zeros(4), np.zeros(4)])
     scans = tuple(Scan(t, np.full(5, 2.0), -1.0, 0.5, 0.1, 10.0) for t in (101.0, 102.0))
@@ -299,7 +301,7 @@ def test_a_log_becomes_a_bag_with_what_was_found_out(tmp_path: Path) -> None:
     assert (counts["/particlecloud"], counts["/tf"]) == (1, 6)
 
 
-# ---- others open them
+# ---- other readers
 
 
 def require_rosbag() -> None:
@@ -309,7 +311,7 @@ def require_rosbag() -> None:
         pytest.skip("rosbag is not installed: apt install python3-rosbag")
 
 
-def test_debians_rosbag_opens_ours(tmp_path: Path) -> None:
+def test_debians_rosbag_reads_our_bags(tmp_path: Path) -> None:
     require_rosbag()
     path = tmp_path / "run.bag"
     measured = record_drive(path)
@@ -323,12 +325,12 @@ def test_debians_rosbag_opens_ours(tmp_path: Path) -> None:
     assert topics["/scan"] == ("sensor_msgs/LaserScan", sum(isinstance(one, Scan) for one in measured))
     assert topics["/tf"][0] == topics["/tf_static"][0] == "tf2_msgs/TFMessage"
     sums = {entry["type"]: entry["md5"] for entry in info["types"]}
-    assert sums["tf2_msgs/TFMessage"] == "94810edda583a504dfda3829e70d7eec"  # ROS's own
+    assert sums["tf2_msgs/TFMessage"] == "94810edda583a504dfda3829e70d7eec"  # as in ROS
     assert sums["sensor_msgs/LaserScan"] == "90c7ef2dc6895d81024acba2ac42f369"
 
 
-def test_debians_rosbag_leaves_a_whole_bag_whole_when_it_writes_the_index_anew(tmp_path: Path) -> None:
-    """It writes over the first record, which therefore has to be as long as its own."""
+def test_rosbag_reindex_keeps_a_complete_bag_intact(tmp_path: Path) -> None:
+    """It rewrites the first record in place, which therefore must have the length that rosbag gives it."""
     require_rosbag()
     path = tmp_path / "run.bag"
     measured = record_drive(path)
@@ -338,7 +340,7 @@ def test_debians_rosbag_leaves_a_whole_bag_whole_when_it_writes_the_index_anew(t
     assert sum(1 for _ in messages(path)) == count(measured)
 
 
-def test_mcaps_own_reader_opens_ours(tmp_path: Path) -> None:
+def test_the_mcap_library_reads_our_bags(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     measured = record_drive(path)
     with path.open("rb") as file:
@@ -349,7 +351,7 @@ def test_mcaps_own_reader_opens_ours(tmp_path: Path) -> None:
     assert summary is not None
     assert summary.statistics is not None
     assert summary.statistics.message_count == count(measured)
-    assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}  # which Foxglove reads
+    assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}  # as Foxglove expects
     assert all(schema.data for schema in summary.schemas.values())
     scans = [one for one in measured if isinstance(one, Scan)]
     assert len(found) == len(scans)
@@ -358,7 +360,7 @@ def test_mcaps_own_reader_opens_ours(tmp_path: Path) -> None:
         assert_array_equal(np.array(message.ranges, np.float32), scan.ranges.astype(np.float32))
 
 
-def test_a_ros_2_folder_is_as_rosbag2_lays_it_out(tmp_path: Path) -> None:
+def test_the_folder_of_a_ros2_bag_has_rosbag2s_layout(tmp_path: Path) -> None:
     measured = record_drive(tmp_path / "run")
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run.db3"]
     metadata = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
@@ -366,21 +368,21 @@ def test_a_ros_2_folder_is_as_rosbag2_lays_it_out(tmp_path: Path) -> None:
     assert metadata["relative_file_paths"] == ["run.db3"]
 
 
-# ---- the same again
+# ---- reproducibility
 
 
 @pytest.mark.parametrize("name", ["run.bag", "run.mcap"])
-def test_the_same_run_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
+def test_equal_runs_give_equal_bytes(tmp_path: Path, name: str) -> None:
     for folder in ("one", "two"):
         record_drive(tmp_path / folder / name)
     assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
-# ---- nothing is lost or written over in silence
+# ---- interrupted recordings and existing files
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_interrupted_recording_is_a_whole_bag(tmp_path: Path, name: str) -> None:
+def test_an_interrupted_recording_is_a_complete_bag(tmp_path: Path, name: str) -> None:
     simulation = build(find_world("taxi"), np.random.default_rng(0))
     path = tmp_path / name
     with pytest.raises(KeyboardInterrupt), BagWriter(path) as bag:  # noqa: PT012
@@ -392,7 +394,7 @@ def test_an_interrupted_recording_is_a_whole_bag(tmp_path: Path, name: str) -> N
     assert [scan.time for scan in read_bag(path).scans] == [number / 10 for number in range(10)]
 
 
-def test_a_terminated_recording_is_a_whole_bag(tmp_path: Path) -> None:
+def test_a_terminated_recording_is_a_complete_bag(tmp_path: Path) -> None:
     simulation = build(find_world("taxi"), np.random.default_rng(0))
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(KeyboardInterrupt), recorded(tmp_path / "run.bag") as (_, recorded_robot):  # noqa: PT012
@@ -404,7 +406,7 @@ def test_a_terminated_recording_is_a_whole_bag(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_killed_recording_is_called_unfinished(tmp_path: Path, name: str) -> None:
+def test_a_killed_recording_keeps_the_suffix_of_unfinished_bags(tmp_path: Path, name: str) -> None:
     program = (
         "import sys, time; from wherry.ros.bags.writer import BagWriter; from wherry.ros import messages as ros; "
         "from wherry.ros.topics import Topic; bag = BagWriter(sys.argv[1]); "
@@ -418,15 +420,15 @@ def test_a_killed_recording_is_called_unfinished(tmp_path: Path, name: str) -> N
     assert not path.exists()
     unfinished = path.with_name(path.name + ".active")
     assert unfinished.exists()
-    rescue = {"run.bag": "rosbag reindex", "run.mcap": "mcap recover", "run": "ros2 bag reindex"}[name]
-    with pytest.raises(InputError, match=f"cut off; .*{rescue}"):
+    hint = {"run.bag": "rosbag reindex", "run.mcap": "mcap recover", "run": "ros2 bag reindex"}[name]
+    with pytest.raises(InputError, match=f"cut off; .*{hint}"):
         read_bag(unfinished)
     with pytest.raises(InputError, match="cut off"):
         BagWriter(path)
 
 
 def kill_while_recording(path: Path) -> Path:
-    """Kill a process by force that has recorded 3.9 s of driving, and goes on; returns what is left."""
+    """Kill a process that has recorded 3.9 s of driving; return the path of the unfinished bag."""
     program = (
         "import sys; import numpy as np; from test_recording import drive; "
         "from wherry.floorplan.world_files import find_world; "
@@ -444,38 +446,38 @@ def kill_while_recording(path: Path) -> Path:
     return path.with_name(path.name + ".active")
 
 
-def check_rescued(times: list[float]) -> None:
-    """All scans but those of the last second."""
+def check_recovered(times: list[float]) -> None:
+    """Check that all scans are there but those of the last second."""
     assert times == [number / 10 for number in range(len(times))]
     assert len(times) >= 29
 
 
-def test_debians_rosbag_rescues_what_a_killed_process_recorded(tmp_path: Path) -> None:
+def test_rosbag_reindex_recovers_a_killed_recording(tmp_path: Path) -> None:
     require_rosbag()
     unfinished = kill_while_recording(tmp_path / "run.bag")
     environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
     subprocess.run(["rosbag", "reindex", str(unfinished)], capture_output=True, timeout=60, check=True, env=environment)
     unfinished.rename(tmp_path / "run.bag")
-    check_rescued([scan.time for scan in read_bag(tmp_path / "run.bag").scans])
+    check_recovered([scan.time for scan in read_bag(tmp_path / "run.bag").scans])
 
 
-def test_mcap_reads_what_a_killed_process_recorded(tmp_path: Path) -> None:
+def test_mcap_reads_a_killed_recording(tmp_path: Path) -> None:
     file = kill_while_recording(tmp_path / "run.mcap") / "run" / "run.mcap"
     times = []
-    with file.open("rb") as stream, pytest.raises(EndOfFile):  # noqa: PT012 - everything up to the end counts
+    with file.open("rb") as stream, pytest.raises(EndOfFile):  # noqa: PT012 - the messages before the error count
         for _, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
             if channel.topic == "/scan":
                 times.append(message.log_time / 1e9)
-    check_rescued(times)
+    check_recovered(times)
 
 
-def test_what_a_killed_process_recorded_with_sqlite_is_read_as_it_is(tmp_path: Path) -> None:
+def test_the_sqlite_file_of_a_killed_recording_is_read_directly(tmp_path: Path) -> None:
     file = kill_while_recording(tmp_path / "run") / "run" / "run.db3"
-    check_rescued([scan.time for scan in read_bag(file).scans])
+    check_recovered([scan.time for scan in read_bag(file).scans])
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_written_over(tmp_path: Path, name: str) -> None:
+def test_existing_files_are_not_overwritten(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("thesis")
     with pytest.raises(InputError, match="exists already"):
         BagWriter(tmp_path / name)
@@ -483,19 +485,19 @@ def test_nothing_is_written_over(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["run.txt", "run.db3", "run.bag.gz"])
-def test_a_name_of_no_kind_of_bag_is_refused(tmp_path: Path, name: str) -> None:
+def test_a_suffix_that_is_not_of_a_bag_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=r"\.bag \(ROS 1\), \.mcap"):
         BagWriter(tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_is_none_is_named(tmp_path: Path) -> None:
+def test_a_parent_folder_that_is_a_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="file"):
         BagWriter(tmp_path / "file" / "run.bag")
 
 
-def test_a_closed_bag_takes_nothing(tmp_path: Path) -> None:
+def test_a_closed_bag_accepts_no_messages(tmp_path: Path) -> None:
     bag = BagWriter(tmp_path / "run.bag")
     bag.close()
     bag.close()
@@ -503,7 +505,7 @@ def test_a_closed_bag_takes_nothing(tmp_path: Path) -> None:
         bag.write(TOPICS.latch_state, ros.JointState(), 0.0)
 
 
-def test_a_full_disk_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -525,7 +527,7 @@ def test_without_rosbags_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.
         read_bag(tmp_path / "some.bag")
 
 
-def test_threads_may_write_at_once(tmp_path: Path) -> None:
+def test_threads_may_write_concurrently(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "run.bag") as bag, ThreadPoolExecutor(4) as pool:
         for worker in range(4):
             topic = Topic(f"/t{worker}", ros.String)
@@ -536,20 +538,21 @@ def test_threads_may_write_at_once(tmp_path: Path) -> None:
     }
 
 
-# ---- over ROS
+# ---- recorded transports
 
 
-class Wire:
-    """A transport that hears its own messages, as rospy's does."""
+class LoopbackTransport:
+    """A transport that receives its own messages, as rospy does."""
 
     ros_version = 1
 
     def __init__(self) -> None:
-        self.listeners: dict[str, list[Any]] = {}
+        self.callbacks: dict[str, list[Any]] = {}
         self.advertised: list[str] = []
         self.is_closed = False
+        self.has_sim_time = False
 
-    def __enter__(self) -> Wire:
+    def __enter__(self) -> LoopbackTransport:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -559,11 +562,11 @@ class Wire:
         self.advertised.append(topic.name)
 
     def publish(self, topic: Topic[Any], message: Any) -> None:
-        for heard in self.listeners.get(topic.name, []):
-            heard(message)
+        for callback in self.callbacks.get(topic.name, []):
+            callback(message)
 
-    def subscribe(self, topic: Topic[Any], heard: Any) -> None:
-        self.listeners.setdefault(topic.name, []).append(heard)
+    def subscribe(self, topic: Topic[Any], callback: Any) -> None:
+        self.callbacks.setdefault(topic.name, []).append(callback)
 
     def count_publishers(self, topic: Topic[Any]) -> int:
         return 3
@@ -574,29 +577,35 @@ class Wire:
     def is_connected(self) -> bool:
         return True
 
+    def announce_sim_time(self) -> None:
+        self.has_sim_time = True
+
+    def publish_robot_description(self, topic: Topic[Any], urdf: str) -> None:
+        self.publish(topic, ros.String(urdf))
+
     def close(self) -> None:
         self.is_closed = True
 
 
-def test_what_goes_through_a_transport_is_recorded_once_on_the_robots_clock(tmp_path: Path) -> None:
-    wire, got = Wire(), []
-    with BagWriter(tmp_path / "run.bag") as bag, RecordedTransport(wire, bag, load_names()) as transport:
-        transport.subscribe(TOPICS.scan, got.append)
-        transport.subscribe(TOPICS.odom, got.append)
-        transport.subscribe(TOPICS.tf_static, got.append)
-        wire.publish(TOPICS.tf_static, ros.TFMessage())  # latched: it comes before anybody knows the time
-        wire.publish(TOPICS.odom, ros.Odometry(encode_header(1e9, "odom")))
-        wire.publish(TOPICS.tf, ros.TFMessage())  # nobody but the recording listens to it
-        transport.publish(TOPICS.tf, ros.TFMessage())  # comes back
-        transport.publish(TOPICS.plan, ros.Path())  # does not
-        wire.publish(TOPICS.scan, ros.LaserScan(encode_header(1e9 + 0.5, "laser")))
+def test_messages_of_a_transport_are_recorded_once_at_times_of_the_robots_clock(tmp_path: Path) -> None:
+    inner, received = LoopbackTransport(), []
+    with BagWriter(tmp_path / "run.bag") as bag, RecordedTransport(inner, bag, load_names()) as transport:
+        transport.subscribe(TOPICS.scan, received.append)
+        transport.subscribe(TOPICS.odom, received.append)
+        transport.subscribe(TOPICS.tf_static, received.append)
+        inner.publish(TOPICS.tf_static, ros.TFMessage())  # latched: it arrives before the clock is known
+        inner.publish(TOPICS.odom, ros.Odometry(encode_header(1e9, "odom")))
+        inner.publish(TOPICS.tf, ros.TFMessage())  # only the recording subscribes to it
+        transport.publish(TOPICS.tf, ros.TFMessage())  # received back
+        transport.publish(TOPICS.plan, ros.Path())  # not received back
+        inner.publish(TOPICS.scan, ros.LaserScan(encode_header(1e9 + 0.5, "laser")))
         transport.publish(TOPICS.cmd_vel, ros.Twist())
-        transport.publish(TOPICS.cmd_vel_stamped, ros.TwistStamped())  # another type of the same topic
-        wire.publish(TOPICS.odom, ros.Odometry(encode_header(1e9 - 7.0, "odom")))  # a clock that jumps back
+        transport.publish(TOPICS.cmd_vel_stamped, ros.TwistStamped())  # another type on the same topic
+        inner.publish(TOPICS.odom, ros.Odometry(encode_header(1e9 - 7.0, "odom")))  # the clock jumps back
         transport.stop_recording()
-    wire.publish(TOPICS.scan, ros.LaserScan(encode_header(1e9 + 9.0, "laser")))  # heard while the bag is closed
-    assert wire.is_closed
-    assert [type(message) for message in got] == [
+    inner.publish(TOPICS.scan, ros.LaserScan(encode_header(1e9 + 9.0, "laser")))  # received after recording has stopped
+    assert inner.is_closed
+    assert [type(message) for message in received] == [
         ros.TFMessage,
         ros.Odometry,
         ros.LaserScan,
@@ -609,22 +618,22 @@ def test_what_goes_through_a_transport_is_recorded_once_on_the_robots_clock(tmp_
     assert Counter(topic for topic, time in found if time == 0.5) == {"/scan": 1, "/cmd_vel": 2, "/odom": 1}
 
 
-def test_a_stamp_that_cannot_be_is_recorded_and_tells_no_time(tmp_path: Path) -> None:
-    wire, got = Wire(), []
+def test_a_message_with_an_impossible_stamp_is_recorded_and_does_not_set_the_clock(tmp_path: Path) -> None:
+    inner, received = LoopbackTransport(), []
     broken = ros.Odometry(ros.Header(ros.Time(-7, 5), "odom"))
-    with BagWriter(tmp_path / "run.mcap") as bag, RecordedTransport(wire, bag, load_names()) as transport:
-        transport.subscribe(TOPICS.odom, got.append)
-        wire.publish(TOPICS.odom, broken)
-        wire.publish(TOPICS.odom, ros.Odometry(encode_header(3.0, "odom")))
-        wire.publish(TOPICS.odom, broken)
-    assert len(got) == 3
+    with BagWriter(tmp_path / "run.mcap") as bag, RecordedTransport(inner, bag, load_names()) as transport:
+        transport.subscribe(TOPICS.odom, received.append)
+        inner.publish(TOPICS.odom, broken)
+        inner.publish(TOPICS.odom, ros.Odometry(encode_header(3.0, "odom")))
+        inner.publish(TOPICS.odom, broken)
+    assert len(received) == 3
     assert [stamp / 1e9 for _, stamp, _ in messages(tmp_path / "run.mcap")] == [3.0, 3.0, 3.0]
 
 
-def test_a_recorded_transport_is_the_transport_that_it_wraps(tmp_path: Path) -> None:
-    wire = Wire()
+def test_a_recorded_transport_delegates_to_the_transport_that_it_wraps(tmp_path: Path) -> None:
+    inner = LoopbackTransport()
     with BagWriter(tmp_path / "run.bag") as bag:
-        transport = RecordedTransport(wire, bag, load_names())
+        transport = RecordedTransport(inner, bag, load_names())
         transport.advertise(TOPICS.plan)
         answers = (
             transport.ros_version,
@@ -633,19 +642,22 @@ def test_a_recorded_transport_is_the_transport_that_it_wraps(tmp_path: Path) -> 
         )
         assert answers == (1, 3, 4)
         assert transport.is_connected()
-        assert wire.advertised == ["/plan"]
+        transport.announce_sim_time()
+        transport.publish_robot_description(TOPICS.robot_description, "<robot/>")
+        assert inner.has_sim_time
+        assert inner.advertised == ["/plan"]
 
 
-def test_a_full_disk_stops_the_agent_and_not_the_listeners(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_stops_publishing_but_not_callbacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    wire, got = Wire(), []
+    inner, received = LoopbackTransport(), []
     with BagWriter(tmp_path / "run.bag") as bag:
-        transport = RecordedTransport(wire, bag, load_names())
-        transport.subscribe(TOPICS.odom, got.append)
+        transport = RecordedTransport(inner, bag, load_names())
+        transport.subscribe(TOPICS.odom, received.append)
         monkeypatch.setattr(bag._bag, "write", full)
-        wire.publish(TOPICS.odom, ros.Odometry())
-        assert len(got) == 1
+        inner.publish(TOPICS.odom, ros.Odometry())
+        assert len(received) == 1
         with pytest.raises(InputError, match="No space left"):
             transport.publish(TOPICS.plan, ros.Path())

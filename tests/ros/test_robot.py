@@ -230,7 +230,7 @@ def test_stop_comes_within_half_a_second(bus: Bus, driver: Driver) -> None:
     robot.receive()
     robot.command(DRIVE)
     stopped: list[float] = []
-    bus.listeners[TOPICS.cmd_vel.name, ros.Twist].append(lambda _: stopped.append(time.monotonic()))
+    bus.callbacks[TOPICS.cmd_vel.name, ros.Twist].append(lambda _: stopped.append(time.monotonic()))
     threading.Timer(0.9, driver.tick).start()
     robot.receive()
     assert stopped[0] - scanned < 0.5
@@ -369,7 +369,7 @@ def test_the_latchs_answer_is_that_to_the_own_command(robot: RosRobot, driver: D
         if len(asked) % 2 == 0:  # the first time, the command is lost
             driver.latch(loaded=command.close, answered=command.number)
 
-    bus.listeners[TOPICS.latch_command.name, ros.JointState].append(answer)
+    bus.callbacks[TOPICS.latch_command.name, ros.JointState].append(answer)
     assert robot.close_latch() is True
     assert robot.open_latch() is True
     first, again, second, _ = asked

@@ -1,4 +1,4 @@
-"""A node of ours in a real ROS 1: a real roscore, and a node of Debian's rospy at the other end."""
+"""`Ros1Transport` in a real ROS 1: with a roscore, and a node of Debian's rospy as the peer."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def node(roscore: Roscore) -> Iterator[Program]:
 
 
 def ask(node: Program) -> str:
-    """How many publish and listen, and whether the node is connected; or its error."""
+    """Ask the node for its numbers of publishers and subscribers and whether it is connected; or for its error."""
     said = len(node.lines)
     assert node.process.stdin is not None
     node.process.stdin.write("\n")
@@ -71,7 +71,7 @@ def send(peer: Peer, topic: str, number: int) -> None:
     peer.send(topic, SCAN, {"header": {"frame_id": "laser"}, "scan_time": float(number), "ranges": [1.5] * 360})
 
 
-def test_messages_go_there_and_back_and_latched_ones_reach_latecomers(roscore: Roscore, node: Program) -> None:
+def test_messages_are_exchanged_and_latched_ones_reach_late_subscribers(roscore: Roscore, node: Program) -> None:
     with roscore.peer() as peer:
         peer.listen("/latched", STRING)
         assert peer.wait_for("/latched", 1, 5.0) == [{"data": "once"}]
@@ -79,23 +79,23 @@ def test_messages_go_there_and_back_and_latched_ones_reach_latecomers(roscore: R
         for number in range(100):
             send(peer, "/there", number)
         echoed = peer.wait_for("/back", 100, 10.0)
-    assert [scan["scan_time"] for scan in echoed] == list(range(100)), "none is lost, in order"
+    assert [scan["scan_time"] for scan in echoed] == list(range(100)), "all messages, in order"
     assert echoed[0]["header"]["frame_id"] == "laser"
     assert echoed[0]["ranges"] == [1.5] * 360
 
 
-def test_others_are_counted_and_the_dead_are_not(roscore: Roscore, node: Program) -> None:
+def test_other_living_nodes_are_counted(roscore: Roscore, node: Program) -> None:
     assert ask(node) == "0 0 True"
     with roscore.peer("one") as one, roscore.peer("two") as two:
         for peer in (one, two):
             send(peer, "/there", 0)
         one.listen("/back", SCAN)
-        wait_until(lambda: ask(node) == "2 1 True", 5.0, "two publishers, one listener")
+        wait_until(lambda: ask(node) == "2 1 True", 5.0, "two publishers, one subscriber")
         two.kill()
-        wait_until(lambda: ask(node) == "1 1 True", 5.0, "the master still names the dead one")
+        wait_until(lambda: ask(node) == "1 1 True", 5.0, "the master still lists the killed node")
 
 
-def test_a_master_that_dies_and_comes_back(roscore: Roscore, node: Program) -> None:
+def test_a_node_registers_again_with_a_new_master(roscore: Roscore, node: Program) -> None:
     with roscore.peer("before") as peer:
         peer.listen("/back", SCAN)
         send(peer, "/there", 1)
@@ -107,7 +107,7 @@ def test_a_master_that_dies_and_comes_back(roscore: Roscore, node: Program) -> N
         peer.wait_for("/back", heard + 1, 5.0)
         assert peer.last("/back")["scan_time"] == 2.0, "topics work without a master"
     roscore.start()
-    wait_until(lambda: ask(node).endswith("True"), 5.0, "the node has found the new master")
+    wait_until(lambda: ask(node).endswith("True"), 5.0, "the node is registered with the new master")
     with roscore.peer("after") as peer:
         peer.listen("/latched", STRING)
         assert peer.wait_for("/latched", 1, 5.0) == [{"data": "once"}]
@@ -117,7 +117,7 @@ def test_a_master_that_dies_and_comes_back(roscore: Roscore, node: Program) -> N
         assert peer.parameter("/answer") == 42
 
 
-def test_it_listens_on_the_loopback_interface_alone(node: Program) -> None:
+def test_a_node_listens_on_the_loopback_interface_only(node: Program) -> None:
     inodes = {entry.stat().st_ino for entry in Path(f"/proc/{node.process.pid}/fd").iterdir()}
     rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
     listening = [row[1] for row in rows if row[3] == "0A" and int(row[9]) in inodes]
@@ -128,24 +128,24 @@ def test_it_listens_on_the_loopback_interface_alone(node: Program) -> None:
     )
 
 
-def test_a_node_of_the_same_name_takes_its_place(roscore: Roscore, node: Program) -> None:
+def test_a_node_is_replaced_by_one_of_the_same_name(roscore: Roscore, node: Program) -> None:
     with roscore.python(ECHO, "echo", "") as other:
         wait_until(lambda: "ready" in other.output, 20.0, other.output)
-        wait_until(lambda: "another node of this name took its place" in ask(node), 5.0, "the first one says so")
+        wait_until(lambda: "another node of this name took its place" in ask(node), 5.0, "the first one reports it")
         assert ask(other).endswith("True")
 
 
-def test_two_robots_have_the_same_node_in_two_namespaces(roscore: Roscore, node: Program) -> None:
+def test_nodes_of_the_same_name_run_in_two_namespaces(roscore: Roscore, node: Program) -> None:
     with roscore.python(ECHO, "echo", "/robot2") as other:
         wait_until(lambda: "ready" in other.output, 20.0, other.output)
-        wait_until(lambda: ask(node) == "0 0 True", 5.0, "the first one lives")
+        wait_until(lambda: ask(node) == "0 0 True", 5.0, "the first one still runs")
         master = Master("/test", roscore.environment["ROS_MASTER_URI"])
         assert master.is_alive("/echo")
         assert master.is_alive("/robot2/echo")
         master.close()
 
 
-def test_closing_leaves_nothing_with_the_master(roscore: Roscore, node: Program) -> None:
+def test_closing_unregisters_from_the_master(roscore: Roscore, node: Program) -> None:
     assert node.process.stdin is not None
     node.process.stdin.close()
     assert node.finish(10.0) == 0
@@ -162,12 +162,12 @@ def test_closing_leaves_nothing_with_the_master(roscore: Roscore, node: Program)
 @pytest.fixture
 def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     for name in ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME"):
-        monkeypatch.setenv(name, "")  # so that what is set in a test is undone after it
+        monkeypatch.setenv(name, "")  # so that changes made in a test are undone
         monkeypatch.delenv(name)
     return monkeypatch
 
 
-def test_loopback_is_where_a_node_listens_unless_told_otherwise(environment: pytest.MonkeyPatch) -> None:
+def test_nodes_listen_on_loopback_by_default(environment: pytest.MonkeyPatch) -> None:
     assert choose_interface() == "http://127.0.0.1:11311"
     assert os.environ["ROS_IP"] == "127.0.0.1"
     environment.setenv("ROS_IP", "192.0.2.1")
@@ -177,7 +177,7 @@ def test_loopback_is_where_a_node_listens_unless_told_otherwise(environment: pyt
     assert os.environ["ROS_IP"] == "192.0.2.2"
 
 
-def test_a_master_elsewhere_needs_an_address_that_it_can_reach(environment: pytest.MonkeyPatch) -> None:
+def test_a_remote_master_needs_an_address_that_it_can_reach(environment: pytest.MonkeyPatch) -> None:
     environment.setenv("ROS_MASTER_URI", "http://192.0.2.9:11311")
     with pytest.raises(InputError, match="set ROS_IP to the address"):
         choose_interface()
@@ -185,19 +185,19 @@ def test_a_master_elsewhere_needs_an_address_that_it_can_reach(environment: pyte
 
 
 @pytest.mark.parametrize("uri", ["nonsense", "", "http://"])
-def test_what_is_no_address_is_told(environment: pytest.MonkeyPatch, uri: str) -> None:
+def test_an_invalid_master_uri_is_refused(environment: pytest.MonkeyPatch, uri: str) -> None:
     environment.setenv("ROS_MASTER_URI", uri)
-    with pytest.raises(InputError, match="is no address"):
+    with pytest.raises(InputError, match="is not an address"):
         choose_interface()
 
 
-def test_no_master_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_master_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("wherry.ros.transports.ros1_master.STARTUP_TIMEOUT", 0.3)
     with pytest.raises(InputError, match="no ROS master answers there; start one: roscore"):
         wait_for_master(f"http://127.0.0.1:{_closed_port()}")
 
 
-def test_a_server_that_is_no_master_is_no_master() -> None:
+def test_a_call_without_a_master_raises_a_master_error() -> None:
     master: Any = Master("/test", f"http://127.0.0.1:{_closed_port()}")
     with pytest.raises(MasterError, match="getPid"):
         master.call("getPid")

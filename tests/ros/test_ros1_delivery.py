@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from wherry_testing.robots_clock import GRANULARITY, STANDING, Heard, stopped_after
+from wherry_testing.robots_clock import STANDSTILL_SPEED, STOPPING_RESOLUTION, ReceivedOdometry, stopping_time
 from wherry_testing.ros1_system import Roscore, require, stamp, values_of, wait_until
 
 SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--json")
@@ -98,9 +98,11 @@ class Ride:
 
     def stops_after(self, begin: float) -> float:
         """s on the robot's clock, which a busy machine does not hurry, until the robot stood, from an instant on."""
-        wait_until(lambda: self.speed() < STANDING, 10.0, "the robot stands")
+        wait_until(lambda: self.speed() < STANDSTILL_SPEED, 10.0, "the robot stands")
         news = list(self.peer.heard["/odom"])
-        return stopped_after([Heard(one["at"], stamp(one["message"]), speed_of(one["message"])) for one in news], begin)
+        return stopping_time(
+            [ReceivedOdometry(one["at"], stamp(one["message"]), speed_of(one["message"])) for one in news], begin
+        )
 
     @contextmanager
     def spoilt(self, mode: str) -> Iterator[float]:
@@ -114,7 +116,7 @@ class Ride:
     def stands_for(self, seconds: float) -> None:
         begin, heard = self.now(), len(self.peer.heard["/odom"])
         wait_until(lambda: self.now() - begin >= seconds, 30.0, "time passes")
-        assert max(speed_of(news["message"]) for news in self.peer.heard["/odom"][heard:]) < STANDING
+        assert max(speed_of(news["message"]) for news in self.peer.heard["/odom"][heard:]) < STANDSTILL_SPEED
 
     def status(self, name: str) -> dict[str, str]:
         for news in reversed(self.peer.heard["/diagnostics"]):
@@ -144,7 +146,7 @@ def test_without_a_scan_to_trust_the_agent_commands_standstill(ride: Ride, mode:
 
 
 def check_standstill(ride: Ride, mode: str, begin: float) -> None:
-    wait_until(lambda: ride.speed() < STANDING, 10.0, "the robot stands")
+    wait_until(lambda: ride.speed() < STANDSTILL_SPEED, 10.0, "the robot stands")
     ride.stands_for(1.0)
     commands = ride.commands(begin)
     last_motion = max((at for at, linear, angular in commands if linear or angular), default=begin)
@@ -184,5 +186,5 @@ def test_a_master_that_dies_does_not_stop_the_ride(roscore: Roscore, ride: Ride)
 def test_the_robot_stands_when_the_agent_is_killed(ride: Ride) -> None:
     ride.agent.kill()
     last_command = ride.peer.heard["/cmd_vel"][-1]["at"]
-    assert ride.stops_after(last_command) <= WITHIN + GRANULARITY
+    assert ride.stops_after(last_command) <= WITHIN + STOPPING_RESOLUTION
     ride.stands_for(1.0)

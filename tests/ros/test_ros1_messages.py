@@ -1,4 +1,4 @@
-"""Our messages through ROS 1's own classes and their bytes, against the definitions that Debian installs."""
+"""Conversion of our messages to ROS 1's classes and their bytes, with the packages that Debian installs."""
 
 from __future__ import annotations
 
@@ -73,12 +73,12 @@ def through_bytes(message: Message) -> Message:
 
 
 @pytest.mark.parametrize("name", [name for name in SHARED if not name.startswith("builtin_interfaces")])
-def test_every_field_of_every_message_survives_the_wire(name: str) -> None:
+def test_every_field_of_every_message_survives_serialization(name: str) -> None:
     message = example(message_types()[name], np.random.default_rng(0))
     assert same(through_bytes(message), message)
 
 
-def test_what_ros1_calls_otherwise_is_in_its_place() -> None:
+def test_fields_that_ros1_names_differently_are_converted() -> None:
     header = ros.Header(ros.Time(12, 345), "laser")
     sent = ros1_messages.to_ros1(ros.Marker(header, lifetime=ros.Duration(1, 5)))
     assert (sent.header.stamp.secs, sent.header.stamp.nsecs, sent.header.frame_id) == (12, 345, "laser")
@@ -86,20 +86,20 @@ def test_what_ros1_calls_otherwise_is_in_its_place() -> None:
     assert sent._type == "visualization_msgs/Marker"
 
 
-def test_no_number_stays_no_number() -> None:
+def test_nan_and_infinity_survive_serialization() -> None:
     ranges = np.array([math.nan, math.inf, -math.inf, 1.5], np.float32)
     scan = through_bytes(ros.LaserScan(ranges=ranges))
     assert isinstance(scan, ros.LaserScan)
     assert np.array_equal(scan.ranges, ranges, equal_nan=True)
 
 
-def test_a_field_that_ros1_lacks_without_our_knowing_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_difference_to_ros1_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ros1_messages, "ROS2_ONLY_FIELDS", {"texture"})
     with pytest.raises(TypeError, match="Marker has no mesh_file, texture_resource, uv_coordinates in ROS 1"):
         ros1_messages._shared_fields(ros.Marker)
 
 
-def test_rospy_shadows_nothing_of_the_environment() -> None:
+def test_rospy_does_not_shadow_packages_of_the_environment() -> None:
     code = """
 from wherry.ros.transports.ros1_messages import ros1_module
 ros1_module("rospy")
@@ -107,8 +107,8 @@ import numpy, yaml, sys
 print(any(module.__file__.startswith("/usr/lib/python3") for module in (numpy, yaml)))
 print(sys.path.index("/usr/lib/python3/dist-packages") == len(sys.path) - 1)
 """
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert said == ["False", "True"]
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert output == ["False", "True"]
 
 
 def test_without_rospy_the_error_names_the_packages(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
@@ -118,7 +118,7 @@ def test_without_rospy_the_error_names_the_packages(monkeypatch: pytest.MonkeyPa
     assert str(tmp_path) not in sys.path
 
 
-def test_another_python_than_debians_is_told_which_one_to_take(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+def test_the_error_in_another_python_version_names_debians(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     (tmp_path / "rospy").mkdir()
     (tmp_path / "python3.9").touch()
     monkeypatch.setattr(ros1_messages, "DEBIAN_PACKAGES", tmp_path)

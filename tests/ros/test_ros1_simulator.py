@@ -16,7 +16,7 @@ from wherry.pipelines.delivery.simulator import Settings, prepare
 from wherry.robot import Scan
 from wherry.ros.transports.ros1_master import Master
 from wherry.simulation.drive import WHEEL_RADIUS
-from wherry_testing.robots_clock import GRANULARITY
+from wherry_testing.robots_clock import STOPPING_RESOLUTION
 from wherry_testing.ros1_system import Peer, Program, Roscore, heading, require, stamp, values_of, wait_until
 
 pytestmark = pytest.mark.realtime
@@ -110,7 +110,7 @@ def test_it_obeys_and_stops_by_itself(peer: Peer) -> None:
         _let_pass(peer, 0.1)
     last_command = stamp(peer.last("/odom"))
     wait_until(lambda: _speed(peer.last("/odom")) < 0.005, 5.0, "the robot stands")
-    assert stamp(peer.last("/odom")) - last_command <= 0.5 + GRANULARITY
+    assert stamp(peer.last("/odom")) - last_command <= 0.5 + STOPPING_RESOLUTION
     _let_pass(peer, 0.2)
     after = peer.last("/odom")
     driven = math.hypot(*(_place(after) - _place(before)))

@@ -31,7 +31,7 @@ NUMBERS = np.random.default_rng(0)
 
 
 def filled(message_type: type[Message]) -> Any:
-    """A message whose every field differs from its default."""
+    """A message with all fields different from their defaults."""
     return message_type(*(_filled_value(entry) for entry in fields_of(message_type)))
 
 
@@ -49,7 +49,7 @@ def _filled_value(entry: Field) -> Any:
 
 
 def as_real(message: Message) -> Any:
-    """The same in rosbags' classes, which serialize as ROS does."""
+    """The same message in the classes of rosbags, which serialize as ROS does."""
     values = [getattr(message, entry.name) for entry in fields_of(type(message))]
     return STORE.types[type(message).type_name](*(_real_value(value) for value in values))
 
@@ -103,7 +103,7 @@ def test_without_cyclonedds_the_error_says_what_to_install() -> None:
     assert done.stderr == "wherry: ROS 2: cyclonedds: is not installed: pip install 'wherry[ros2]'\n"
 
 
-def test_it_stays_on_loopback_unless_asked() -> None:
+def test_the_default_configuration_is_confined_to_loopback() -> None:
     assert 'name="lo"' in configuration("lo")
     assert "<AllowMulticast>false" in configuration("lo")
     assert 'name="eth0"' in configuration("eth0")
@@ -145,7 +145,7 @@ def test_closed_domains_leave_no_descriptors_and_threads(monkeypatch: pytest.Mon
     for domain in (NOWHERE, PAIR, KILLED, HUNG) * 3:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         with Ros2Transport() as one, Ros2Transport() as other:
-            one.subscribe(TOPICS.scan, Heard())
+            one.subscribe(TOPICS.scan, Inbox())
             other.publish(TOPICS.scan, ros.LaserScan())
         counts.append((len(open_descriptors()), threading.active_count()))
     assert len(set(counts)) == 1
@@ -153,15 +153,15 @@ def test_closed_domains_leave_no_descriptors_and_threads(monkeypatch: pytest.Mon
 
 def test_a_domain_stays_open_until_its_last_transport_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(PAIR))
-    heard = Heard()
+    inbox = Inbox()
     with Ros2Transport() as one, Ros2Transport() as other:
         Ros2Transport().close()
-        other.subscribe(TOPICS.clock, heard)
+        other.subscribe(TOPICS.clock, inbox)
         wait_until(lambda: one.count_subscribers(TOPICS.clock) == 1)
         one.advertise(TOPICS.clock)
         wait_until(lambda: other.count_publishers(TOPICS.clock) == 1)
         one.publish(TOPICS.clock, ros.Clock(ros.Time(3)))
-        assert heard.wait_for(1)[0].clock.sec == 3
+        assert inbox.wait_for(1)[0].clock.sec == 3
 
 
 def open_descriptors() -> list[str]:
@@ -170,27 +170,27 @@ def open_descriptors() -> list[str]:
 
 
 @pytest.mark.parametrize("text", ["-1", "233", "one", "1.0", "١"])
-def test_a_wrong_domain_is_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invalid_domain_is_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     with pytest.raises(InputError, match="ROS_DOMAIN_ID"):
         domain_id()
 
 
-def test_the_domain_is_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_domain_is_taken_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     assert domain_id() == 7
     monkeypatch.delenv("ROS_DOMAIN_ID")
     assert domain_id() == 0
 
 
-def test_an_interface_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_interface_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(NOWHERE))
     with pytest.raises(InputError, match="--interface: nowhere0"):
         Ros2Transport("nowhere0")
 
 
-class Heard:
-    """Keeps what a topic brings, and waits for it."""
+class Inbox:
+    """A callback that collects messages, and can wait for them."""
 
     def __init__(self) -> None:
         self.messages: list[Any] = []
@@ -203,7 +203,7 @@ class Heard:
 
     def wait_for(self, count: int) -> list[Any]:
         with self._arrived:
-            assert self._arrived.wait_for(lambda: len(self.messages) >= count, timeout=10.0), "nothing arrived"
+            assert self._arrived.wait_for(lambda: len(self.messages) >= count, timeout=10.0), "too few messages arrived"
         return self.messages
 
 
@@ -217,39 +217,39 @@ def pair(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Ros2Transport, Ros2T
 def wait_until(condition: Any) -> None:
     deadline = time.monotonic() + 10.0
     while not condition():
-        assert time.monotonic() < deadline, "it never came true"
+        assert time.monotonic() < deadline, "the condition was not met in time"
         time.sleep(0.01)
 
 
 def test_messages_arrive_in_order(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
     one, other = pair
-    heard = Heard()
-    other.subscribe(TOPICS.tf, heard)
+    inbox = Inbox()
+    other.subscribe(TOPICS.tf, inbox)
     one.advertise(TOPICS.tf)
     wait_until(lambda: one.count_subscribers(TOPICS.tf) == 1 and other.count_publishers(TOPICS.tf) == 1)
     for second in range(50):
         one.publish(TOPICS.tf, ros.TFMessage((ros.TransformStamped(ros.Header(ros.Time(second))),)))
-    arrived = [message.transforms[0].header.stamp.sec for message in heard.wait_for(50)]
+    arrived = [message.transforms[0].header.stamp.sec for message in inbox.wait_for(50)]
     assert arrived == list(range(50))
 
 
-def test_who_comes_late_gets_the_last_latched_message(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
+def test_late_subscribers_get_the_last_latched_message(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
     one, other = pair
     grid = filled(ros.OccupancyGrid)
     one.publish(TOPICS.map, ros.OccupancyGrid())
     one.publish(TOPICS.map, grid)
-    heard = Heard()
-    other.subscribe(TOPICS.map, heard)
-    assert same(heard.wait_for(1)[0], grid)
+    inbox = Inbox()
+    other.subscribe(TOPICS.map, inbox)
+    assert same(inbox.wait_for(1)[0], grid)
     time.sleep(0.1)
-    assert len(heard.messages) == 1
+    assert len(inbox.messages) == 1
 
 
-def test_a_text_that_is_none_does_not_end_listening(
+def test_a_string_that_is_not_utf8_is_dropped(
     pair: tuple[Ros2Transport, Ros2Transport], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one, other = pair
-    heard, broken = Heard(), []
+    inbox, broken = Inbox(), []
     text_class = idl_class(ros.String)
     deserialize = text_class.deserialize
 
@@ -260,16 +260,16 @@ def test_a_text_that_is_none_does_not_end_listening(
         return deserialize(data, **options)
 
     monkeypatch.setattr(text_class, "deserialize", fail_once)
-    other.subscribe(TOPICS.robot_description, heard)
+    other.subscribe(TOPICS.robot_description, inbox)
     one.publish(TOPICS.robot_description, ros.String("one"))
     wait_until(lambda: bool(broken))
     one.publish(TOPICS.robot_description, ros.String("two"))
-    assert heard.wait_for(1)[0].data == "two"
+    assert inbox.wait_for(1)[0].data == "two"
 
 
-def test_both_kinds_of_velocity_share_a_topic(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
+def test_both_types_of_velocity_share_a_topic(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
     one, other = pair
-    plain, stamped = Heard(), Heard()
+    plain, stamped = Inbox(), Inbox()
     assert TOPICS.cmd_vel.name == TOPICS.cmd_vel_stamped.name
     other.subscribe(TOPICS.cmd_vel, plain)
     other.subscribe(TOPICS.cmd_vel_stamped, stamped)
@@ -283,7 +283,7 @@ def test_both_kinds_of_velocity_share_a_topic(pair: tuple[Ros2Transport, Ros2Tra
     assert stamped.wait_for(1)[0].twist.linear.x == 0.2
 
 
-def test_only_others_are_counted(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
+def test_only_other_participants_are_counted(pair: tuple[Ros2Transport, Ros2Transport]) -> None:
     one, other = pair
     one.advertise(TOPICS.scan)
     other.advertise(TOPICS.scan)
@@ -292,7 +292,7 @@ def test_only_others_are_counted(pair: tuple[Ros2Transport, Ros2Transport]) -> N
     other.close()
 
 
-def test_a_process_that_is_killed_leaves_no_message_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_messages_of_a_killed_process_arrive(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(KILLED))
     program = (
         "import time; from wherry.ros.transports.ros2 import Ros2Transport; from wherry.ros.names import load_names\n"
@@ -301,19 +301,19 @@ def test_a_process_that_is_killed_leaves_no_message_behind(monkeypatch: pytest.M
         "while True: transport.publish(topics.cmd_vel, Twist()); time.sleep(0.02)"
     )
     with Ros2Transport() as transport:
-        heard = Heard()
-        transport.subscribe(TOPICS.cmd_vel, heard)
+        inbox = Inbox()
+        transport.subscribe(TOPICS.cmd_vel, inbox)
         with subprocess.Popen([sys.executable, "-c", program], env=os.environ) as process:
-            heard.wait_for(5)
+            inbox.wait_for(5)
             process.kill()
         time.sleep(0.3)
-        count = len(heard.messages)
+        count = len(inbox.messages)
         time.sleep(0.3)
-        assert len(heard.messages) == count
+        assert len(inbox.messages) == count
 
 
 @pytest.mark.realtime
-def test_a_listener_that_hangs_does_not_hold_up_the_publisher(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hanging_subscriber_does_not_block_the_publisher(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(HUNG))
     program = (
         "import time; from wherry.ros.transports.ros2 import Ros2Transport; from wherry.ros.names import load_names\n"

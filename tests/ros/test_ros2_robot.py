@@ -25,7 +25,7 @@ from wherry.ros.transports.ros2 import Ros2Transport
 from wherry_testing.bus import free_domain
 from wherry_testing.dds import ended, simulator, wait_until
 from wherry_testing.robot_contract import RobotContract
-from wherry_testing.robots_clock import GRANULARITY, Heard, stopped_after
+from wherry_testing.robots_clock import STOPPING_RESOLUTION, ReceivedOdometry, stopping_time
 from wherry_testing.worlds import HALL, hall
 
 NAMES = load_names()
@@ -96,7 +96,9 @@ class Watcher:
     def stopped_after(self, begin: float) -> float:
         """s on the robot's clock until it stood, from an instant of the monotonic clock on."""
         heard = zip(self.arrived, self.odometry, strict=False)
-        return stopped_after([Heard(at, odometry.time, odometry.velocity.linear) for at, odometry in heard], begin)
+        return stopping_time(
+            [ReceivedOdometry(at, odometry.time, odometry.velocity.linear) for at, odometry in heard], begin
+        )
 
 
 @pytest.fixture
@@ -116,7 +118,7 @@ def test_the_robot_stands_half_a_second_after_its_driver_is_killed(world: Path, 
         killed, begin = time.monotonic(), watcher.odometry[-1].time
         wait_until(lambda: watcher.odometry[-1].time > begin + 1.5)
         stopped_after = watcher.stopped_after(killed)
-        assert stopped_after <= 0.5 + GRANULARITY
+        assert stopped_after <= 0.5 + STOPPING_RESOLUTION
         assert abs(watcher.speed) < 0.01
         assert watcher.travelled_since(begin + 1.0) < 0.005
         assert watcher.travelled_since(begin) > 0.03  # it was driving

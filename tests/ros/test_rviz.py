@@ -115,9 +115,7 @@ def test_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.parametrize(("version", "expected"), [("1", (1, "/bin/rviz")), ("2", (2, "/bin/rviz2"))])
-def test_the_sourced_ros_version_is_used(
-    monkeypatch: pytest.MonkeyPatch, version: str, expected: tuple[int, str]
-) -> None:
+def test_the_sourced_ros_is_used(monkeypatch: pytest.MonkeyPatch, version: str, expected: tuple[int, str]) -> None:
     monkeypatch.setattr(shutil, "which", lambda program: f"/bin/{program}")
     monkeypatch.setenv("ROS_VERSION", version)
     assert rviz.find_rviz(None) == expected

@@ -79,7 +79,7 @@ def test_everything_is_told_on_one_clock_in_the_order_of_need() -> None:
 
     def note(topic: Topic[Any], stamp: Callable[[Any], ros.Time]) -> None:
         key = topic.name, topic.message_type
-        stage.bus.listeners[key].append(lambda message: order.append((topic.name, decode_stamp(stamp(message)))))
+        stage.bus.callbacks[key].append(lambda message: order.append((topic.name, decode_stamp(stamp(message)))))
 
     note(TOPICS.clock, lambda message: message.clock)
     note(TOPICS.tf, lambda message: message.transforms[0].header.stamp)

@@ -45,7 +45,7 @@ def test_rays_that_start_in_a_wall_have_range_zero() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_ranges_equal_those_of_mujoco(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    plan = place_boxes(generate_world(12, 9, rng, obstacle_share=0.06), 6, rng)
+    plan = place_boxes(generate_world(12, 9, rng, obstacle_fraction=0.06), 6, rng)
     simulation = build(plan, rng)
     model, data, geometry = simulation.physics.model, simulation.physics.data, simulation.geometry
     mujoco.mj_forward(model, data)

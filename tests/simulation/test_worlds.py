@@ -20,7 +20,7 @@ def _path(plan: FloorPlan, start: Cell, goal: Cell, avoid: set[Cell]) -> list[Ce
     distances = plan.distances(goal, avoid)
     path = [start]
     while path[-1] != goal:
-        steps = [path[-1].towards(side) for side in Direction if not plan.blocked(path[-1], side)]
+        steps = [path[-1].neighbour(side) for side in Direction if not plan.is_blocked(path[-1], side)]
         path.append(min(steps, key=lambda cell: distances.get(cell, math.inf)))
     return path[1:]
 

@@ -1,4 +1,4 @@
-"""Trace files: read back whole, up to where they were cut, or not at all."""
+"""Trace files: written at once, read completely or up to where they are truncated."""
 
 from __future__ import annotations
 
@@ -31,54 +31,54 @@ def recording(tmp_path: Path) -> Path:
     return tmp_path / TRACE_FILE_NAME
 
 
-def kinds(records: list[Record]) -> list[str]:
+def type_names(records: list[Record]) -> list[str]:
     return [type(record).__name__ for record in records]
 
 
-def test_a_file_holds_the_run_with_fewer_moments(recording: Path) -> None:
-    wanted: list[Record] = []
-    keep = throttle_snapshots(wanted.append, SNAPSHOT_PERIOD)
+def test_a_file_contains_the_run_with_fewer_snapshots(recording: Path) -> None:
+    expected: list[Record] = []
+    sink = throttle_snapshots(expected.append, SNAPSHOT_PERIOD)
     for record in short_run():
-        keep(record)
-    assert kinds(load_trace(recording.parent)) == kinds(wanted)
-    assert len(wanted) < len(short_run())
+        sink(record)
+    assert type_names(load_trace(recording.parent)) == type_names(expected)
+    assert len(expected) < len(short_run())
 
 
-def test_thinning_keeps_to_the_period_and_lets_all_else_through() -> None:
+def test_throttling_limits_the_rate_of_snapshots_only() -> None:
     kept: list[Record] = []
-    keep = throttle_snapshots(kept.append, 0.4)
+    sink = throttle_snapshots(kept.append, 0.4)
     for step in range(21):
-        keep(snapshot_at(0.1 * step, 0.0))
-        keep(Narration(0.1 * step, Phase.EXPLORE, "x"))
+        sink(snapshot_at(0.1 * step, 0.0))
+        sink(Narration(0.1 * step, Phase.EXPLORE, "x"))
     times = [record.time for record in kept if isinstance(record, RobotSnapshot)]
     np.testing.assert_allclose(times, [0.0, 0.4, 0.8, 1.2, 1.6, 2.0])
     assert sum(isinstance(record, Narration) for record in kept) == 21
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.99])
-def test_a_file_cut_short_is_read_up_to_its_last_whole_frame(recording: Path, share: float) -> None:
-    whole, content = load_trace(recording), recording.read_bytes()
-    recording.write_bytes(content[: int(share * len(content))])
+@pytest.mark.parametrize("fraction", [0.3, 0.6, 0.99])
+def test_a_truncated_file_is_read_up_to_its_last_complete_frame(recording: Path, fraction: float) -> None:
+    complete, content = load_trace(recording), recording.read_bytes()
+    recording.write_bytes(content[: int(fraction * len(content))])
     part = load_trace(recording)
-    assert 0 < len(part) < len(whole) or (share > 0.9 and len(part) == len(whole))
-    assert kinds(part) == kinds(whole)[: len(part)]
+    assert 0 < len(part) < len(complete) or (fraction > 0.9 and len(part) == len(complete))
+    assert type_names(part) == type_names(complete)[: len(part)]
 
 
-def test_every_record_is_on_the_disk_as_soon_as_it_is_told(tmp_path: Path) -> None:
+def test_every_record_is_written_at_once(tmp_path: Path) -> None:
     recorder = TraceRecorder(tmp_path / TRACE_FILE_NAME)
     for number, record in enumerate(short_run()[:3], start=1):
         recorder(record)
-        assert len(load_trace(tmp_path)) == number  # what a kill would leave
+        assert len(load_trace(tmp_path)) == number  # as after a kill
     recorder.close()
 
 
-def test_packed_frames_are_a_file(recording: Path, tmp_path: Path) -> None:
+def test_packed_frames_can_be_loaded(recording: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.wherry"
     copy.write_bytes(pack_frames(load_frames(recording)))
-    assert kinds(load_trace(copy)) == kinds(load_trace(recording))
+    assert type_names(load_trace(copy)) == type_names(load_trace(recording))
 
 
-def test_a_folder_means_the_trace_in_it(tmp_path: Path) -> None:
+def test_the_trace_of_a_folder_is_found(tmp_path: Path) -> None:
     assert find_trace(tmp_path) == tmp_path / TRACE_FILE_NAME
     assert find_trace(tmp_path / "other.wherry") == tmp_path / "other.wherry"
 
@@ -95,7 +95,7 @@ def test_a_folder_means_the_trace_in_it(tmp_path: Path) -> None:
         (MAGIC + zlib.compress(b"\x08\0\0\0\0\0\0\0\x02\0\0\0{}  "), "frame 1: is damaged"),
     ],
 )
-def test_other_files_are_refused_in_one_line(tmp_path: Path, content: bytes, words: str) -> None:
+def test_other_files_are_rejected_in_one_line(tmp_path: Path, content: bytes, words: str) -> None:
     path = tmp_path / "x.wherry"
     path.write_bytes(content)
     with pytest.raises(InputError, match=words) as caught:
@@ -103,7 +103,7 @@ def test_other_files_are_refused_in_one_line(tmp_path: Path, content: bytes, wor
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_file_and_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+def test_a_missing_file_or_folder_is_reported(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         load_trace(tmp_path)
     with pytest.raises(InputError, match="cannot be written"):
@@ -111,6 +111,6 @@ def test_a_missing_file_and_a_folder_that_cannot_be_written(tmp_path: Path) -> N
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-def test_a_full_disk_is_said_in_one_line() -> None:
+def test_a_full_disk_is_reported_in_one_line() -> None:
     with pytest.raises(InputError, match="/dev/full: cannot be written: No space left on device"):
         TraceRecorder(Path("/dev/full"))

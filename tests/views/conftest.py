@@ -1,4 +1,4 @@
-"""Debian's Chromium, driven by Playwright."""
+"""Fixtures that drive Debian's Chromium with Playwright."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def browser() -> Iterator[playwright.Browser]:
 
 @pytest.fixture
 def page(browser: playwright.Browser) -> Iterator[playwright.Page]:
-    """A page that must not complain."""
+    """A page that must not report errors on its console."""
     page = browser.new_page(viewport=DESK)
-    complaints: list[str] = []
-    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-    page.on("pageerror", lambda error: complaints.append(str(error)))
+    errors: list[str] = []
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: errors.append(str(error)))
     page.set_default_timeout(10_000)
     yield page
     page.close()
-    assert [text for text in complaints if "ERR_CONNECTION_REFUSED" not in text] == []
+    assert [text for text in errors if "ERR_CONNECTION_REFUSED" not in text] == []

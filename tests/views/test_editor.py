@@ -1,4 +1,4 @@
-"""The world editor in a real browser: what is drawn is in the file, and the file is always a world."""
+"""The world editor in Chromium: drawing, saving and errors."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ def editor(page: playwright.Page, file: Path) -> Iterator[playwright.Page]:
         page.goto(f"{server.url}?theme=light")
         until(page, "found.width === 6")
         yield page
-        page.goto("about:blank")  # so that nobody misses the server
+        page.goto("about:blank")  # closes the socket before the server stops
 
 
 def click_cell(page: playwright.Page, x: int, y: int, dx: float = 0.0, dy: float = 0.0) -> None:
-    """Click in a cell, so much of a cell beside its middle."""
+    """Click in a cell, off its centre by (dx, dy) cells."""
     left, top, side = page.evaluate(
         "[canvas.getBoundingClientRect().left + 16, canvas.getBoundingClientRect().top + 16, side]"
     )
@@ -62,21 +62,21 @@ def saved(page: playwright.Page, file: Path) -> FloorPlan:
     return load_world(file)
 
 
-def test_what_is_drawn_is_in_the_file(editor: playwright.Page, file: Path) -> None:
+def test_drawn_objects_are_saved_to_the_file(editor: playwright.Page, file: Path) -> None:
     click_cell(editor, 1, 1, dx=0.45)  # walls
     click_cell(editor, 4, 2, dy=0.45)
-    click_cell(editor, 2, 0, dx=0.45)  # takes the one that was there
+    click_cell(editor, 2, 0, dx=0.45)  # removes the existing wall
     choose(editor, "Obstacle")
     click_cell(editor, 2, 2)
     choose(editor, "Warehouse")
     click_cell(editor, 5, 1)
     choose(editor, "Box")
     click_cell(editor, 4, 0)
-    click_cell(editor, 3, 3)  # takes it
+    click_cell(editor, 3, 3)  # removes it
     choose(editor, "Robot")
     click_cell(editor, 1, 0)
     click_cell(editor, 1, 0)  # turns it
-    wanted = replace(
+    expected = replace(
         PLAN,
         walls=frozenset({Wall(Cell(1, 1), north=False), Wall(Cell(4, 2), north=True)}),
         obstacles=frozenset({Cell(2, 2)}),
@@ -85,10 +85,10 @@ def test_what_is_drawn_is_in_the_file(editor: playwright.Page, file: Path) -> No
         start=Cell(1, 0),
         heading=Direction.NORTH,
     )
-    assert saved(editor, file) == wanted
+    assert saved(editor, file) == expected
 
 
-def test_a_stroke_draws_a_wall_and_is_undone_at_once(editor: playwright.Page, file: Path) -> None:
+def test_a_stroke_draws_a_wall_and_is_one_undo_step(editor: playwright.Page, file: Path) -> None:
     left, top, side = editor.evaluate(
         "[canvas.getBoundingClientRect().left + 16, canvas.getBoundingClientRect().top + 16, side]"
     )
@@ -104,14 +104,14 @@ def test_a_stroke_draws_a_wall_and_is_undone_at_once(editor: playwright.Page, fi
     assert saved(editor, file).walls == PLAN.walls | row
 
 
-def test_erasing_takes_walls_and_things(editor: playwright.Page, file: Path) -> None:
+def test_erasing_removes_walls_and_boxes(editor: playwright.Page, file: Path) -> None:
     choose(editor, "Erase")
     click_cell(editor, 2, 0, dx=0.45)
     click_cell(editor, 3, 3)
     assert saved(editor, file) == replace(PLAN, walls=frozenset(), boxes=())
 
 
-def test_sizes_and_fields(editor: playwright.Page, file: Path) -> None:
+def test_sizes_and_fields_are_saved(editor: playwright.Page, file: Path) -> None:
     editor.locator("#width").fill("8")
     editor.locator("#width").press("Enter")
     editor.locator("#name").fill("cellar")
@@ -119,10 +119,10 @@ def test_sizes_and_fields(editor: playwright.Page, file: Path) -> None:
     plan = saved(editor, file)
     assert (plan.width, plan.height, plan.name, plan.box_count) == (8, 4, "cellar", 7)
     assert (plan.walls, plan.boxes, plan.start) == (PLAN.walls, PLAN.boxes, PLAN.start)
-    assert not plan.blocked(Cell(5, 2), Direction.EAST)  # the old outer edge is gone
+    assert not plan.is_blocked(Cell(5, 2), Direction.EAST)  # the old outer edge is gone
 
 
-def test_what_is_wrong_is_said_in_place_and_not_saved(editor: playwright.Page, file: Path) -> None:
+def test_an_error_is_located_and_prevents_saving(editor: playwright.Page, file: Path) -> None:
     before = file.read_text()
     source = editor.locator("#text")
     source.fill(before.replace(" o ", " q "))
@@ -140,16 +140,16 @@ def test_what_is_wrong_is_said_in_place_and_not_saved(editor: playwright.Page, f
     until(editor, "found.error === null")
 
 
-def test_what_a_smaller_plan_takes_with_it_is_told_and_comes_back(editor: playwright.Page, file: Path) -> None:
+def test_objects_removed_by_a_smaller_plan_are_listed_and_restored_by_undo(editor: playwright.Page, file: Path) -> None:
     before = editor.input_value("#text")
     editor.locator("#width").fill("2")
     editor.locator("#width").press("Enter")
-    assert re.search(r"With the smaller plan went .*\. Undo brings it back\.", editor.inner_text("#hint"))
+    assert re.search(r"The smaller plan removed .*\. Undo restores the larger one\.", editor.inner_text("#hint"))
     editor.get_by_role("button", name="Undo").click()
     assert editor.input_value("#text") == before
 
 
-def test_tools_are_explained_and_what_is_saved_can_be_used(editor: playwright.Page, file: Path) -> None:
+def test_tools_show_hints_and_a_saved_world_shows_its_command(editor: playwright.Page, file: Path) -> None:
     choose(editor, "Robot")
     assert "a second click turns it" in editor.inner_text("#hint")
     choose(editor, "Obstacle")
@@ -159,7 +159,7 @@ def test_tools_are_explained_and_what_is_saved_can_be_used(editor: playwright.Pa
     assert str(file) in editor.inner_text("#verdict")
 
 
-def test_a_box_that_nobody_can_reach_is_pointed_out(editor: playwright.Page) -> None:
+def test_an_unreachable_box_is_reported(editor: playwright.Page) -> None:
     choose(editor, "Obstacle")
     for x, y in ((2, 3), (4, 3), (3, 2)):
         click_cell(editor, x, y)
@@ -167,7 +167,7 @@ def test_a_box_that_nobody_can_reach_is_pointed_out(editor: playwright.Page) -> 
     assert "1 of them cannot be reached by the robot" in editor.inner_text("#verdict")
 
 
-def test_keys_draw_too(editor: playwright.Page, file: Path) -> None:
+def test_the_keyboard_can_draw(editor: playwright.Page, file: Path) -> None:
     editor.locator("#canvas").focus()
     for key in ("ArrowRight", "ArrowDown", "2", "Space", "ArrowRight", "Shift+ArrowDown"):
         editor.keyboard.press(key)
@@ -180,7 +180,9 @@ def test_keys_draw_too(editor: playwright.Page, file: Path) -> None:
 
 @pytest.mark.parametrize(("size", "name"), [(DESK, "desk"), (PHONE, "phone")])
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_it_fits(page: playwright.Page, tmp_path: Path, size: dict[str, int], name: str, theme: str) -> None:
+def test_the_editor_fits_both_sizes_in_both_themes(
+    page: playwright.Page, tmp_path: Path, size: dict[str, int], name: str, theme: str
+) -> None:
     path = tmp_path / "rooms.txt"
     path.write_text(format_world(find_world("rooms")), encoding="utf-8")
     page.set_viewport_size(size)  # type: ignore[arg-type]
@@ -195,7 +197,7 @@ def test_it_fits(page: playwright.Page, tmp_path: Path, size: dict[str, int], na
         page.goto("about:blank")
 
 
-def test_a_new_file_begins_with_a_world(page: playwright.Page, tmp_path: Path) -> None:
+def test_a_new_file_starts_with_a_valid_world(page: playwright.Page, tmp_path: Path) -> None:
     path = tmp_path / "new.txt"
     with serve_editor(path, port=0) as server:
         page.goto(server.url)
@@ -205,7 +207,7 @@ def test_a_new_file_begins_with_a_world(page: playwright.Page, tmp_path: Path) -
         page.goto("about:blank")
 
 
-def test_a_file_that_is_no_world_is_refused_at_once(tmp_path: Path) -> None:
+def test_a_file_that_is_no_world_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "x.txt"
     path.write_text("hello")
     with pytest.raises(InputError, match=r"x\.txt"), serve_editor(path, port=0):
@@ -213,6 +215,6 @@ def test_a_file_that_is_no_world_is_refused_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", built_in_worlds())
-def test_every_built_in_world_is_fine(name: str) -> None:
+def test_every_built_in_world_passes_the_check(name: str) -> None:
     found = check_world(format_world(find_world(name)), name)
     assert (found["error"], found["unreachable"], found["connected"]) == (None, [], True)

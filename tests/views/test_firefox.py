@@ -1,4 +1,4 @@
-"""The pages in another browser than the one they were written with."""
+"""The pages in Firefox."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def colour_at(page: Page, x: float, y: float) -> list[int]:
     return [colour[f"{at}"] for at in range(3)]  # type: ignore[call-overload]
 
 
-def test_a_recording_is_drawn_and_played(window: Page, tmp_path: Path) -> None:
+def test_a_recording_is_drawn_and_replayed(window: Page, tmp_path: Path) -> None:
     encoder = Encoder()
     frames = b"".join(encoder.encode(record) for record in short_run())
     path = tmp_path / "page.html"
@@ -65,10 +65,10 @@ def test_a_recording_is_drawn_and_played(window: Page, tmp_path: Path) -> None:
     assert window.evaluate("document.getElementById('help').open") is True
     window.press("\ue00c")  # Escape
     window.until("!document.getElementById('help').open")
-    assert window.complaints == []
+    assert window.errors == []
 
 
-def test_a_live_run_arrives_and_ends(window: Page) -> None:
+def test_a_live_run_is_received_until_its_end(window: Page) -> None:
     broadcast = TraceBroadcast()
     with serve_run(broadcast, "A run", port=0) as server:
         window.goto(server.url)
@@ -78,7 +78,7 @@ def test_a_live_run_arrives_and_ends(window: Page) -> None:
         broadcast.end()
         window.until("document.getElementById('link').textContent === 'run over'")
         assert window.evaluate("trace.records.Stepped.length") == 4
-    assert window.complaints == []
+    assert window.errors == []
 
 
 def test_a_world_is_drawn_and_saved(window: Page, tmp_path: Path) -> None:
@@ -94,4 +94,4 @@ def test_a_world_is_drawn_and_saved(window: Page, tmp_path: Path) -> None:
         (box,) = parse_world(path.read_text(encoding="utf-8"), str(path)).boxes
         assert (box.x, box.y) == (4, 4)  # of eight rows, the fourth from above
         window.goto("about:blank")
-    assert window.complaints == []
+    assert window.errors == []

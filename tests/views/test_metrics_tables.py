@@ -8,7 +8,6 @@ from typing import cast
 
 import pytest
 from rich.console import Console
-from wherry.ros.transports.transport import Transport
 
 from wherry.mapping import closures
 from wherry.pipelines.grids import learning as taxi
@@ -16,6 +15,7 @@ from wherry.pipelines.logs import localization
 from wherry.pipelines.logs import mapping as slam
 from wherry.ros.names import load_names
 from wherry.ros.nodes.monitor import Monitor
+from wherry.ros.transports.protocol import Transport
 from wherry.views.metrics_tables import (
     LEARNING_METRICS,
     LOCALIZATION_METRICS,
@@ -33,7 +33,7 @@ MAPPED = slam.Result(0.0504, 0.041, 0.523, 0.61, 9998, None, 0.6947, 23.36, 2.06
 class SilentTransport:
     """A transport without messages."""
 
-    generation = 2
+    ros_version = 2
 
     def subscribe(self, *of: object) -> None: ...
 
@@ -46,7 +46,7 @@ def field_names(result: type) -> set[str]:
     ("names", "labels"),
     [
         (field_names(slam.Result) - {"log"}, MAPPING_METRICS),
-        (field_names(localization.Result), LOCALIZATION_METRICS),
+        (field_names(localization.LocalizationResult), LOCALIZATION_METRICS),
         (field_names(taxi.Result) - {"settings", "runs"} | {"learner", "seed"}, LEARNING_METRICS),
         (set(Monitor(cast(Transport, SilentTransport()), load_names()).figures()), ROS_TRAFFIC_METRICS),
     ],

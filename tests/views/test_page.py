@@ -1,6 +1,6 @@
-"""The page in a real browser: things are where the data says, and what people press does what it says.
+"""The page in Chromium: drawing, panels, playback and controls.
 
-Pictures of both themes and sizes are left in build/screenshots, to be looked at.
+Screenshots of both themes and sizes are written to build/screenshots.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from wherry_testing.runs import BOX, LASER, TERMS, room, short_run, snapshot_at,
 
 
 @pytest.fixture(scope="session")
-def carried(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The page as a file with the run in it."""
+def delivery_url(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The page as a file with a delivery in it."""
     encoder = Encoder()
     frames = b"".join(encoder.encode(record) for record in short_run())
     path = tmp_path_factory.mktemp("page") / "page.html"
@@ -40,7 +40,7 @@ def carried(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture(scope="session")
-def taxi(tmp_path_factory: pytest.TempPathFactory) -> str:
+def taxi_url(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The page as a file with a learner on a grid in it."""
     encoder = Encoder()
     frames = b"".join(encoder.encode(record) for record in taxi_ride())
@@ -61,12 +61,12 @@ def go_to(page: playwright.Page, moment: float) -> None:
 
 
 def settle(page: playwright.Page) -> None:
-    """Let two pictures be drawn."""
+    """Wait until two frames are drawn."""
     page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 
 def colour_at(page: playwright.Page, x: float, y: float) -> tuple[int, int, int]:
-    """What the picture shows at a point of the map, m."""
+    """Colour of the canvas at a point of the map, m."""
     pixel = page.evaluate(
         """([x, y]) => {
             const [px, py] = scene.project(x, y);
@@ -78,16 +78,16 @@ def colour_at(page: playwright.Page, x: float, y: float) -> tuple[int, int, int]
     return tuple(pixel[:3])
 
 
-def is_near(colour: tuple[int, int, int], wanted: str, slack: int = 40) -> bool:
-    parts = [int(wanted[at : at + 2], 16) for at in (1, 3, 5)]
-    return all(abs(part - other) <= slack for part, other in zip(colour, parts, strict=True))
+def is_near(colour: tuple[int, int, int], expected: str, tolerance: int = 40) -> bool:
+    parts = [int(expected[at : at + 2], 16) for at in (1, 3, 5)]
+    return all(abs(part - other) <= tolerance for part, other in zip(colour, parts, strict=True))
 
 
 BLUE, RED, BROWN, WHITE, DARK, GREEN = "#1f6feb", "#d1242f", "#a0622d", "#ffffff", "#2a323d", "#12813f"
 
 
-def test_everything_is_drawn_where_the_data_says(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=4.2)
+def test_every_layer_is_drawn_at_its_position(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=4.2)
     for x, y in LASER:
         assert is_near(colour_at(page, x, y), BLUE)
     assert is_near(colour_at(page, *BOX), BROWN)
@@ -102,28 +102,28 @@ def test_everything_is_drawn_where_the_data_says(page: playwright.Page, carried:
     assert is_near(colour_at(page, 0.52, -0.75), WHITE)
 
 
-def test_the_map_grows_and_shrinks_back_with_the_time(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=4.2)
+def test_the_map_follows_the_playback_time(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=4.2)
     assert is_near(colour_at(page, 3.0, -0.6), WHITE)
-    go_to(page, 1.0)  # only the first three metres were known then
+    go_to(page, 1.0)  # when only the first three metres were known
     assert page.evaluate("scene.map.percentAt(3.0, -0.6)") is None
     assert page.evaluate("scene.map.percentAt(1.0, -0.6)") == 0
     go_to(page, 3.0)
     assert page.evaluate("scene.map.percentAt(3.0, -0.6)") == 0
 
 
-def test_the_robot_is_where_it_was_between_two_records(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=0.5)
+def test_the_robot_is_interpolated_between_two_records(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=0.5)
     assert page.evaluate("scene.instant.pose[0]") == pytest.approx(0.125, abs=1e-6)
 
 
-def test_what_it_knows_stands_beside_the_map(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=5.0)
+def test_conditions_rules_and_progress_are_shown(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=5.0)
     assert page.locator("#bits li").count() == len(TERMS)
     assert page.locator("#bits li.on").all_inner_texts() == ["1\ntouch_E(wall)"]
     assert "if not touch_N(wall) and not" in page.inner_text("#rules")
     assert "0000000" in page.inner_text("#rules")
-    assert "fails in 2" in page.inner_text("#rules")
+    assert "no effect in 2" in page.inner_text("#rules")
     assert page.inner_text("#unknown") == "3"
     go_to(page, 7.5)
     assert "0******" in page.inner_text("#rules")
@@ -139,12 +139,13 @@ def test_what_it_knows_stands_beside_the_map(page: playwright.Page, carried: str
     assert page.locator("#progress").is_hidden()
 
 
-def test_the_log_leads_through_the_run(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=0.0)
+def test_the_log_lists_events_and_seeks_on_click(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=0.0)
     log = page.locator("#log li")
-    assert log.count() == 3 + 4 + 2 + 2  # said, done, learnt, mapped
+    assert log.count() == 3 + 4 + 2 + 2  # narrations, actions, rules, mapping progress
     assert page.locator("#log .said").all_inner_texts()[1:3] == ["0:00\nMapped 40 %.", "0:02\nMapped 80 %."]
-    narrower = log.filter(has_text="N: robot.y += 1 if not touch_N(wall)")
+    assert log.filter(has_text=re.compile(r"N: robot\.y \+= 1 if no term holds$")).count() == 1
+    narrower = log.filter(has_text=re.compile(r"N: robot\.y \+= 1 if not touch_N\(wall\)$"))
     assert narrower.get_attribute("title") == "0******, was 0000000: if not touch_N(robot, wall)"
     assert page.locator("#log li.later").count() == 9
     log.filter(has_text="PICKUP").click()
@@ -152,13 +153,13 @@ def test_the_log_leads_through_the_run(page: playwright.Page, carried: str) -> N
     assert page.evaluate("player.time") == 8.0
     assert page.inner_text("#log li.here").endswith("PICKUP · touch_E(wall)")
     assert page.get_attribute("#log li.here", "title") == (
-        "In condition 0010000: not touch_N(robot, wall) and not touch_S(robot, wall) and touch_E(robot, wall)"
+        "Condition 0010000: not touch_N(robot, wall) and not touch_S(robot, wall) and touch_E(robot, wall)"
         " and not touch_W(robot, wall) and not on(robot, box) and not on(robot, warehouse) and not box.in_bot"
     )
 
 
-def test_of_lines_with_one_time_the_one_clicked_on_is_marked(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=0.0)
+def test_of_log_lines_with_equal_times_the_clicked_one_is_marked(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=0.0)
     for words in ("DROPOFF", "Everything is delivered."):
         page.locator("#log li").filter(has_text=words).click()
         settle(page)
@@ -166,8 +167,8 @@ def test_of_lines_with_one_time_the_one_clicked_on_is_marked(page: playwright.Pa
         assert page.evaluate("player.time") == 10.0
 
 
-def test_the_log_shows_six_lines_and_the_present_one_whole(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=7.5)
+def test_the_log_shows_six_lines_and_the_whole_current_one(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=7.5)
     assert page.evaluate("document.getElementById('log').clientHeight") >= 6 * 22
     inside = page.evaluate(
         """() => {
@@ -179,8 +180,8 @@ def test_the_log_shows_six_lines_and_the_present_one_whole(page: playwright.Page
     assert inside
 
 
-def test_the_phase_is_that_of_the_action_being_done(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=3.9)
+def test_the_phase_is_that_of_the_current_action(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=3.9)
     phases = []
     for moment in (3.9, 4.5, 6.9, 7.5, 9.9, 10.0):
         go_to(page, moment)
@@ -190,8 +191,8 @@ def test_the_phase_is_that_of_the_action_being_done(page: playwright.Page, carri
     assert page.locator("#phases i").count() == 4
 
 
-def test_arrows_step_while_the_timeline_has_the_focus(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=4.5)
+def test_arrow_keys_step_while_the_timeline_has_the_focus(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=4.5)
     page.locator("#seek").focus()
     for key, moment in (("ArrowRight", 5.0), ("ArrowRight", 7.0), ("ArrowLeft", 5.0)):
         page.keyboard.press(key)
@@ -201,8 +202,8 @@ def test_arrows_step_while_the_timeline_has_the_focus(page: playwright.Page, car
     assert page.evaluate("player.playing") is True
 
 
-def test_arrows_go_from_line_to_line_of_the_log(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=5.0)
+def test_arrow_keys_select_log_lines(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=5.0)
     page.locator("#log").focus()
     lines = page.locator("#log li").all_inner_texts()
     here = lines.index(page.inner_text("#log li.here"))
@@ -216,37 +217,37 @@ def legend(page: playwright.Page) -> list[str]:
     return page.locator("#legend label:visible, #legend p:visible").all_inner_texts()
 
 
-def test_whatever_is_drawn_stands_in_the_legend(page: playwright.Page, carried: str, taxi: str) -> None:
-    opened(page, carried, at=10.0)
+def test_the_legend_lists_all_drawn_symbols(page: playwright.Page, delivery_url: str, taxi_url: str) -> None:
+    opened(page, delivery_url, at=10.0)
     layers = [
         "Laser",
-        "Particle cloud",
-        "Path ahead",
-        "Plan, cell by cell",
-        "Way driven",
+        "Particles",
+        "Path",
+        "Plan (cells)",
+        "Path driven",
         "Boxes",
         "Warehouse",
         "Cells",
     ]
-    drawn = ["Robot, fork ahead", "Wall", "Free", "Unknown"]
+    drawn = ["Robot, fork at the front", "Wall", "Free", "Unknown"]
     assert legend(page) == [*layers, *drawn, "Explores", "Learns", "Delivers", "Done", "Box delivered"]
-    opened(page, taxi, at=3.0)
+    opened(page, taxi_url, at=3.0)
     assert legend(page) == ["Cells", "Destination", "Passenger", "Taxi", "Wall", "Learns", "Uses its rules"]
 
 
-def test_things_of_a_grid_are_drawn_by_their_class(page: playwright.Page, taxi: str) -> None:
-    opened(page, taxi, at=1.0)
+def test_objects_of_a_grid_are_drawn_by_their_class(page: playwright.Page, taxi_url: str) -> None:
+    opened(page, taxi_url, at=1.0)
     assert is_near(colour_at(page, 1.5, 1.5), "#222a35")  # the taxi
     assert is_near(colour_at(page, 0.5, 0.5), BROWN)  # the passenger
-    assert is_near(colour_at(page, 3.5, 2.5), "#f5e2b8")  # where it wants to go
+    assert is_near(colour_at(page, 3.5, 2.5), "#f5e2b8")  # the destination
     go_to(page, 2.0)
-    assert is_near(colour_at(page, 2.5, 1.5), BROWN)  # in the taxi, though its own x and y do not ride along
+    assert is_near(colour_at(page, 2.5, 1.5), BROWN)  # in the taxi, although its own x and y stay
     assert is_near(colour_at(page, 2.25, 1.5), "#222a35")
     assert is_near(colour_at(page, 0.5, 0.5), WHITE)
 
 
-def test_an_experiment_is_told_from_the_way_to_one(page: playwright.Page, taxi: str) -> None:
-    opened(page, taxi, at=1.2)
+def test_experiments_differ_from_actions_that_lead_to_one(page: playwright.Page, taxi_url: str) -> None:
+    opened(page, taxi_url, at=1.2)
     for moment, words in (
         (1.2, "An experiment: "),
         (1.7, "On the way to an experiment: "),
@@ -260,12 +261,12 @@ def test_an_experiment_is_told_from_the_way_to_one(page: playwright.Page, taxi: 
         assert [line for line in acted if line[0] == action] == [f"{action} · no term holds{tag}" for tag in told]
 
 
-def test_the_page_explains_itself_and_its_keys(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=4.5)
-    page.get_by_role("button", name="What is what").click()
+def test_the_help_dialog_explains_panels_and_keys(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=4.5)
+    page.get_by_role("button", name="Explanations and keys").click()
     explained = page.locator("#help dt").all_inner_texts()
-    assert {"Condition", "Learnt rules", "Unknown", "Delivered", "Log"} <= set(explained)
-    page.keyboard.press("Space")  # presses what has the focus, which closes it, and plays nothing
+    assert {"Condition", "Learnt rules", "Unknown pairs", "Delivered", "Log"} <= set(explained)
+    page.keyboard.press("Space")  # activates the focused button, which closes the dialog
     until(page, "!document.getElementById('help').open")
     assert page.evaluate("player.playing") is False
     page.keyboard.press("?")
@@ -276,7 +277,7 @@ def test_the_page_explains_itself_and_its_keys(page: playwright.Page, carried: s
     assert page.locator("#help").is_hidden()
 
 
-def test_where_a_log_puts_the_robot_stands_beside_the_map(page: playwright.Page, tmp_path: Path) -> None:
+def test_the_estimated_pose_of_a_log_is_shown(page: playwright.Page, tmp_path: Path) -> None:
     encoder = Encoder()
     cloud = np.array([[1.3, 0.0, 0.0], [0.7, 0.0, 0.0], [1.0, 0.4, 0.0], [1.0, -0.4, 0.0]], np.float32)
     records: list[Record] = [
@@ -294,19 +295,19 @@ def test_where_a_log_puts_the_robot_stands_beside_the_map(page: playwright.Page,
         "y": "0.00 m",
         "heading": "0°",
         "particles": "4",
-        "their spread (rms)": "0.35 m",  # √((0.3² + 0.3² + 0.4² + 0.4²) ÷ 4)
+        "particle spread (rms)": "0.35 m",  # √((0.3² + 0.3² + 0.4² + 0.4²) ÷ 4)
     }
-    assert legend(page) == ["Laser", "Particle cloud", "Way driven", "Robot", "Wall", "Free", "Unknown"]
+    assert legend(page) == ["Laser", "Particles", "Path driven", "Robot", "Wall", "Free", "Unknown"]
 
 
-def test_what_is_not_known_yet_is_not_told_as_false(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=3.0)
-    assert page.get_attribute("#bits li >> nth=2", "aria-label") == "touch_E(robot, wall): not known yet"
+def test_an_unknown_term_is_not_shown_as_false(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=3.0)
+    assert page.get_attribute("#bits li >> nth=2", "aria-label") == "touch_E(robot, wall): unknown"
     go_to(page, 5.0)
     assert page.get_attribute("#bits li >> nth=2", "aria-label") == "touch_E(robot, wall): holds"
 
 
-def test_a_log_that_is_mapped_shows_map_and_way_whole(page: playwright.Page, tmp_path: Path) -> None:
+def test_a_mapped_log_shows_the_whole_map_and_path(page: playwright.Page, tmp_path: Path) -> None:
     encoder = Encoder()
     records: list[Record] = [
         RunStarted("map", "walk.log"),
@@ -323,19 +324,19 @@ def test_a_log_that_is_mapped_shows_map_and_way_whole(page: playwright.Page, tmp
         const [px, py] = scene.project(x, y);
         return px > 0 && px < scene.width && py > 0 && py < scene.height;
     }"""
-    assert all(page.evaluate(shows, list(point)) for point in LASER)  # there is no map yet
+    assert all(page.evaluate(shows, list(point)) for point in LASER)  # no map yet
     go_to(page, 210.0)
     assert all(page.evaluate(shows, point) for point in ([-1.0, -1.0], [-1.0, 2.9], [9.0, 0.0]))
     assert is_near(colour_at(page, 1.5, -0.6), WHITE)
     purple = colour_at(page, 0.05, 0.0)
-    assert purple[2] > purple[0] > purple[1]  # the way, from its beginning on
-    assert page.locator("#layers label:visible").all_inner_texts() == ["Laser", "Way driven"]
+    assert purple[2] > purple[0] > purple[1]  # the path, from its start on
+    assert page.locator("#layers label:visible").all_inner_texts() == ["Laser", "Path driven"]
     assert page.inner_text("#phase") == "Maps"
     assert "Mapped 40 % of the log." in page.inner_text("#log")
 
 
-def test_of_a_plan_the_way_to_the_next_box_stands_out(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=5.0)
+def test_the_current_leg_of_a_plan_is_highlighted(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=5.0)
     ends = "plan => legEnd(Float32Array.from(plan)) / 2"
     assert page.evaluate(ends, [0, 0, 0, 1, 0, 1, 0, 0]) == 1  # up, PICKUP, back
     assert page.evaluate(ends, [0, 0, 0, 0, 0, 1, 0, 1, 0, 0]) == 2  # PICKUP at once, up, DROPOFF
@@ -345,8 +346,8 @@ def test_of_a_plan_the_way_to_the_next_box_stands_out(page: playwright.Page, car
     assert page.evaluate(ahead, [0.5, 0.5]) == [0, 0, 0, 1, 1, 1]  # it is elsewhere
 
 
-def test_play_pause_step_and_scrub(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=0.0)
+def test_play_pause_step_and_scrub(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=0.0)
     page.select_option("#speed", "5")
     page.get_by_role("button", name="Play", exact=True).click()
     until(page, "player.time > 1")
@@ -366,8 +367,8 @@ def test_play_pause_step_and_scrub(page: playwright.Page, carried: str) -> None:
     assert page.inner_text("#clock") == "0:08 / 0:10"
 
 
-def test_real_time_is_real_time(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=0.0)
+def test_playback_at_speed_1_is_real_time(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=0.0)
     page.select_option("#speed", "1")
     before = page.evaluate("player.toggle(), performance.now()")
     page.wait_for_timeout(1000)
@@ -375,8 +376,8 @@ def test_real_time_is_real_time(page: playwright.Page, carried: str) -> None:
     assert shown == pytest.approx((now - before) / 1000, abs=0.3)
 
 
-def test_keys_do_all_of_it(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=4.5)
+def test_keys_control_playback_and_view(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=4.5)
     press = page.keyboard.press
     press("ArrowRight")
     assert page.evaluate("player.time") == 5.0
@@ -400,8 +401,8 @@ def test_keys_do_all_of_it(page: playwright.Page, carried: str) -> None:
     assert page.evaluate("scene.centre[0]") < centre
 
 
-def test_the_mouse_zooms_where_it_points_and_drags(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=4.2)
+def test_the_mouse_zooms_at_the_pointer_and_drags(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=4.2)
     place = page.evaluate("scene.unproject(300, 200)")
     left, top = page.evaluate("[scene.canvas.getBoundingClientRect().left, scene.canvas.getBoundingClientRect().top]")
     page.mouse.move(left + 300, top + 200)
@@ -415,7 +416,7 @@ def test_the_mouse_zooms_where_it_points_and_drags(page: playwright.Page, carrie
 
 
 def click_at(page: playwright.Page, x: float, y: float) -> str:
-    """Click on a point of the map, m; what the page then tells of it."""
+    """Click on a point of the map, m; the text of the inspector."""
     place = page.evaluate(
         "([x, y]) => { const [px, py] = scene.project(x, y), box = scene.canvas.getBoundingClientRect();"
         " return [box.left + px, box.top + py] }",
@@ -426,8 +427,8 @@ def click_at(page: playwright.Page, x: float, y: float) -> str:
     return page.inner_text("#inspector")
 
 
-def test_a_click_on_a_thing_tells_its_attributes(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=5.2)
+def test_a_click_on_an_object_shows_its_attributes(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=5.2)
     box = click_at(page, *BOX)
     assert re.search(
         r"Box box1.*box\.x\s+5\s+box\.y\s+4\s+box\.in_bot\s+false\s+map\s+2\.50 m, 1\.50 m", box, re.DOTALL
@@ -449,11 +450,11 @@ def test_a_click_on_a_thing_tells_its_attributes(page: playwright.Page, carried:
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize(("size", "name"), [(DESK, "desk"), (PHONE, "phone")])
-def test_it_fits_both_sizes_in_both_themes(
-    page: playwright.Page, carried: str, size: dict[str, int], name: str, theme: str
+def test_the_page_fits_both_sizes_in_both_themes(
+    page: playwright.Page, delivery_url: str, size: dict[str, int], name: str, theme: str
 ) -> None:
     page.set_viewport_size(size)  # type: ignore[arg-type]
-    opened(page, carried, at=7.5, theme=theme)
+    opened(page, delivery_url, at=7.5, theme=theme)
     SCREENSHOTS.mkdir(parents=True, exist_ok=True)
     page.screenshot(path=SCREENSHOTS / f"{name}-{theme}.png")
     assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
@@ -465,10 +466,10 @@ def test_it_fits_both_sizes_in_both_themes(
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_all_text_can_be_read(page: playwright.Page, carried: str, taxi: str, theme: str) -> None:
+def test_all_text_has_enough_contrast(page: playwright.Page, delivery_url: str, taxi_url: str, theme: str) -> None:
     page.emulate_media(reduced_motion="reduce")
-    for url, moments in ((carried, (1.0, 7.5, 10.0)), (taxi, (2.5,))):
-        for moment in moments:
+    for url, frame_times in ((delivery_url, (1.0, 7.5, 10.0)), (taxi_url, (2.5,))):
+        for moment in frame_times:
             opened(page, url, at=moment, theme=theme)
             assert faint_texts(page) == []
             assert page.evaluate("document.getAnimations().length") == 0
@@ -476,17 +477,17 @@ def test_all_text_can_be_read(page: playwright.Page, carried: str, taxi: str, th
     assert faint_texts(page) == []
 
 
-def test_whatever_can_be_pressed_has_a_name(page: playwright.Page, carried: str) -> None:
-    opened(page, carried, at=5.2)
-    nameless = page.evaluate(
+def test_every_control_has_an_accessible_name(page: playwright.Page, delivery_url: str) -> None:
+    opened(page, delivery_url, at=5.2)
+    unnamed = page.evaluate(
         """() => [...document.querySelectorAll('button, select, input')]
             .filter((item) => !(item.ariaLabel || item.textContent.trim() || item.labels?.length))
             .map((item) => item.id)"""
     )
-    assert nameless == []
+    assert unnamed == []
 
 
-def test_text_in_a_trace_is_never_markup(page: playwright.Page, tmp_path: Path) -> None:
+def test_text_of_a_trace_is_never_parsed_as_html(page: playwright.Page, tmp_path: Path) -> None:
     evil = "<img src=x onerror=alert(1)></script>"
     records = [record for record in short_run() if not isinstance(record, RobotSnapshot)]
     encoder = Encoder()
@@ -500,7 +501,7 @@ def test_text_in_a_trace_is_never_markup(page: playwright.Page, tmp_path: Path) 
     assert page.locator("img").count() == 0
 
 
-def test_a_live_run_is_followed_and_its_end_is_told(page: playwright.Page, tmp_path: Path) -> None:
+def test_a_live_run_is_followed_until_its_end(page: playwright.Page, tmp_path: Path) -> None:
     broadcast = TraceBroadcast()
     records = short_run()
     with serve_run(broadcast, "A run", port=0, folder=tmp_path) as server:
@@ -543,7 +544,7 @@ with serve_run(broadcast, "A run", port=0) as server:
 """
 
 
-def test_a_killed_server_is_said_and_the_run_stays(page: playwright.Page) -> None:
+def test_a_killed_server_is_reported_and_the_run_can_be_replayed(page: playwright.Page) -> None:
     command = [sys.executable, "-c", SERVED, str(Path(__file__).parents[1])]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -556,7 +557,7 @@ def test_a_killed_server_is_said_and_the_run_stays(page: playwright.Page) -> Non
     assert is_near(colour_at(page, *LASER[0]), BLUE)
 
 
-def test_a_page_from_elsewhere_cannot_watch(browser: playwright.Browser) -> None:
+def test_a_foreign_page_cannot_open_the_socket(browser: playwright.Browser) -> None:
     with serve_run(TraceBroadcast(), "A run", port=0) as server:
         page = browser.new_page()
         page.route("http://127.0.0.1:1/", lambda route: route.fulfill(body="<p>Elsewhere", content_type="text/html"))
@@ -574,7 +575,7 @@ def test_a_page_from_elsewhere_cannot_watch(browser: playwright.Browser) -> None
 
 
 def large_run() -> bytes:
-    """Frames of 20 s in a map of 100 by 100 m that still changes, with 2,000 particles and 360 beams."""
+    """Frames of 20 s in a changing map of 100 × 100 m, with 2,000 particles and 360 beams."""
     probability = np.full((2000, 2000), 0.02, np.float32)
     probability[::60], probability[:, ::80] = 0.95, 0.95
     encoder, rng = Encoder(), np.random.default_rng(0)
@@ -593,34 +594,36 @@ def large_run() -> bytes:
 
 
 @pytest.mark.realtime
-def test_a_hundred_metres_and_two_thousand_particles_are_smooth(page: playwright.Page, tmp_path: Path) -> None:
+def test_a_large_map_with_two_thousand_particles_is_drawn_at_30_hz(page: playwright.Page, tmp_path: Path) -> None:
     path = tmp_path / "page.html"
     path.write_text(player_page("big", {"source": "file"}, large_run()), encoding="utf-8")
     opened(page, path.as_uri(), at=0.0)
     page.evaluate("player.setSpeed(10); player.toggle()")
     shown = page.evaluate(
         """new Promise((done) => {
-            const moments = [], times = [];
+            const frame_times = [], times = [];
             const look = (now) => {
-                moments.push(now);
+                frame_times.push(now);
                 times.push(scene.instant.time);
                 scene.context.getImageData(0, 0, 1, 1); // so that drawing has really happened
                 if (player.playing) requestAnimationFrame(look);
-                else done({ moments, pictures: new Set(times).size });
+                else done({ frame_times, pictures: new Set(times).size });
             };
             requestAnimationFrame(look);
         })"""
     )
-    moments = np.array(shown["moments"]) / 1000.0  # s
-    rate = (len(moments) - 1) / (moments[-1] - moments[0])
+    frame_times = np.array(shown["frame_times"]) / 1000.0  # s
+    rate = (len(frame_times) - 1) / (frame_times[-1] - frame_times[0])
     SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    figure = f"100 × 100 m, 2,000 particles: {rate:.1f} frames/s, the longest {1000 * np.diff(moments).max():.0f} ms"
-    (SCREENSHOTS / "smoothness.txt").write_text(f"{figure}\n", encoding="utf-8")
-    assert shown["pictures"] > 0.9 * len(moments)  # each shows another instant
-    assert rate >= 30.0, figure
+    rate_text = (
+        f"100 × 100 m, 2,000 particles: {rate:.1f} frames/s, the longest {1000 * np.diff(frame_times).max():.0f} ms"
+    )
+    (SCREENSHOTS / "smoothness.txt").write_text(f"{rate_text}\n", encoding="utf-8")
+    assert shown["pictures"] > 0.9 * len(frame_times)  # each frame shows another time
+    assert rate >= 30.0, rate_text
 
 
-def test_a_recording_becomes_one_file_that_needs_nothing(page: playwright.Page, tmp_path: Path) -> None:
+def test_a_recording_becomes_a_self_contained_file(page: playwright.Page, tmp_path: Path) -> None:
     with TraceRecorder(tmp_path / TRACE_FILE_NAME) as recorder:
         for record in short_run():
             recorder(record)

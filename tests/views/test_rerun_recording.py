@@ -1,4 +1,4 @@
-"""A trace for the Rerun viewer, read back by Rerun's own tools."""
+"""Recordings for the Rerun viewer, read back by Rerun's own tools."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from wherry.trace.records import (
 )
 from wherry.views.rerun_recording import rerun_recording
 
-NOWHERE = np.empty((0, 2), np.float32)
+NO_POINTS = np.empty((0, 2), np.float32)
 RECORDS: tuple[Record, ...] = (
     RunStarted("deliver", "small", "bayes", ("touch_N(robot, wall)", "box.in_bot"), ("N",), 0.2, 0.1),
     Narration(0.0, Phase.EXPLORE, "I know nothing."),
@@ -49,13 +49,13 @@ RECORDS: tuple[Record, ...] = (
         for number in range(3)
     ),
     PerceivedState(2.5, "01", ()),
-    StepTaken(2.5, "01", "N", True, True, 7, 1, 2, NOWHERE),
+    StepTaken(2.5, "01", "N", True, True, 7, 1, 2, NO_POINTS),
     LearntModel(2.5, (LearntRule("N", "0*", "robot.y += 1"),), (("N", ("1*",)),)),
 )
 
 
 def rows(path: Path) -> dict[str, int]:
-    """How many rows Rerun's own command finds at each entity."""
+    """Number of rows of each entity, as printed by Rerun's command."""
     command = [sys.executable, "-m", "rerun", "rrd", "print", str(path)]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     found: dict[str, int] = {}
@@ -64,7 +64,7 @@ def rows(path: Path) -> dict[str, int]:
     return found
 
 
-def test_everything_of_a_run_is_in_the_recording(tmp_path: Path) -> None:
+def test_every_record_type_is_in_the_recording(tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
     with rerun_recording(path) as sink:
         for record in RECORDS:
@@ -78,19 +78,19 @@ def test_everything_of_a_run_is_in_the_recording(tmp_path: Path) -> None:
         assert found[entity] == 1
 
 
-def test_a_run_that_fails_leaves_what_was_recorded(tmp_path: Path) -> None:
+def test_a_failed_run_leaves_its_recording(tmp_path: Path) -> None:
     recording = rerun_recording(tmp_path / "run.rrd")
     recording.__enter__()(RECORDS[1])
     assert not recording.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
     assert rows(tmp_path / "run.rrd")["/log"] == 1
 
 
-def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_folder_is_reported(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"), rerun_recording(tmp_path / "no" / "run.rrd"):
         pass
 
 
-def test_the_library_is_an_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_missing_library_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(InputError, match=r"wherry\[rerun\]"), rerun_recording(tmp_path / "run.rrd"):
         pass

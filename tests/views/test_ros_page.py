@@ -35,7 +35,7 @@ def wherry(*arguments: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def test_a_robot_of_ros_is_watched_on_the_page(page: playwright.Page, tmp_path: Path) -> None:
+def test_a_delivery_over_ros_is_shown_on_the_page(page: playwright.Page, tmp_path: Path) -> None:
     place = ("--warehouse", "3.0,0.0", "--out", str(tmp_path))
     with wherry("simulate", "small"), wherry("deliver", *place, "--view", "--port", "0") as agent:
         assert agent.stdout is not None

@@ -1,4 +1,4 @@
-"""The server: who gets in, what they get, and that nobody holds a run up."""
+"""The page server: access, frames, and that a page never blocks the run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def broadcast() -> TraceBroadcast:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "secret.txt").write_text("nobody reads this")
+    (tmp_path / "secret.txt").write_text("a secret")
     run = tmp_path / "run"
     run.mkdir()
     (run / "report.html").write_text("<p>The report")
@@ -71,7 +71,7 @@ def open_socket(
 
 
 def received(page: ClientConnection) -> tuple[dict[str, object], bytes]:
-    """What a page gets until the run is over: the greeting, and all frames."""
+    """The first message and all frames that a page receives until the run is over."""
     hello = json.loads(page.recv(timeout=5))
     frames = b""
     while True:
@@ -82,7 +82,7 @@ def received(page: ClientConnection) -> tuple[dict[str, object], bytes]:
             return hello, frames
 
 
-def test_the_page_comes_with_everything_and_a_policy(server: PageServer) -> None:
+def test_the_page_is_served_with_a_security_policy(server: PageServer) -> None:
     status, text, headers = get(server)
     assert status == 200
     assert "<title>A &lt;run&gt;</title>" in text
@@ -100,7 +100,7 @@ def test_a_page_gets_every_record_in_order(server: PageServer, broadcast: TraceB
     assert [type(record) for record in records] == [type(record) for record in short_run()]
 
 
-def test_a_page_that_comes_back_gets_only_the_rest(server: PageServer, broadcast: TraceBroadcast) -> None:
+def test_a_reconnecting_page_gets_only_the_missing_frames(server: PageServer, broadcast: TraceBroadcast) -> None:
     broadcast.end()
     with open_socket(server, f"?run={broadcast.name}&from={len(broadcast) - 2}") as page:
         hello, frames = received(page)
@@ -111,7 +111,7 @@ def test_a_page_that_comes_back_gets_only_the_rest(server: PageServer, broadcast
             assert json.loads(page.recv(timeout=5))["from"] == 0
 
 
-def test_what_is_told_later_arrives(server: PageServer, broadcast: TraceBroadcast) -> None:
+def test_a_later_record_is_sent(server: PageServer, broadcast: TraceBroadcast) -> None:
     with open_socket(server) as page:
         page.recv(timeout=5)
         page.recv(timeout=5)
@@ -130,7 +130,7 @@ def test_a_foreign_page_cannot_connect(server: PageServer, origin: str | None) -
 @pytest.mark.parametrize(
     "host", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "127.0.0.1:{port}.evil.example"]
 )
-def test_a_name_that_was_pointed_here_is_refused(server: PageServer, host: str) -> None:
+def test_a_rebound_host_name_is_refused(server: PageServer, host: str) -> None:
     status, text, _ = get(server, Host=host.format(port=port_of(server)))
     assert status == 403
     assert "Refused" in text
@@ -140,8 +140,8 @@ def test_a_request_from_a_foreign_page_is_refused(server: PageServer) -> None:
     assert get(server, Origin="https://evil.example")[0] == 403
 
 
-def test_elsewhere_only_those_come_in_who_know_the_token(broadcast: TraceBroadcast) -> None:
-    with serve_run(broadcast, "run", host="0.0.0.0", port=0) as server:  # noqa: S104 - that is what is tested
+def test_requests_over_the_network_need_the_token(broadcast: TraceBroadcast) -> None:
+    with serve_run(broadcast, "run", host="0.0.0.0", port=0) as server:  # noqa: S104 - the case under test
         token = server.url.split("token=")[1]
         assert len(token) > 16
         assert get(server, f"/?token={token}")[0] == 200
@@ -166,24 +166,24 @@ def test_elsewhere_only_those_come_in_who_know_the_token(broadcast: TraceBroadca
         "/nothing",
     ],
 )
-def test_no_path_leads_out_of_the_run(server: PageServer, path: str) -> None:
+def test_no_path_leads_out_of_the_run_folder(server: PageServer, path: str) -> None:
     status, text, _ = get(server, path)
     assert status in {400, 404}
-    assert "nobody reads this" not in text
+    assert "a secret" not in text
 
 
-def test_the_report_can_be_read(server: PageServer) -> None:
+def test_the_report_is_served(server: PageServer) -> None:
     assert get(server, "/files/report.html")[:2] == (200, "<p>The report")
 
 
-def test_a_page_that_talks_too_much_is_cut_off(server: PageServer) -> None:
+def test_a_page_that_sends_too_much_is_disconnected(server: PageServer) -> None:
     with open_socket(server) as page:
         page.send("x" * (MAX_REQUEST_SIZE + 1))
         with pytest.raises(ConnectionClosed, match="1009"):
             list(iter(lambda: page.recv(timeout=5), None))
 
 
-def test_an_address_of_another_machine_cannot_be_listened_on(broadcast: TraceBroadcast) -> None:
+def test_the_address_of_another_machine_is_rejected(broadcast: TraceBroadcast) -> None:
     with (
         pytest.raises(InputError, match=r"--host: 192\.0\.2\.1: cannot be listened on"),
         serve_run(broadcast, "x", host="192.0.2.1"),
@@ -191,14 +191,14 @@ def test_an_address_of_another_machine_cannot_be_listened_on(broadcast: TraceBro
         pass
 
 
-def test_a_taken_port_is_no_trouble(broadcast: TraceBroadcast, server: PageServer) -> None:
+def test_an_occupied_port_is_replaced_by_another(broadcast: TraceBroadcast, server: PageServer) -> None:
     with serve_run(broadcast, "x", port=port_of(server)) as other:
         assert port_of(other) != port_of(server)
         assert (other.occupied_port, server.occupied_port) == (port_of(server), None)
         assert get(other)[0] == 200
 
 
-def test_one_waits_for_a_first_page_only_as_long_as_wished() -> None:
+def test_waiting_for_the_first_page_times_out() -> None:
     server = PageServer("http://127.0.0.1/")
     before = time.monotonic()
     assert not server.wait_until_unwatched(timeout=0.4)
@@ -217,29 +217,29 @@ def run_of(count: int) -> list[Record]:
 
 
 def counted(broadcast: TraceBroadcast) -> tuple[int, int]:
-    """How many records of each kind a page gets that begins now: said, seen."""
-    at, said, shown = 0, 0, 0
+    """Numbers of narrations and snapshots that a newly opened page receives."""
+    at, narrations, snapshots = 0, 0, 0
     while at < len(broadcast):
         batch = broadcast.batch_from(at)
         at = batch.next_index
         for frame in split_frames(batch.frames):
-            said += b'"type":"Said"' in frame
-            shown += b'"type":"Seen"' in frame
-    return said, shown
+            narrations += b'"type":"Said"' in frame
+            snapshots += b'"type":"Seen"' in frame
+    return narrations, snapshots
 
 
-def test_a_slow_page_gets_fewer_moments_and_everything_else(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slow_page_gets_fewer_snapshots_and_all_other_records(monkeypatch: pytest.MonkeyPatch) -> None:
     broadcast = TraceBroadcast()
     for record in run_of(200):
         broadcast(record)
     assert counted(broadcast) == (200, 200)
     monkeypatch.setattr(broadcasting, "MAX_BACKLOG_SIZE", 10_000)
-    said, shown = counted(broadcast)
-    assert said == 200
-    assert 10 < shown < 100
+    narrations, snapshots = counted(broadcast)
+    assert narrations == 200
+    assert 10 < snapshots < 100
 
 
-def test_messages_are_of_limited_size(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_messages_have_a_maximum_size(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(broadcasting, "MAX_MESSAGE_SIZE", 2_000)
     broadcast = TraceBroadcast()
     for record in run_of(50):
@@ -248,18 +248,18 @@ def test_messages_are_of_limited_size(monkeypatch: pytest.MonkeyPatch) -> None:
     assert counted(broadcast) == (50, 50)
 
 
-def test_a_long_run_keeps_fewer_moments_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_run_keeps_fewer_snapshots_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(broadcasting, "MAX_HISTORY_SIZE", 20_000)
     broadcast = TraceBroadcast()
     for record in run_of(500):
         broadcast(record)
     assert sum(map(len, broadcast._frames)) < 20_000 + 500 * 200
-    said, shown = counted(broadcast)
-    assert said == 500
-    assert shown > 10
+    narrations, snapshots = counted(broadcast)
+    assert narrations == 500
+    assert snapshots > 10
 
 
-def test_a_page_that_reads_nothing_holds_nobody_up(server: PageServer, broadcast: TraceBroadcast) -> None:
+def test_a_page_that_reads_nothing_blocks_nothing(server: PageServer, broadcast: TraceBroadcast) -> None:
     with socket.create_connection(("127.0.0.1", port_of(server))) as asleep:
         lines = (
             "GET /socket HTTP/1.1",
@@ -273,7 +273,7 @@ def test_a_page_that_reads_nothing_holds_nobody_up(server: PageServer, broadcast
         asleep.sendall("\r\n".join((*lines, "", "")).encode())
         assert asleep.recv(12) == b"HTTP/1.1 101"
         record = snapshot_at(0.0, 0.0, particles=2000)
-        for _ in range(2000):  # 24 MB, more than any buffer on the way takes
+        for _ in range(2000):  # 24 MB, more than any buffer between them
             broadcast(record)
         broadcast.end()
         with open_socket(server) as awake:

@@ -1,4 +1,4 @@
-"""wherry view and wherry worlds from the command line."""
+"""The commands wherry view and wherry worlds."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_worlds_are_listed_with_their_sizes() -> None:
 
 
 @pytest.mark.parametrize("name", built_in_worlds())
-def test_a_world_is_shown_as_it_can_be_saved(name: str) -> None:
+def test_a_shown_world_can_be_parsed_again(name: str) -> None:
     result = CliRunner().invoke(app, ["worlds", "show", name])
     assert parse_world(result.output, name) == find_world(name)
 
@@ -38,7 +38,7 @@ def test_a_recording_becomes_a_page(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("arguments", [["view"], ["worlds", "edit"]])
-def test_options_of_commands_that_always_show_a_page_speak_of_no_other_option(arguments: list[str]) -> None:
+def test_commands_that_always_show_a_page_do_not_mention_view(arguments: list[str]) -> None:
     told = CliRunner().invoke(app, [*arguments, "--help"]).output
     assert "--host" in told
     assert "--view" not in told
@@ -56,7 +56,7 @@ def test_options_of_commands_that_always_show_a_page_speak_of_no_other_option(ar
         (["worlds", "edit", "{folder}/text"], "is none of the fields"),
     ],
 )
-def test_what_cannot_be_shown_is_said(tmp_path: Path, arguments: list[str], words: str) -> None:
+def test_invalid_arguments_are_reported(tmp_path: Path, arguments: list[str], words: str) -> None:
     (tmp_path / "text").write_text("hello: 1\n")
     result = CliRunner().invoke(app, [argument.format(folder=tmp_path) for argument in arguments])
     assert isinstance(result.exception, InputError)

@@ -1,4 +1,4 @@
-"""What people look at: the drawing has everything where it is, the page stands alone, the terminal keeps to lines."""
+"""The snapshot drawing, the delivery report and the terminal output."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ NO_POINTS = np.empty((0, 2))
 
 
 def grid() -> OccupancyGrid:
-    """2 × 1 m from (−1, 0.5): free, its lowest row occupied, its last column unknown."""
+    """A free grid of 2 × 1 m at (−1, 0.5) m; its lowest row is occupied, its last column unknown."""
     probability = np.zeros((10, 20), np.float32)
     probability[0], probability[:, -1] = 1.0, 0.5
     return OccupancyGrid(probability, 0.1, Pose(-1.0, 0.5))
 
 
-SCENE = MapBackground(
+BACKGROUND = MapBackground(
     grid(),
     warehouse=np.array([[[0.0, 1.0], [0.6, 1.0], [0.6, 1.6], [0.0, 1.6]]]),
     true_walls=np.array([[[-1.0, 0.55], [1.0, 0.55]]]),
     robot_radius=0.2,
     box_radius=0.1,
 )
-SEEN = RobotSnapshot(
+SNAPSHOT = RobotSnapshot(
     time=1.0,
     pose=Pose(0.25, 1.0, 0.5),
     lidar=Pose(0.1, 0.9, 0.5),
@@ -51,10 +51,12 @@ SEEN = RobotSnapshot(
 )
 
 
-def drawn(scene: MapBackground = SCENE, seen: RobotSnapshot = SEEN, **options: object) -> ElementTree.Element:
-    """The picture as XML."""
+def drawn(
+    background: MapBackground = BACKGROUND, snapshot: RobotSnapshot = SNAPSHOT, **options: object
+) -> ElementTree.Element:
+    """The drawing as XML."""
     driven, goals = np.array([[0.0, 0.8], [0.25, 1.0]]), np.array([[0.3, 0.9], [0.9, 0.9]])
-    return ElementTree.fromstring(draw_snapshot(scene, seen, driven, goals, label="The map", **options))  # type: ignore[arg-type]  # noqa: S314
+    return ElementTree.fromstring(draw_snapshot(background, snapshot, driven, goals, label="The map", **options))  # type: ignore[arg-type]  # noqa: S314
 
 
 def of_class(picture: ElementTree.Element, style: str) -> list[ElementTree.Element]:
@@ -69,9 +71,9 @@ def numbers(element: ElementTree.Element, *names: str) -> list[float]:
     return [float(element.get(name) or "nan") for name in names]
 
 
-def test_every_layer_is_drawn_where_it_is_in_the_map() -> None:
+def test_every_layer_is_drawn_in_map_coordinates() -> None:
     picture = drawn()
-    assert points(of_class(picture, "warehouse")[0]) == SCENE.warehouse[0].tolist()
+    assert points(of_class(picture, "warehouse")[0]) == BACKGROUND.warehouse[0].tolist()
     assert points(of_class(picture, "driven")[0]) == [[0.0, 0.8], [0.25, 1.0]]
     assert points(of_class(picture, "plan")[0]) == [[0.3, 0.9], [0.9, 0.9]]
     assert points(of_class(picture, "path")[0]) == [[0.25, 1.0], [0.7, 1.2]]
@@ -83,63 +85,63 @@ def test_every_layer_is_drawn_where_it_is_in_the_map() -> None:
     assert numbers(of_class(picture, "lidar")[0], "cx", "cy") == [0.1, 0.9]
 
 
-def test_north_is_up_and_the_whole_known_map_is_in_the_picture() -> None:
+def test_north_is_up_and_the_picture_contains_the_known_map() -> None:
     picture = drawn()
     left, top, width, height = (float(part) for part in (picture.get("viewBox") or "").split())
     assert (left, top) == (0.0, 0.0)
-    # Known cells' middles reach from (−0.95, 0.55) to (0.85, 1.45).
+    # The centres of known cells reach from (−0.95, 0.55) to (0.85, 1.45).
     assert (width, height) == pytest.approx((1.8 + 2 * MARGIN, 0.9 + 2 * MARGIN))
     transform = next(group.get("transform") or "" for group in picture.iter(f"{SVG}g"))
     west, north = (float(part) for part in re.findall(r"translate\(([-.\d]+) ([-.\d]+)\) scale\(1 -1\)", transform)[0])
     assert (-west, north) == pytest.approx((-0.95 - MARGIN, 1.45 + MARGIN))
 
 
-def test_the_maps_image_is_the_map() -> None:
+def test_the_embedded_image_is_the_map() -> None:
     image = next(drawn().iter(f"{SVG}image"))
     kind, data = (image.get("href") or "").split(",")
     assert kind == "data:image/png;base64"
     pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))))
     grey, alpha = pixels[..., 0].astype(int), pixels[..., 1]
-    np.testing.assert_array_equal(alpha == 0, SCENE.grid.unknown)
-    np.testing.assert_array_equal((grey < 128) & (alpha > 0), SCENE.grid.occupied)
+    np.testing.assert_array_equal(alpha == 0, BACKGROUND.grid.unknown)
+    np.testing.assert_array_equal((grey < 128) & (alpha > 0), BACKGROUND.grid.occupied)
     assert numbers(image, "width", "height") == pytest.approx([2.0, 1.0])
     assert "translate(-1.0000 0.5000)" in (image.get("transform") or "")
 
 
 def test_the_load_is_drawn_in_the_fork() -> None:
     assert len(of_class(drawn(), "box")) == 1
-    assert len(of_class(drawn(seen=replace(SEEN, has_load=True)), "box")) == 2
+    assert len(of_class(drawn(snapshot=replace(SNAPSHOT, has_load=True)), "box")) == 2
 
 
-def test_a_close_up_shows_the_robot_in_its_middle() -> None:
+def test_a_close_up_is_centred_on_the_robot() -> None:
     picture = drawn(around_robot=0.8)
     assert (picture.get("viewBox") or "").split()[2:] == ["1.600", "1.600"]
     transform = next(group.get("transform") or "" for group in picture.iter(f"{SVG}g"))
     assert transform.startswith("translate(0.550 1.800)")
 
 
-def test_what_is_not_there_is_not_drawn() -> None:
-    nothing = replace(SEEN, points=NO_POINTS, particles=np.empty((0, 3)), path=NO_POINTS, boxes=NO_POINTS)
-    scene = replace(SCENE, warehouse=np.empty((0, 4, 2)), true_walls=np.empty((0, 2, 2)))
-    picture = ElementTree.fromstring(draw_snapshot(scene, nothing, NO_POINTS, NO_POINTS, label="x"))  # noqa: S314
+def test_empty_layers_draw_nothing() -> None:
+    nothing = replace(SNAPSHOT, points=NO_POINTS, particles=np.empty((0, 3)), path=NO_POINTS, boxes=NO_POINTS)
+    background = replace(BACKGROUND, warehouse=np.empty((0, 4, 2)), true_walls=np.empty((0, 2, 2)))
+    picture = ElementTree.fromstring(draw_snapshot(background, nothing, NO_POINTS, NO_POINTS, label="x"))  # noqa: S314
     for style in ("warehouse", "truth", "driven", "plan", "path", "laser", "beam", "particle", "box"):
         assert of_class(picture, style) == []
     assert len(of_class(picture, "robot")) == 1
 
 
-def test_thousands_of_particles_are_thinned() -> None:
-    many = replace(SEEN, particles=np.zeros((5 * MAX_PARTICLES + 1, 3), np.float32))
-    assert MAX_PARTICLES / 2 < len(of_class(drawn(seen=many), "particle")) <= MAX_PARTICLES
+def test_large_particle_sets_are_subsampled() -> None:
+    many = replace(SNAPSHOT, particles=np.zeros((5 * MAX_PARTICLES + 1, 3), np.float32))
+    assert MAX_PARTICLES / 2 < len(of_class(drawn(snapshot=many), "particle")) <= MAX_PARTICLES
 
 
-def test_a_map_that_knows_nothing_can_be_drawn() -> None:
+def test_an_unknown_map_can_be_drawn() -> None:
     unknown = OccupancyGrid(np.full((3, 3), 0.5, np.float32), 0.1)
-    assert drawn(replace(SCENE, grid=unknown)).tag == f"{SVG}svg"
+    assert drawn(replace(BACKGROUND, grid=unknown)).tag == f"{SVG}svg"
 
 
 @pytest.mark.parametrize("label", ['a "quoted" map', "<b> & more"])
-def test_a_label_cannot_break_the_picture(label: str) -> None:
-    picture = ElementTree.fromstring(draw_snapshot(SCENE, SEEN, NO_POINTS, NO_POINTS, label=label))  # noqa: S314
+def test_labels_are_escaped(label: str) -> None:
+    picture = ElementTree.fromstring(draw_snapshot(BACKGROUND, SNAPSHOT, NO_POINTS, NO_POINTS, label=label))  # noqa: S314
     assert picture.get("aria-label") == label
 
 
@@ -147,20 +149,22 @@ EVIL = "<script>alert('x')</script> & \"more\""
 
 
 def report(words: str) -> DeliveryReport:
-    pictures = [ReportPicture(draw_snapshot(SCENE, SEEN, NO_POINTS, NO_POINTS, label=words), words) for _ in range(2)]
+    pictures = [
+        ReportPicture(draw_snapshot(BACKGROUND, SNAPSHOT, NO_POINTS, NO_POINTS, label=words), words) for _ in range(2)
+    ]
     return DeliveryReport(
         words, words, True, words, pictures, {words: words}, [words], [Narration(1.0, Phase.LEARN, words)]
     )
 
 
-def test_every_text_on_the_page_is_escaped() -> None:
+def test_all_text_of_the_report_is_escaped() -> None:
     page = render_report(report(EVIL))
     assert "<script" not in page
     assert page.count("alert(") >= 9  # two pictures with label and caption, and every other text
     assert "&lt;script&gt;" in page
 
 
-def test_the_page_needs_nothing_from_outside() -> None:
+def test_the_report_is_self_contained() -> None:
     page = render_report(report("Delivery"))
     without_names = page.replace("http://www.w3.org/2000/svg", "")
     assert not re.search(r"(https?:)?//[a-z]", without_names)
@@ -168,7 +172,7 @@ def test_the_page_needs_nothing_from_outside() -> None:
     assert not [link for link in re.findall(r'(?:src|href)="([^"]*)"', page) if not link.startswith("data:")]
 
 
-def test_the_page_shows_figures_rules_and_log() -> None:
+def test_the_report_shows_metrics_rules_and_log() -> None:
     page = render_report(
         replace(
             report("x"), metrics={"actions": "42"}, rules=["N: robot.y += 1"], log=[Narration(7.4, Phase.LEARN, "Hm")]
@@ -183,7 +187,7 @@ def test_the_page_shows_figures_rules_and_log() -> None:
 RUN: list[Record] = [
     Narration(0.1, Phase.EXPLORE, "I drive to [where] my laser will see most."),
     MapUpdate(1.0, grid(), 0.5, 3.0),
-    SEEN,
+    SNAPSHOT,
     RunStarted("deliver", "hall", terms=TERMS),
     StepTaken(2.0, "0000100", "PICKUP", True, True, 3, 0, 2, NO_POINTS.astype(np.float32)),
     StepTaken(3.0, "0101011", "DROPOFF", False, True, 0, 1, 1, NO_POINTS.astype(np.float32)),
@@ -191,7 +195,7 @@ RUN: list[Record] = [
 
 
 def shown(*, terminal: bool) -> str:
-    """What a run prints."""
+    """Output of a run on the terminal."""
     out = io.StringIO()
     console = Console(file=out, force_terminal=terminal, width=120, _environ={"TERM": "xterm"})
     with DeliveryProgress(console, 2) as progress:
@@ -200,11 +204,11 @@ def shown(*, terminal: bool) -> str:
     return out.getvalue()
 
 
-def test_without_a_terminal_there_are_lines_and_no_bars() -> None:
+def test_without_a_terminal_only_narrations_are_printed() -> None:
     assert shown(terminal=False) == "    0.1 s  explore  I drive to [where] my laser will see most.\n"
 
 
-def test_on_a_terminal_there_are_three_bars() -> None:
+def test_a_terminal_shows_three_bars() -> None:
     text = shown(terminal=True)
     for words in (
         "explored",
@@ -216,7 +220,7 @@ def test_on_a_terminal_there_are_three_bars() -> None:
         assert words in text
 
 
-def test_tables_and_rules_are_printed_as_they_are() -> None:
+def test_tables_and_rules_are_printed_without_markup() -> None:
     out = io.StringIO()
     console = Console(file=out, width=100)
     print_table(console, "Result", {"map error": "1.2 cm"})

@@ -1,4 +1,4 @@
-"""What tests of pages share."""
+"""Helpers for tests of pages in Chromium."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 
 
 def until(page: playwright.Page, expression: str, *, seconds: float = 10.0) -> None:
-    """Wait until something holds on the page; asked from outside, as the page lets nobody evaluate text."""
+    """Wait until an expression is true on the page; polls, since the page's policy forbids wait_for_function."""
     deadline = time.monotonic() + seconds
     while not page.evaluate(expression):
-        assert time.monotonic() < deadline, f"never came true: {expression}"
+        assert time.monotonic() < deadline, f"still false: {expression}"
         page.wait_for_timeout(20)
 
 
-FAINT = """() => {
+FAINT_TEXTS = """() => {
     const parts = (colour) => {
         const numbers = colour.match(/[\\d.]+/g).map(Number);
         const [r, g, b, alpha = 1] = numbers;
@@ -55,6 +55,6 @@ FAINT = """() => {
 
 
 def faint_texts(page: playwright.Page) -> list[str]:
-    """What is hard to read: text whose contrast is less than 4.5 (WCAG 2.2, 1.4.3), which what is disabled may be."""
-    faint: list[str] = page.evaluate(FAINT)
+    """Text with a contrast below 4.5 (WCAG 2.2, section 1.4.3), without disabled controls."""
+    faint: list[str] = page.evaluate(FAINT_TEXTS)
     return faint

@@ -1,4 +1,4 @@
-"""ROS in one process, for tests: whoever publishes calls the listeners, at once or by way of DDS."""
+"""ROS in one process, for tests: publishing calls the subscribers' callbacks, directly or through DDS."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ NUMBERS = itertools.count()
 
 
 def free_domain() -> int:
-    """A ROS_DOMAIN_ID that no test of another file or of another process is likely to use; above 101, ports collide."""
+    """A ROS_DOMAIN_ID that other test files and processes are unlikely to use; above 101, ports collide."""
     return 1 + (13 * os.getpid() + next(NUMBERS)) % 101
 
 
 @dataclass
 class Bus:
-    """What has been published, and who listens."""
+    """A ROS system: its nodes, and all messages published so far by topic."""
 
     heard: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
-    listeners: dict[tuple[str, type], list[Callable[[Any], None]]] = field(default_factory=lambda: defaultdict(list))
+    callbacks: dict[tuple[str, type], list[Callable[[Any], None]]] = field(default_factory=lambda: defaultdict(list))
     latched: dict[tuple[str, type], Any] = field(default_factory=dict)
     publishers: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
     nodes: list[BusTransport] = field(default_factory=list)
@@ -40,17 +40,17 @@ class Bus:
         return self.nodes[-1]
 
     def say(self, topic: Topic[Any], message: Any) -> None:
-        """Publish as an outsider whom nobody counts."""
+        """Publish as an external node that is not counted as a publisher."""
         self.heard[topic.name].append(message)
         if topic.qos is QosProfile.LATCHED:
             self.latched[topic.name, topic.message_type] = message
-        for listener in tuple(self.listeners[topic.name, topic.message_type]):
-            listener(message)
+        for callback in tuple(self.callbacks[topic.name, topic.message_type]):
+            callback(message)
 
 
 @dataclass
 class BusTransport:
-    """A `Transport`."""
+    """A node of a `Bus`: a `Transport`."""
 
     bus: Bus
     ros_version: int = 2
@@ -69,17 +69,17 @@ class BusTransport:
         self.advertise(topic)
         self.bus.say(topic, message)
 
-    def subscribe(self, topic: Topic[Any], heard: Callable[[Any], None]) -> None:
+    def subscribe(self, topic: Topic[Any], callback: Callable[[Any], None]) -> None:
         key = topic.name, topic.message_type
-        self.bus.listeners[key].append(heard)
+        self.bus.callbacks[key].append(callback)
         if topic.qos is QosProfile.LATCHED and key in self.bus.latched:
-            heard(self.bus.latched[key])
+            callback(self.bus.latched[key])
 
     def count_publishers(self, topic: Topic[Any]) -> int:
         return len(self.bus.publishers[topic.name] - {id(self)})
 
     def count_subscribers(self, topic: Topic[Any]) -> int:
-        return len(self.bus.listeners[topic.name, topic.message_type])
+        return len(self.bus.callbacks[topic.name, topic.message_type])
 
     def is_connected(self) -> bool:
         return True
@@ -96,20 +96,20 @@ class BusTransport:
 
 
 class DdsBus(Bus):
-    """The same over real DDS: what is said has arrived when ``say`` returns, and so has what a node publishes."""
+    """The same over real DDS; ``say`` and the nodes' ``publish`` return once the message has arrived."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.outside = Ros2Transport()
+        self.external = Ros2Transport()
         self.arrived: Counter[tuple[str, type]] = Counter()
-        self.opened: list[Ros2Transport] = [self.outside]
+        self.opened: list[Ros2Transport] = [self.external]
         for topic in (TOPICS.cmd_vel, TOPICS.cmd_vel_stamped, TOPICS.latch_command):
-            self.outside.subscribe(topic, partial(self._hear, topic))
+            self.external.subscribe(topic, partial(self._hear, topic))
 
     def _hear(self, topic: Topic[Any], message: Any) -> None:
         self.heard[topic.name].append(message)
-        for listener in tuple(self.listeners[topic.name, topic.message_type]):
-            listener(message)
+        for callback in tuple(self.callbacks[topic.name, topic.message_type]):
+            callback(message)
 
     def node(self, ros_version: int = 2) -> Any:
         node = DdsNode(self)
@@ -119,8 +119,8 @@ class DdsBus(Bus):
     def say(self, topic: Topic[Any], message: Any) -> None:
         key = topic.name, topic.message_type
         before = self.arrived[key]
-        wait_for(lambda: bool(self.outside._writer(topic).get_matched_subscriptions()))
-        self.outside.publish(topic, message)
+        wait_for(lambda: bool(self.external._writer(topic).get_matched_subscriptions()))
+        self.external.publish(topic, message)
         wait_for(lambda: self.arrived[key] > before)
 
     def close(self) -> None:
@@ -129,18 +129,18 @@ class DdsBus(Bus):
 
 
 class DdsNode(Ros2Transport):
-    """Tells the bus what has been heard, and publishes no faster than the bus hears."""
+    """A node that counts the messages that arrive, and publishes no faster than they do."""
 
     def __init__(self, bus: DdsBus) -> None:
         super().__init__()
         self._bus = bus
 
-    def subscribe(self, topic: Topic[Any], heard: Callable[[Any], None]) -> None:
-        def tell(message: Any) -> None:
-            heard(message)
+    def subscribe(self, topic: Topic[Any], callback: Callable[[Any], None]) -> None:
+        def call_and_count(message: Any) -> None:
+            callback(message)
             self._bus.arrived[topic.name, topic.message_type] += 1
 
-        super().subscribe(topic, tell)
+        super().subscribe(topic, call_and_count)
 
     def publish(self, topic: Topic[Any], message: Any) -> None:
         before = len(self._bus.heard[topic.name])
@@ -152,5 +152,5 @@ class DdsNode(Ros2Transport):
 def wait_for(condition: Callable[[], bool]) -> None:
     deadline = time.monotonic() + 10.0
     while not condition():
-        assert time.monotonic() < deadline, "it never came true"
+        assert time.monotonic() < deadline, "the condition was not met in time"
         time.sleep(0.0005)

@@ -1,4 +1,4 @@
-"""Processes of a ROS 2 system on loopback, for tests: each test has a domain of its own."""
+"""Processes of a ROS 2 system on loopback, for tests; each test has its own domain."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 
 
 def wherry(*arguments: str, domain: int, **options: Any) -> subprocess.Popen[str]:
-    """Start the command line."""
+    """Start a command of wherry."""
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "COLUMNS": "200"}
     return subprocess.Popen(
         [sys.executable, "-m", "wherry", *arguments],
@@ -29,7 +29,7 @@ def wherry(*arguments: str, domain: int, **options: Any) -> subprocess.Popen[str
 
 @contextlib.contextmanager
 def simulator(world: str | Path, domain: int, *options: str) -> Iterator[subprocess.Popen[str]]:
-    """A simulated robot in a process of its own."""
+    """A simulated robot in its own process."""
     process = wherry("ros2", "simulate", str(world), "--json", *options, domain=domain)
     try:
         yield process
@@ -38,15 +38,15 @@ def simulator(world: str | Path, domain: int, *options: str) -> Iterator[subproc
         process.communicate()
 
 
-def ended(process: subprocess.Popen[str], how: signal.Signals | None = None, timeout: float = 20.0) -> dict[str, Any]:
-    """End a process, or wait for its end; its last line is JSON."""
-    if how is not None:
-        process.send_signal(how)
+def ended(process: subprocess.Popen[str], sent: signal.Signals | None = None, timeout: float = 20.0) -> dict[str, Any]:
+    """Send a signal to a process, or wait for its end; return the JSON of its last line."""
+    if sent is not None:
+        process.send_signal(sent)
     output, _ = process.communicate(timeout=timeout)
     try:
         result = json.loads(output.splitlines()[-1])
     except (IndexError, ValueError):
-        raise AssertionError(f"no figures in\n{output}") from None
+        raise AssertionError(f"no JSON in\n{output}") from None
     assert isinstance(result, dict)
     return result
 
@@ -54,5 +54,5 @@ def ended(process: subprocess.Popen[str], how: signal.Signals | None = None, tim
 def wait_until(condition: Callable[[], bool], seconds: float = 30.0) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < deadline, "it never came true"
+        assert time.monotonic() < deadline, "the condition was not met in time"
         time.sleep(0.01)

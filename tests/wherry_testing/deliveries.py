@@ -8,7 +8,7 @@ from wherry.domains.delivery import DeliverySite
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import parse_world
 from wherry.localization.localizer import Localizer
-from wherry.localization.parameters import PRECISE
+from wherry.localization.parameters import PRECISE_PARAMETERS
 from wherry.realization.box_tracks import BoxTrack
 from wherry.realization.environment import RobotEnvironment
 from wherry.realization.mission import INITIAL_POSE_COVARIANCE
@@ -47,7 +47,7 @@ def stand_ready(plan: FloorPlan, seed: int = 0) -> tuple[RobotEnvironment, Simul
     simulation = build(plan, physics_rng)
     grid = perfect_map(plan)
     start = Pose(*centre(plan, plan.start), heading_of(plan))
-    localizer = Localizer(grid, simulation.robot.body.lidar, PRECISE, robot_rng)
+    localizer = Localizer(grid, simulation.robot.body.lidar, PRECISE_PARAMETERS, robot_rng)
     localizer.initialize(start, INITIAL_POSE_COVARIANCE)
     pilot = Pilot(simulation.robot, PoseTracker(MapPoseEstimator(localizer), start), null_sink)
     boxes = [BoxTrack(number, *box.position, 9, 9) for number, box in enumerate(simulation.referee.boxes)]

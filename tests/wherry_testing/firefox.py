@@ -1,4 +1,4 @@
-"""Debian's Firefox, driven over WebDriver BiDi, which it speaks by itself (https://w3c.github.io/webdriver-bidi)."""
+"""A client for Debian's Firefox over WebDriver BiDi (https://w3c.github.io/webdriver-bidi)."""
 
 from __future__ import annotations
 
@@ -15,82 +15,82 @@ from typing import Any
 from websockets.sync.client import ClientConnection, connect
 
 PROGRAM = Path("/usr/bin/firefox-esr")
-PATIENCE = 60.0  # s, for an answer; a busy machine starts Firefox slowly
+TIMEOUT = 60.0  # s, for a response; a loaded machine starts Firefox slowly
 
 
 class Page:
     """A window of Firefox.
 
     Attributes:
-        complaints: Errors that the page has told its console.
+        errors: Error messages on the console of the page.
     """
 
     def __init__(self, socket: ClientConnection) -> None:
-        self.complaints: list[str] = []
+        self.errors: list[str] = []
         self._socket = socket
-        self._asked = 0
-        self._ask("session.new", capabilities={})
-        self._ask("session.subscribe", events=["log.entryAdded"])
-        self._context = self._ask("browsingContext.getTree")["contexts"][0]["context"]
+        self._request_id = 0
+        self._request("session.new", capabilities={})
+        self._request("session.subscribe", events=["log.entryAdded"])
+        self._context = self._request("browsingContext.getTree")["contexts"][0]["context"]
 
-    def _ask(self, method: str, **params: object) -> Any:
-        self._asked += 1
-        self._socket.send(json.dumps({"id": self._asked, "method": method, "params": params}))
+    def _request(self, method: str, **params: object) -> Any:
+        self._request_id += 1
+        self._socket.send(json.dumps({"id": self._request_id, "method": method, "params": params}))
         while True:
-            answer = json.loads(self._socket.recv(timeout=PATIENCE))
+            answer = json.loads(self._socket.recv(timeout=TIMEOUT))
             if answer.get("method") == "log.entryAdded" and answer["params"]["level"] == "error":
-                self.complaints.append(str(answer["params"]["text"]))
-            if answer.get("id") == self._asked:
+                self.errors.append(str(answer["params"]["text"]))
+            if answer.get("id") == self._request_id:
                 assert answer["type"] == "success", answer
                 return answer["result"]
 
     def goto(self, url: str, *, width: int = 1280, height: int = 800) -> None:
         """Open a page in a window of this size, px."""
-        self._ask("browsingContext.setViewport", context=self._context, viewport={"width": width, "height": height})
-        self._ask("browsingContext.navigate", context=self._context, url=url, wait="complete")
+        self._request("browsingContext.setViewport", context=self._context, viewport={"width": width, "height": height})
+        self._request("browsingContext.navigate", context=self._context, url=url, wait="complete")
 
     def evaluate(self, expression: str) -> Any:
-        """The JSON value of an expression, or of what it promises."""
+        """The JSON value of an expression, or of its promise."""
         text = f"Promise.resolve({expression}).then((value) => JSON.stringify(value ?? null))"
-        answer = self._ask("script.evaluate", expression=text, target={"context": self._context}, awaitPromise=True)
+        answer = self._request("script.evaluate", expression=text, target={"context": self._context}, awaitPromise=True)
         assert answer["type"] == "success", answer
         return json.loads(answer["result"]["value"])
 
     def until(self, expression: str) -> None:
-        """Wait until something holds on the page."""
-        deadline = time.monotonic() + PATIENCE
+        """Wait until an expression is true on the page."""
+        deadline = time.monotonic() + TIMEOUT
         while not self.evaluate(expression):
-            assert time.monotonic() < deadline, f"never came true: {expression}"
+            assert time.monotonic() < deadline, f"still false: {expression}"
             time.sleep(0.05)
 
     def press(self, key: str) -> None:
-        """Press a key and let it go."""
+        """Press and release a key."""
         actions = [{"type": kind, "value": key} for kind in ("keyDown", "keyUp")]
         source = {"type": "key", "id": "keyboard", "actions": actions}
-        self._ask("input.performActions", context=self._context, actions=[source])
+        self._request("input.performActions", context=self._context, actions=[source])
 
     def click(self, x: float, y: float) -> None:
-        """Click at a place of the window, px."""
+        """Click at a point of the window, px."""
         move = {"type": "pointerMove", "x": round(x), "y": round(y)}
         buttons = [{"type": kind, "button": 0} for kind in ("pointerDown", "pointerUp")]
         source = {"type": "pointer", "id": "mouse", "actions": [move, *buttons]}
-        self._ask("input.performActions", context=self._context, actions=[source])
+        self._request("input.performActions", context=self._context, actions=[source])
 
     def screenshot(self, path: Path) -> None:
-        """Save what is seen as a PNG."""
+        """Save a screenshot as PNG."""
         path.write_bytes(
-            base64.b64decode(self._ask("browsingContext.captureScreenshot", context=self._context)["data"])
+            base64.b64decode(self._request("browsingContext.captureScreenshot", context=self._context)["data"])
         )
 
 
 @contextlib.contextmanager
 def firefox(profile: Path) -> Iterator[Page]:
-    """A Firefox without a screen, with this folder as its profile."""
+    """A headless Firefox with a profile folder."""
     command = [PROGRAM, "--headless", "--no-remote", "--profile", profile, "--remote-debugging-port", "0"]
-    told = profile / "told.txt"
-    with told.open("w") as errors, subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors) as process:
+    log = profile / "log.txt"
+    with log.open("w") as errors, subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=errors) as process:
         try:
-            with connect(f"{_address(told)}/session", max_size=None, open_timeout=PATIENCE) as socket:
+            with connect(f"{_address(log)}/session", max_size=None, open_timeout=TIMEOUT) as socket:
                 yield Page(socket)
         finally:
             process.terminate()
@@ -99,10 +99,10 @@ def firefox(profile: Path) -> Iterator[Page]:
             process.kill()
 
 
-def _address(told: Path) -> str:
-    """Where Firefox listens, once it has told."""
-    deadline = time.monotonic() + PATIENCE
-    while (found := re.search(r"ws://\S+", told.read_text())) is None:
-        assert time.monotonic() < deadline, told.read_text()
+def _address(log: Path) -> str:
+    """Address at which Firefox listens, once it has printed it."""
+    deadline = time.monotonic() + TIMEOUT
+    while (found := re.search(r"ws://\S+", log.read_text())) is None:
+        assert time.monotonic() < deadline, log.read_text()
         time.sleep(0.05)
     return found.group()

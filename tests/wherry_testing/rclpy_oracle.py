@@ -1,6 +1,6 @@
-"""Run by the real rclpy in an environment of its own: tells what it hears of a robot as JSON, and drives it.
+"""Run by the real rclpy in its own environment: drives a robot, and prints what it received as JSON.
 
-Its arguments are where to drive (m/s), for how long (s), and whether with stamps.
+Arguments: speed (m/s), duration (s), and "stamped" or "plain" velocities.
 """
 
 import json
@@ -20,10 +20,10 @@ heard = {}
 
 
 def keep(name):
-    def hear(message):
+    def append(message):
         heard.setdefault(name, []).append(message)
 
-    return hear
+    return append
 
 
 def stamp(message):
@@ -41,8 +41,8 @@ node.create_subscription(PoseArray, "/particlecloud", keep("particles"), 10)
 node.create_subscription(Path, "/plan", keep("plan"), 10)
 publisher = node.create_publisher(TwistStamped if stamped else Twist, "/cmd_vel", 10)
 
-patience = time.monotonic() + 40.0
-while not {"scan", "odom", "map"} <= heard.keys() and time.monotonic() < patience:
+deadline = time.monotonic() + 40.0
+while not {"scan", "odom", "map"} <= heard.keys() and time.monotonic() < deadline:
     rclpy.spin_once(node, timeout_sec=0.1)
 end = time.monotonic() + seconds
 while time.monotonic() < end:
@@ -55,7 +55,7 @@ while time.monotonic() < end:
     until = time.monotonic() + 0.05
     while time.monotonic() < until:
         rclpy.spin_once(node, timeout_sec=0.01)
-print(  # noqa: T201 - this is how it answers
+print(  # noqa: T201 - the result
     json.dumps(
         {
             "counts": {name: len(messages) for name, messages in heard.items()},

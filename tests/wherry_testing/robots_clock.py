@@ -1,6 +1,6 @@
-"""What a robot's clock says at an instant of this machine's, and how long the robot took to stand.
+"""The time that a robot needs to stop, on the robot's clock, measured from outside.
 
-A busy machine passes messages on late, some later than others: the one that came through the fastest sets the clock.
+A busy machine delivers messages late, some later than others: the fastest message relates the two clocks best.
 """
 
 from __future__ import annotations
@@ -9,33 +9,34 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 ODOMETRY_PERIOD = 0.05  # s
-RECENT = 5.0  # s, over which the two clocks are compared
-# s: a command is obeyed at the next instant at which the robot works, and the next odometry shows that it stands.
-GRANULARITY = 2 * ODOMETRY_PERIOD + 1e-6
-STANDING = 0.01  # m/s and rad/s
+CLOCK_WINDOW = 5.0  # s, over which the clocks are compared
+# s: a command takes effect in the robot's next control step, and the next odometry shows the new speed.
+STOPPING_RESOLUTION = 2 * ODOMETRY_PERIOD + 1e-6
+STANDSTILL_SPEED = 0.01  # m/s and rad/s
 
 
 @dataclass(frozen=True)
-class Heard:
-    """An odometry.
+class ReceivedOdometry:
+    """An odometry message.
 
     Attributes:
-        at: s, on this machine's monotonic clock, when it was heard.
-        stamp: s, on the robot's.
-        speed: m/s and rad/s.
+        received_at: Time of arrival on this machine's monotonic clock, s.
+        stamp: Time on the robot's clock, s.
+        speed: Speed, m/s or rad/s.
     """
 
-    at: float
+    received_at: float
     stamp: float
     speed: float
 
 
-def robots_time(heard: Sequence[Heard], instant: float) -> float:
-    """S, on the robot's clock, at an instant of this machine's monotonic one."""
-    return instant + max(one.stamp - one.at for one in heard if instant - RECENT <= one.at <= instant + RECENT)
+def robot_time(received: Sequence[ReceivedOdometry], instant: float) -> float:
+    """The time on the robot's clock, s, at an instant of this machine's monotonic clock, s."""
+    window = (instant - CLOCK_WINDOW, instant + CLOCK_WINDOW)
+    return instant + max(one.stamp - one.received_at for one in received if window[0] <= one.received_at <= window[1])
 
 
-def stopped_after(heard: Sequence[Heard], begin: float) -> float:
-    """S on the robot's clock from an instant of this machine's until the robot stood."""
-    before = robots_time(heard, begin)
-    return min(one.stamp for one in heard if one.stamp > before and abs(one.speed) < STANDING) - before
+def stopping_time(received: Sequence[ReceivedOdometry], begin: float) -> float:
+    """The time on the robot's clock, s, from an instant of this machine's monotonic clock until the robot stands."""
+    before = robot_time(received, begin)
+    return min(one.stamp for one in received if one.stamp > before and abs(one.speed) < STANDSTILL_SPEED) - before

@@ -1,4 +1,4 @@
-"""A small building for tests: exact rays from analytic walls, and a map as a robot would have drawn it."""
+"""A small building for tests: exact ranges from analytic walls, and an occupancy grid with noisy walls."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
-LIDAR = Pose(-0.14, 0.0, 0.0)
-SIZE = 9.6  # m, the building's side
-THICK = 0.06  # m, walls
+LIDAR = Pose(-0.14, 0.0, 0.0)  # base_link frame
+SIZE = 9.6  # m, side of the building
+WALL_THICKNESS = 0.06  # m
 
 
 def _wall(x0: float, y0: float, x1: float, y1: float) -> tuple[float, float, float, float]:
-    """A wall along a line, as the rectangle (x0, y0, x1, y1) that it fills."""
-    half = THICK / 2
+    """The rectangle (x0, y0, x1, y1) m of a wall along a line."""
+    half = WALL_THICKNESS / 2
     return min(x0, x1) - half, min(y0, y1) - half, max(x0, x1) + half, max(y0, y1) + half
 
 
@@ -31,9 +31,9 @@ WALLS = np.array(
         _wall(0, SIZE, SIZE, SIZE),
         _wall(0, 0, 0, SIZE),
         _wall(SIZE, 0, SIZE, SIZE),
-        _wall(3.6, 0, 3.6, 1.8),  # a doorway of one cell at y = 1.8 … 2.4
+        _wall(3.6, 0, 3.6, 1.8),  # a doorway of one cell at y = 1.8 … 2.4 m
         _wall(3.6, 2.4, 3.6, 6.6),
-        _wall(3.6, 7.8, 3.6, SIZE),  # two cells
+        _wall(3.6, 7.8, 3.6, SIZE),  # a doorway of two cells
         _wall(0, 4.8, 1.2, 4.8),
         _wall(1.8, 4.8, 3.6, 4.8),
         _wall(3.6, 5.4, 5.4, 5.4),
@@ -49,13 +49,18 @@ WALLS = np.array(
 
 @dataclass(frozen=True)
 class Building:
-    """Rectangles and circles, in metres."""
+    """Obstacles in the map frame.
+
+    Attributes:
+        rectangles: [N, 4] x0, y0, x1, y1 m.
+        circles: Centre x m, centre y m and radius m of each circle.
+    """
 
     rectangles: Floats = field(default_factory=lambda: WALLS)
     circles: tuple[tuple[float, float, float], ...] = ()
 
-    def ranges(self, lidar: Pose, angles: Floats, furthest: float = math.inf) -> Floats:
-        """[R] m, exact; inf beyond ``furthest``."""
+    def ranges(self, lidar: Pose, angles: Floats, max_range: float = math.inf) -> Floats:
+        """[R] m, exact ranges at angles [R] rad, lidar frame; inf beyond ``max_range``."""
         direction = np.column_stack([np.cos(angles + lidar.theta), np.sin(angles + lidar.theta)])
         start = np.array([lidar.x, lidar.y])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -70,10 +75,10 @@ class Building:
             inside = radius**2 - miss
             near = along - np.sqrt(np.maximum(inside, 0.0))
             found = np.where((inside > 0) & (near > 0), np.minimum(found, near), found)
-        return np.where(found <= furthest, found, np.inf)
+        return np.where(found <= max_range, found, np.inf)
 
     def scan(self, time: float, base: Pose, rng: np.random.Generator | None = None, sigma: float = 0.01) -> Scan:
-        """What a 360-ray lidar of 12 m sees."""
+        """The scan of a lidar with 360 beams and a range of 12 m at a pose of base_link."""
         increment = math.tau / 360
         angles = -math.pi + increment * np.arange(360)
         ranges = self.ranges(base @ LIDAR, angles, 12.0)
@@ -82,7 +87,7 @@ class Building:
         return Scan(time, ranges, -math.pi, increment, 0.05, 12.0)
 
     def grid(self, resolution: float = 0.05, origin: Pose = Pose(-0.513, -0.487, 0.0), seed: int = 0) -> OccupancyGrid:  # noqa: B008
-        """The map: cells where scans ended are occupied, the building's inside is free, all else unknown."""
+        """The map: cells with walls are occupied, other cells of the building are free, all else is unknown."""
         rng = np.random.default_rng(seed)
         cells = math.ceil((SIZE + 1.0) / resolution)
         hits = np.zeros((cells, cells))
@@ -114,7 +119,7 @@ WAYPOINTS += ((5.7, 6.3), (4.5, 7.2), (2.4, 7.2), (1.5, 5.7), (1.5, 3.6), (0.9, 
 def drive(
     waypoints: tuple[tuple[float, float], ...] = WAYPOINTS, rate: float = 10.0, speed: float = 0.4, turn: float = 1.0
 ) -> Iterator[Pose]:
-    """True poses along a way, ten a second: turn on the spot, drive straight."""
+    """True poses along waypoints at a rate in Hz: turns on the spot, straight drives."""
     pose = Pose(*waypoints[0], 0.0)
     yield pose
     for x, y in waypoints[1:]:
@@ -133,7 +138,7 @@ def drive(
 def wheel_odometry(
     truth: list[Pose], rng: np.random.Generator, scale: float = 0.03, turn_scale: float = 0.03, rate: float = 10.0
 ) -> list[Odometry]:
-    """Odometry with systematic errors of a few percent and seeded noise."""
+    """Odometry at true poses, with systematic errors of a few percent and random noise."""
     pose = Pose(3.0, -2.0, 1.0)
     found = [Odometry(0.0, pose, Velocity())]
     for i in range(1, len(truth)):

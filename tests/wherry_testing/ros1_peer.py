@@ -1,6 +1,7 @@
-"""A node of ROS 1 that knows nothing of wherry: it says on standard output what it hears, and sends what it is told to.
+"""A node of ROS 1 independent of wherry: it publishes on request, and reports what it receives.
 
-Run by Debian's Python, in a process of its own; a line of JSON in is a request, lines of JSON come out.
+Run by Debian's Python in its own process; requests are lines of JSON on standard input, answers and received messages
+lines of JSON on standard output.
 """
 
 import importlib
@@ -14,15 +15,15 @@ import rospy
 import tf2_ros
 from sensor_msgs.msg import LaserScan
 
-LOCK = threading.Lock()
+OUTPUT_LOCK = threading.Lock()
 
 
-def say(**news):
-    with LOCK:
-        print(json.dumps(news), flush=True)  # noqa: T201
+def report(**values):
+    with OUTPUT_LOCK:
+        print(json.dumps(values), flush=True)  # noqa: T201
 
 
-def class_of(type_name):
+def message_class(type_name):
     package, name = type_name.split("/")
     return getattr(importlib.import_module(f"{package}.msg"), name)
 
@@ -50,15 +51,15 @@ class Node:
     def listen(self, request):
         topic = request["topic"]
 
-        def heard(message):
-            say(topic=topic, at=time.monotonic(), message=plain(message))
+        def callback(message):
+            report(topic=topic, at=time.monotonic(), message=plain(message))
 
-        kind = class_of(request["type"])
-        listener = rospy.Subscriber(topic, kind, heard, queue_size=1000, buff_size=1 << 22, tcp_nodelay=True)
+        kind = message_class(request["type"])
+        listener = rospy.Subscriber(topic, kind, callback, queue_size=1000, buff_size=1 << 22, tcp_nodelay=True)
         wait_for_connection(listener)
 
     def send(self, request):
-        topic, kind = request["topic"], class_of(request["type"])
+        topic, kind = request["topic"], message_class(request["type"])
         if topic not in self.publishers:
             self.publishers[topic] = rospy.Publisher(topic, kind, queue_size=1000, latch=request["latch"])
             wait_for_connection(self.publishers[topic])
@@ -70,7 +71,7 @@ class Node:
         self.publishers.pop(request["topic"]).unregister()
 
     def relay(self, request):
-        """Pass the scans of a topic on to another one, as they are or spoilt: "pass", "silent", "nan" or "frame"."""
+        """Forward the scans of a topic to another one, in mode "pass", or faulty: "silent", "nan" or "frame"."""
         if self.relayed is None:
             publisher = rospy.Publisher(request["to"], LaserScan, queue_size=100, tcp_nodelay=True)
             rospy.Subscriber(
@@ -97,7 +98,7 @@ class Node:
         if self.listener is None:
             self.buffer = tf2_ros.Buffer()
             self.listener = tf2_ros.TransformListener(self.buffer)
-        deadline = time.monotonic() + request["patience"]
+        deadline = time.monotonic() + request["timeout"]
         while True:
             try:
                 at = rospy.Time(*request["at"])
@@ -116,7 +117,7 @@ def main():
     node = Node()
     for line in sys.stdin:
         request = json.loads(line)
-        say(answer=getattr(node, request["do"].replace(" ", "_"))(request))
+        report(answer=getattr(node, request["do"].replace(" ", "_"))(request))
 
 
 main()

@@ -1,4 +1,4 @@
-"""A real ROS 1 for tests: Debian's roscore, and a node outside of wherry that is nothing but Debian's rospy."""
+"""A real ROS 1 for tests: Debian's roscore, and a node of Debian's rospy that is independent of wherry."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import pytest
 
 DEBIAN_PYTHON = "/usr/bin/python3"
 PEER = Path(__file__).with_name("ros1_peer.py")
-ROSCORE_PATIENCE = 30.0  # s
+ROSCORE_TIMEOUT = 30.0  # s
 
 
 def require(*programs: str) -> None:
-    """Skip where ROS 1 is not installed; in continuous integration it is."""
+    """Skip a test where programs of ROS 1 are not installed; in continuous integration, fail."""
     missing = [program for program in programs if shutil.which(program) is None]
     if missing:
         reason = f"{', '.join(missing)}: not installed; the packages are in .ci/run"
@@ -36,17 +35,17 @@ def require(*programs: str) -> None:
         pytest.skip(reason)
 
 
-def wait_until(true: Callable[[], Any], patience: float, what: str) -> None:
-    """Wait for something, and fail where it does not come."""
-    deadline = time.monotonic() + patience
-    while not true():
+def wait_until(condition: Callable[[], Any], timeout: float, what: str) -> None:
+    """Wait until a condition holds; fail the test after the timeout, s."""
+    deadline = time.monotonic() + timeout
+    while not condition():
         if time.monotonic() > deadline:
-            pytest.fail(f"not within {patience:g} s: {what}")
+            pytest.fail(f"not within {timeout:g} s: {what}")
         time.sleep(0.05)
 
 
 class Roscore:
-    """A roscore on a port of its own, on 127.0.0.1."""
+    """A roscore on a free port of 127.0.0.1."""
 
     def __init__(self, folder: Path) -> None:
         with socket.socket() as probe:
@@ -66,7 +65,7 @@ class Roscore:
         self.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.kill()
 
     def start(self) -> None:
@@ -77,11 +76,11 @@ class Roscore:
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
-        wait_until(self._answers, ROSCORE_PATIENCE, "roscore answers")
+        wait_until(self._answers, ROSCORE_TIMEOUT, "roscore answers")
 
     def kill(self) -> None:
         if self._process is not None:
-            for process in reversed(_family(self._process.pid)):
+            for process in reversed(_process_tree(self._process.pid)):
                 os.kill(process, signal.SIGKILL)
             self._process.wait()
             self._process = None
@@ -105,19 +104,19 @@ class Roscore:
 
     @contextmanager
     def peer(self, name: str = "peer") -> Iterator[Peer]:
-        """Run an outside node."""
+        """Run an independent node."""
         with Peer([DEBIAN_PYTHON, "-u", str(PEER), name], {**self.environment, "ROS_IP": "127.0.0.1"}) as peer:
             yield peer
 
 
-def _family(process: int) -> list[int]:
-    """A process and all that it has started, which may be in sessions of their own."""
+def _process_tree(process: int) -> list[int]:
+    """A process and its descendants, which may be in other sessions."""
     children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
-    return [process, *(member for child in children for member in _family(int(child)))]
+    return [process, *(member for child in children for member in _process_tree(int(child)))]
 
 
 class Program:
-    """A process whose output is read as it comes; it ends with its block."""
+    """A process whose output is read continuously; it is terminated at the end of the with block."""
 
     reads_input = False
 
@@ -138,10 +137,10 @@ class Program:
         self._reader.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *exception: object) -> None:
         assert self.process.stdin is not None
         assert self.process.stdout is not None
-        self.process.stdin.close()  # which ends those who read it
+        self.process.stdin.close()  # ends programs that read it
         if self.process.poll() is None and not self.reads_input:
             os.killpg(self.process.pid, signal.SIGTERM)
         try:
@@ -156,7 +155,7 @@ class Program:
         return "".join(self.lines)
 
     def kill(self) -> None:
-        """kill -9."""
+        """Send SIGKILL."""
         os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
 
@@ -167,34 +166,34 @@ class Program:
         os.killpg(self.process.pid, signal.SIGCONT)
 
     def interrupt(self) -> None:
-        """Ctrl-C."""
+        """Send SIGINT, as Ctrl-C does."""
         os.killpg(self.process.pid, signal.SIGINT)
 
     def result(self) -> dict[str, Any]:
-        """What --json has printed."""
+        """The result printed with --json."""
         found: dict[str, Any] = json.loads(self.lines[-1])
         return found
 
-    def finish(self, patience: float) -> int:
-        """Wait for its end; its exit status."""
+    def finish(self, timeout: float) -> int:
+        """Wait for the end of the process; return its exit status."""
         try:
-            return self.process.wait(patience)
+            return self.process.wait(timeout)
         except subprocess.TimeoutExpired:
-            pytest.fail(f"still runs after {patience:g} s:\n{self.output[-2000:]}")
+            pytest.fail(f"still runs after {timeout:g} s:\n{self.output[-2000:]}")
         finally:
             self._reader.join(1.0)
 
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            self.took(line)
+            self.handle(line)
 
-    def took(self, line: str) -> None:
+    def handle(self, line: str) -> None:
         self.lines.append(line)
 
 
 class Peer(Program):
-    """A node outside of wherry: `ros1_peer.py`."""
+    """An independent node: `ros1_peer.py`."""
 
     reads_input = True
 
@@ -203,11 +202,11 @@ class Peer(Program):
         self.heard: dict[str, list[dict[str, Any]]] = {}  # by topic: "at" (s, monotonic clock), "message"
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
-    def took(self, line: str) -> None:
+    def handle(self, line: str) -> None:
         try:
             news = json.loads(line)
         except json.JSONDecodeError:
-            super().took(line)
+            super().handle(line)
             return
         if "answer" in news:
             self._answers.put(news["answer"])
@@ -224,36 +223,34 @@ class Peer(Program):
             pytest.fail(f"no answer to {request}:\n{self.output}")
 
     def listen(self, topic: str, type_name: str) -> None:
-        """Hear a topic; its messages gather in `heard`."""
+        """Subscribe to a topic; its messages are appended to `heard`."""
         self.heard.setdefault(topic, [])
         self.ask(do="listen", topic=topic, type=type_name)
 
     def send(self, topic: str, type_name: str, message: dict[str, Any], *, latch: bool = False) -> None:
-        """Publish; waits at first until somebody listens, or a second."""
+        """Publish a message; the first time, wait for a subscriber for up to a second."""
         self.ask(do="send", topic=topic, type=type_name, message=message, latch=latch)
 
     def stop_sending(self, topic: str) -> None:
         self.ask(do="stop sending", topic=topic)
 
     def relay(self, topic: str, to: str, mode: str) -> None:
-        """Pass scans on: "pass", "silent", "nan" (an angle that is no number) or "frame" (of another frame)."""
+        """Forward scans in mode "pass", "silent", "nan" (an angle is NaN) or "frame" (another frame)."""
         self.ask(do="relay", topic=topic, to=to, mode=mode)
 
     def parameter(self, name: str) -> Any:
         return self.ask(do="parameter", name=name)
 
-    def transform(
-        self, target: str, source: str, *, at: tuple[int, int] = (0, 0), patience: float = 5.0
-    ) -> list[float]:
-        """[7] x, y, z, and the quaternion, as the real tf2 has it at a time (s, ns); by default the last one known."""
-        found: list[float] | str = self.ask(do="transform", target=target, source=source, at=at, patience=patience)
+    def transform(self, target: str, source: str, *, at: tuple[int, int] = (0, 0), timeout: float = 5.0) -> list[float]:
+        """[7] x, y, z, and the quaternion from the real tf2 at a time (s, ns); the latest by default."""
+        found: list[float] | str = self.ask(do="transform", target=target, source=source, at=at, timeout=timeout)
         if isinstance(found, str):
             pytest.fail(f"tf2 says: {found}")
         return found
 
-    def wait_for(self, topic: str, count: int, patience: float) -> list[dict[str, Any]]:
-        """The messages of a topic, once there are so many."""
-        wait_until(lambda: len(self.heard[topic]) >= count, patience, f"{count} messages on {topic}")
+    def wait_for(self, topic: str, count: int, timeout: float) -> list[dict[str, Any]]:
+        """Wait for a number of messages of a topic; return all of them."""
+        wait_until(lambda: len(self.heard[topic]) >= count, timeout, f"{count} messages on {topic}")
         return [news["message"] for news in self.heard[topic]]
 
     def last(self, topic: str) -> dict[str, Any]:
@@ -262,7 +259,7 @@ class Peer(Program):
 
 
 def values_of(diagnostics: dict[str, Any], name: str) -> dict[str, str]:
-    """The values of one part in a message on /diagnostics, and its message and level."""
+    """The values, the text and the level of one component in a message on /diagnostics."""
     for status in diagnostics["status"]:
         if status["name"] == name:
             values = {pair["key"]: pair["value"] for pair in status["values"]}
@@ -271,11 +268,11 @@ def values_of(diagnostics: dict[str, Any], name: str) -> dict[str, str]:
 
 
 def heading(quaternion: dict[str, float]) -> float:
-    """rad, of a rotation about the z axis."""
+    """The rotation about the z axis, rad."""
     return 2.0 * math.atan2(quaternion["z"], quaternion["w"])
 
 
 def stamp(message: dict[str, Any]) -> float:
-    """s, of a message with a header."""
+    """The stamp of a message with a header, s."""
     found = message["header"]["stamp"]
     return float(found["secs"] + 1e-9 * found["nsecs"])

@@ -1,8 +1,8 @@
-"""Gymnasium's own Taxi, unmodified, seen as an OO-MDP.
+"""Gymnasium's own Taxi, unmodified, as an OO-MDP.
 
-It differs from the paper's Taxi in two points. Its number says that the passenger is in the taxi but not from where, so
-here the passenger's x and y ride along. And the passenger may be let out at all four places, not at the destination
-alone, so there are places to be on.
+It differs from the paper's Taxi in two points. Its observation does not say where a passenger in the taxi departed, so
+the passenger's x and y move with the taxi. And the passenger can be dropped off at all four places, not only at the
+destination, so the domain has objects for the places.
 """
 
 from __future__ import annotations
@@ -10,25 +10,24 @@ from __future__ import annotations
 from typing import Any, cast
 
 import gymnasium
-import numpy as np
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 
+from wherry.adapters.base import GymnasiumAdapter
 from wherry.domains.taxi import DELIVERY_REWARD, ILLEGAL_REWARD, STEP_REWARD, WALL
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, Direction, Wall
 from wherry.oomdp.attributes import boolean, integer
 from wherry.oomdp.domain import Action, Domain
-from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import ObjectClass, Scene, State
 from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE
 from wherry.oomdp.terms import attribute_holds, related
 
 ACTIONS = ("S", "N", "E", "W", "PICKUP", "DROPOFF")
-"""Gymnasium's actions by their numbers."""
+"""Names of Gymnasium's actions, by number."""
 
 SIDE = 5  # cells
-IN_TAXI = 4  # the number of the place "in the taxi"
-FREE = b":"  # in Gymnasium's drawing, between two cells that no wall divides
+IN_TAXI = 4  # index of the location "in the taxi"
+OPEN_EDGE = b":"  # in Gymnasium's drawing, between two cells without a wall
 
 X, Y = integer("x", 0, SIDE - 1), integer("y", 0, SIDE - 1)
 TAXI = ObjectClass("Taxi", (X, Y))
@@ -50,29 +49,27 @@ DOMAIN = Domain(
 )
 
 
-class GymnasiumTaxi:
-    """An `Environment` of objects around Gymnasium's Taxi.
+class GymnasiumTaxi(GymnasiumAdapter):
+    """Gymnasium's Taxi as an `Environment` of objects.
 
-    Time limits are looked through: an episode ends where the passenger arrives.
+    Time limits are ignored: an episode ends where the passenger arrives.
 
     Args:
-        environment: What ``gymnasium.make("Taxi-v4")`` gives, wrapped or not.
+        environment: ``gymnasium.make("Taxi-v4")``, wrapped or not.
 
     Raises:
-        InputError: It is another environment, or one in which it rains or the passenger is fickle.
+        InputError: It is another environment, or a variant with rain or a fickle passenger.
     """
 
     def __init__(self, environment: gymnasium.Env[Any, Any]) -> None:
         taxi = environment.unwrapped
         if not isinstance(taxi, TaxiEnv):
             raise InputError(str(environment), "", "is not Gymnasium's Taxi")
-        certain = all(len(outcomes) == 1 for actions in taxi.P.values() for outcomes in actions.values())
-        if taxi.fickle_passenger or not certain:
+        is_deterministic = all(len(outcomes) == 1 for actions in taxi.P.values() for outcomes in actions.values())
+        if taxi.fickle_passenger or not is_deterministic:
             raise InputError(str(environment), "", "is not deterministic: it rains, or the passenger is fickle")
-        self.domain = DOMAIN
-        self.environment = environment
+        super().__init__(environment, DOMAIN, title="Gymnasium's Taxi", action_names=ACTIONS)
         self._taxi = taxi
-        self._state: State | None = None
         walls = sorted(set(self._walls()))
         self._scene = Scene(
             (
@@ -81,52 +78,33 @@ class GymnasiumTaxi:
             )
         )
 
-    def reset(self, rng: np.random.Generator) -> State:
-        """Begin an episode; Gymnasium gets its seed from the generator."""
-        observation, _ = self.environment.reset(seed=int(rng.integers(2**31)))
-        self._state = self.state(observation)
-        return self._state
-
-    def step(self, action: Action) -> Transition:
-        """Do an action.
-
-        Raises:
-            RuntimeError: No episode has begun.
-            ValueError: There is no such action.
-        """
-        if self._state is None:
-            raise RuntimeError("reset the environment before the first step")
-        if action.name not in ACTIONS:
-            raise ValueError(f"Gymnasium's Taxi has no action {action}")
-        before = self._state
-        observation, reward, terminated, _, _ = self.environment.step(ACTIONS.index(action.name))
-        self._state = self.state(observation)
-        return Transition(before, action, self._state, float(reward), terminated)
+    def _perceive(self, observation: int) -> State:
+        return self.state(observation)
 
     def state(self, observation: int) -> State:
-        """The state that one of Gymnasium's numbers stands for."""
+        """The state that an observation of Gymnasium's encodes."""
         row, column, place, destination = self._taxi.decode(observation)
-        taxi, wanted = _cell((row, column)), _cell(self._taxi.locs[destination])
+        taxi, target = _cell((row, column)), _cell(self._taxi.locs[destination])
         passenger = taxi if place == IN_TAXI else _cell(self._taxi.locs[place])
         return State(
             (
                 TAXI("taxi", x=taxi.x, y=taxi.y),
                 PASSENGER("passenger", x=passenger.x, y=passenger.y, in_taxi=place == IN_TAXI),
-                DESTINATION("destination", x=wanted.x, y=wanted.y),
+                DESTINATION("destination", x=target.x, y=target.y),
             ),
             self._scene,
         )
 
     def _walls(self) -> list[Wall]:
-        """The walls of Gymnasium's drawing, and those around it."""
+        """The walls of Gymnasium's drawing, and its outer edge."""
         walls = []
         for row in range(SIDE):
             for column in range(SIDE):
                 cell = _cell((row, column))
                 characters = cast("list[bytes]", list(self._taxi.desc[1 + row]))
-                if characters[2 * column + 2] != FREE:
+                if characters[2 * column + 2] != OPEN_EDGE:
                     walls.append(Wall.between(cell, Direction.EAST))
-                if characters[2 * column] != FREE:
+                if characters[2 * column] != OPEN_EDGE:
                     walls.append(Wall.between(cell, Direction.WEST))
                 if row == 0:
                     walls.append(Wall.between(cell, Direction.NORTH))
@@ -142,7 +120,7 @@ def delivered(state: State) -> bool:
 
 
 def reward(state: State, action: Action, next_state: State) -> float:
-    """What Gymnasium pays for a step, for learners that are told."""
+    """R(s, a, s') of Gymnasium's Taxi, for learners that are given the reward."""
     if action.name in DIRECTIONS:
         return STEP_REWARD
     if state.objects == next_state.objects:
@@ -151,6 +129,6 @@ def reward(state: State, action: Action, next_state: State) -> float:
 
 
 def _cell(place: tuple[int, int]) -> Cell:
-    """The cell at a row from the top and a column."""
+    """The cell in a row, counted from the top, and a column."""
     row, column = place
     return Cell(column, SIDE - 1 - row)

@@ -1,8 +1,8 @@
-"""MiniGrid's environments, unmodified, seen as OO-MDPs: an agent that faces somewhere, keys, doors, walls and goals.
+"""MiniGrid's environments, unmodified, as OO-MDPs: an agent with a heading, keys, doors, walls and goals.
 
-The whole grid is seen, not only the part in front of the agent. A key that is carried rides along. MiniGrid pays less
-the later the goal is reached; a reward that depends on the time is none of the state's, so here success pays 1, and
-discounting does the rest. Needs the extra ``wherry[minigrid]``.
+The states are fully observed. A carried key moves with the agent. MiniGrid's reward for success decreases with time,
+which is no function of the state; here success is rewarded with 1, and discounting favours speed instead. Needs the
+extra ``wherry[minigrid]``.
 """
 
 from __future__ import annotations
@@ -11,39 +11,38 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import gymnasium
-import numpy as np
 from minigrid.core.constants import COLOR_NAMES
 from minigrid.core.world_object import Door, WorldObj
 from minigrid.minigrid_env import MiniGridEnv
 
+from wherry.adapters.base import GymnasiumAdapter
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell
 from wherry.oomdp.attributes import AttributeKind, boolean, enumeration, integer
-from wherry.oomdp.domain import Action, Domain
+from wherry.oomdp.domain import Domain
 from wherry.oomdp.effects import PAPER_TYPES, EffectType
-from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import Object, ObjectClass, Scene, State
 from wherry.oomdp.relations import DIRECTIONS, Relation, cell_of
 from wherry.oomdp.terms import attribute_holds, attribute_is, related
 
 ACTIONS = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
-"""MiniGrid's actions by their numbers."""
+"""Names of MiniGrid's actions, by number."""
 
 HEADINGS = {"east": "E", "north": "N", "west": "W", "south": "S"}
-"""Where the agent may look, each a quarter turn to the left of the one before."""
+"""The agent's headings with their directions, each a quarter turn to the left of the one before."""
 
 MINIGRID_HEADINGS = ("east", "south", "west", "north")
-"""The same by MiniGrid's numbers."""
+"""The headings by MiniGrid's numbers."""
 
-STATIC = {"wall": "Wall", "goal": "Goal", "lava": "Lava"}
-MOVABLE = {"key": "Key", "door": "Door"}
-"""MiniGrid's types of objects, and the classes that they are here."""
+STATIC_CLASSES = {"wall": "Wall", "goal": "Goal", "lava": "Lava"}
+CHANGING_CLASSES = {"key": "Key", "door": "Door"}
+"""The classes of the domain by MiniGrid's object types."""
 
-SUCCESS = 1.0
+SUCCESS_REWARD = 1.0
 
 
 def _quarter_turns(before: Any, after: Any) -> int | None:
-    """How many quarter turns to the left lead from one heading to another; None for other enumerations."""
+    """Number of quarter turns to the left from one heading to another; None for other enumerations."""
     order = list(HEADINGS)
     return (order.index(after) - order.index(before)) % 4 if {before, after} <= set(order) else None
 
@@ -58,7 +57,7 @@ EFFECT_TYPES: Mapping[str, EffectType] = {
         describe=lambda name, turns: f"{name} turns {('nowhere', 'left', 'about', 'right')[turns]}",
     ),
 }
-"""What learners need to be given: the paper's effect types, and turns."""
+"""The effect types that learners need here: the paper's, and turns."""
 
 
 def _ahead(agent: Object) -> tuple[int, int]:
@@ -73,7 +72,7 @@ FITS = Relation("fits", lambda key, door: key.held and key.colour == door.colour
 
 
 def minigrid_domain(width: int, height: int) -> Domain:
-    """The domain of grids of some size; its terms, and so what is learnt with them, are the same for every size."""
+    """The domain of grids of some size, cells; terms are the same for every size, so rules carry over."""
     x, y = integer("x", 0, width - 1), integer("y", 0, height - 1)
     colour = enumeration("colour", *COLOR_NAMES)
     return Domain(
@@ -82,11 +81,11 @@ def minigrid_domain(width: int, height: int) -> Domain:
             ObjectClass("Agent", (x, y, enumeration("facing", *HEADINGS))),
             ObjectClass("Key", (x, y, colour, boolean("held"))),
             ObjectClass("Door", (x, y, colour, boolean("open"), boolean("locked"))),
-            *(ObjectClass(name, (x, y), static=True) for name in STATIC.values()),
+            *(ObjectClass(name, (x, y), static=True) for name in STATIC_CLASSES.values()),
         ),
         terms=(
             *(attribute_is("Agent", "facing", heading) for heading in HEADINGS),
-            *(related(AHEAD, "Agent", name) for name in (*STATIC.values(), *MOVABLE.values())),
+            *(related(AHEAD, "Agent", name) for name in (*STATIC_CLASSES.values(), *CHANGING_CLASSES.values())),
             related(SHUT_AHEAD, "Agent", "Door"),
             attribute_holds("Door", "open"),
             attribute_holds("Door", "locked"),
@@ -97,99 +96,81 @@ def minigrid_domain(width: int, height: int) -> Domain:
     )
 
 
-class MiniGrid:
-    """An `Environment` of objects around one of MiniGrid's.
+class MiniGrid(GymnasiumAdapter):
+    """One of MiniGrid's environments as an `Environment` of objects.
 
-    Time limits are looked through: an episode ends where MiniGrid says that it terminated.
+    Time limits are ignored: an episode ends where MiniGrid terminates it.
 
     Args:
-        environment: What ``gymnasium.make("MiniGrid-DoorKey-5x5-v0")`` gives, wrapped or not.
+        environment: ``gymnasium.make("MiniGrid-DoorKey-5x5-v0")`` or another one, wrapped or not.
 
     Raises:
-        InputError: It is not one of MiniGrid's.
+        InputError: It is not one of MiniGrid's environments.
     """
 
     def __init__(self, environment: gymnasium.Env[Any, Any]) -> None:
         grid = environment.unwrapped
         if not isinstance(grid, MiniGridEnv):
             raise InputError(str(environment), "", "is not one of MiniGrid's environments")
-        self.environment = environment
-        self.domain = minigrid_domain(grid.width, grid.height)
+        super().__init__(environment, minigrid_domain(grid.width, grid.height), title="MiniGrid", action_names=ACTIONS)
         self._grid = grid
         self._names: dict[WorldObj, str] = {}  # of keys and doors
         self._scene = Scene()
-        self._state: State | None = None
 
-    def reset(self, rng: np.random.Generator) -> State:
-        """Begin an episode; MiniGrid gets its seed from the generator.
+    def _begin_episode(self) -> None:
+        """Name the keys and doors of a new grid, and collect its static objects.
 
         Raises:
-            InputError: The grid has things that this view has no class for: balls and boxes.
+            InputError: The grid contains objects that the domain has no class for: balls or boxes.
         """
-        self.environment.reset(seed=int(rng.integers(2**31)))
         classes = self.domain.classes_by_name
         static, self._names = list[Object](), {}
-        for cell, thing in self._things():
-            if thing.type in STATIC:
-                static.append(classes[STATIC[thing.type]](f"{thing.type}{len(static)}", x=cell.x, y=cell.y))
-            elif thing.type in MOVABLE:
-                self._names[thing] = f"{thing.color}_{thing.type}{len(self._names)}"
-            elif thing.type != "floor":
-                raise InputError(str(self.environment), thing.type, "has no class in this view")
+        for cell, item in self._grid_objects():
+            if item.type in STATIC_CLASSES:
+                static.append(classes[STATIC_CLASSES[item.type]](f"{item.type}{len(static)}", x=cell.x, y=cell.y))
+            elif item.type in CHANGING_CLASSES:
+                self._names[item] = f"{item.color}_{item.type}{len(self._names)}"
+            elif item.type != "floor":
+                raise InputError(str(self.environment), item.type, "has no class in this view")
         self._scene = Scene(tuple(static))
-        self._state = self._see()
-        return self._state
 
-    def step(self, action: Action) -> Transition:
-        """Do an action.
+    def _reward(self, reward: float, *, terminated: bool) -> float:
+        """1 for success, which MiniGrid rewards with an amount that depends on the time."""
+        succeeded = terminated and reward == self._grid._reward()
+        return SUCCESS_REWARD if succeeded else 0.0
 
-        Raises:
-            RuntimeError: No episode has begun.
-            ValueError: There is no such action.
-        """
-        if self._state is None:
-            raise RuntimeError("reset the environment before the first step")
-        if action.name not in ACTIONS:
-            raise ValueError(f"MiniGrid has no action {action}")
-        before = self._state
-        _, paid, terminated, _, _ = self.environment.step(ACTIONS.index(action.name))
-        self._state = self._see()
-        succeeded = terminated and paid == self._grid._reward()  # what success pays at this time
-        return Transition(before, action, self._state, SUCCESS if succeeded else 0.0, terminated)
-
-    def _see(self) -> State:
-        """The present state."""
+    def _perceive(self, observation: object) -> State:
+        """The present state, read from the grid, since the observation shows only a part of it."""
         classes = self.domain.classes_by_name
-        here = self._cell(*self._grid.agent_pos)
+        agent_cell = self._cell(*self._grid.agent_pos)
         facing = MINIGRID_HEADINGS[self._grid.agent_dir]
-        objects = [classes["Agent"]("agent", x=here.x, y=here.y, facing=facing)]
-        things = [(cell, thing) for cell, thing in self._things() if thing in self._names]
+        objects = [classes["Agent"]("agent", x=agent_cell.x, y=agent_cell.y, facing=facing)]
+        items = [(cell, item) for cell, item in self._grid_objects() if item in self._names]
         if self._grid.carrying is not None:
-            things.append((here, self._grid.carrying))
-        for cell, thing in things:
+            items.append((agent_cell, self._grid.carrying))
+        for cell, item in items:
             own = (
-                {"open": thing.is_open, "locked": thing.is_locked}
-                if isinstance(thing, Door)
-                else {"held": thing is self._grid.carrying}
+                {"open": item.is_open, "locked": item.is_locked}
+                if isinstance(item, Door)
+                else {"held": item is self._grid.carrying}
             )
-            objects.append(
-                classes[MOVABLE[thing.type]](self._names[thing], x=cell.x, y=cell.y, colour=thing.color, **own)
-            )
+            object_class = classes[CHANGING_CLASSES[item.type]]
+            objects.append(object_class(self._names[item], x=cell.x, y=cell.y, colour=item.color, **own))
         return State(tuple(objects), self._scene)
 
-    def _things(self) -> Iterator[tuple[Cell, WorldObj]]:
-        """All that stands on the grid, cell by cell."""
+    def _grid_objects(self) -> Iterator[tuple[Cell, WorldObj]]:
+        """All objects on the grid with their cells, row by row from the top."""
         grid = self._grid.grid
-        for at, thing in enumerate(grid.grid):
-            if thing is not None:
-                yield self._cell(at % grid.width, at // grid.width), thing
+        for index, item in enumerate(grid.grid):
+            if item is not None:
+                yield self._cell(index % grid.width, index // grid.width), item
 
     def _cell(self, column: int, row: int) -> Cell:
-        """The cell at a column and a row from the top."""
+        """The cell in a column and a row, counted from the top."""
         return Cell(int(column), self._grid.height - 1 - int(row))
 
 
 def at_goal(state: State) -> bool:
-    """Whether the agent stands on a goal, for learners that are told what they are to do."""
+    """Whether the agent stands on a goal, for learners that are given the goal."""
     (agent,) = state.of_class("Agent")
     return cell_of(agent) in state.scene.index("Goal", cell_of)

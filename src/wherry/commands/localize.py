@@ -1,4 +1,4 @@
-"""``wherry localize``: where a robot was on a map, from its log."""
+"""``wherry localize``: a robot's trajectory on a map, from its log."""
 
 from __future__ import annotations
 
@@ -31,38 +31,38 @@ def localize(
     log: LogArgument,
     map_file: Annotated[Path, typer.Option("--map", help="A map.yaml, a saved pose graph, or Wean Hall's wean.dat.")],
     params: ParamsOption = None,
-    reference: Annotated[Path | None, typer.Option(help="A trajectory in TUM format to compare with.")] = None,
-    everywhere: Annotated[bool, typer.Option("--global", help="Begin without knowing where the robot is.")] = False,
+    reference: Annotated[Path | None, typer.Option(help="Reference trajectory in TUM format.")] = None,
+    everywhere: Annotated[bool, typer.Option("--global", help="Start anywhere on the map.")] = False,
     seed: SeedOption = 0,
     lenient: LenientOption = False,
     record: RecordOption = None,
-    out: Annotated[Path | None, typer.Option(help="Where to write trajectory and picture.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the trajectory and a picture.")] = None,
     view: ViewOption = False,
     host: HostOption = DEFAULT_HOST,
     port: PortOption = DEFAULT_PORT,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Find the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
-    from wherry.pipelines.logs import localization
+    """Estimate the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
+    from wherry.pipelines.logs.localization import LocalizationSettings, prepare
     from wherry.pipelines.logs.trace import LogTrace
     from wherry.views.metrics_tables import LOCALIZATION_METRICS
     from wherry.views.terminal import print_metrics
 
-    run = localization.prepare(
-        localization.Settings(
+    run = prepare(
+        LocalizationSettings(
             log=log,
             map_file=map_file,
             params=params,
             reference=reference,
-            everywhere=everywhere,
+            is_global=everywhere,
             seed=seed,
             lenient=lenient,
         )
     )
     console = console_for(as_json=as_json, quiet=quiet)
-    if _begins_nowhere(run.grid, run.localizer.amcl.particles):
-        say(console, "Where the log is taken to begin, the map has no free place; --global looks for it everywhere.")
+    if _has_no_free_particle(run.grid, run.localizer.particles):
+        say(console, "The map has no free space at the start pose of the log; --global searches the whole map.")
     with trace_sink(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
         trace = LogTrace("localize", log.name, run.log, sink)
         trace.map(run.grid)
@@ -70,27 +70,27 @@ def localize(
             task = progress.add_task("localizing", total=len(run))
             if recording is not None:
                 recording.write_map(run.grid, run.log.scans[0].time)
-            for located in run.steps():
-                progress.update(task, completed=located.index + 1)
-                trace.scan(located.index, located.found.pose, run.localizer.amcl.particles)
-                trace.doubt(located.index, located.found.lost_probability)
+            for scan in run.steps():
+                progress.update(task, completed=scan.index + 1)
+                trace.scan(scan.index, scan.localization.pose, run.localizer.particles)
+                trace.lost_probability(scan.index, scan.localization.lost_probability)
                 if recording is not None:
-                    recording.write_scan(located.index, located.found.pose, run.localizer.amcl.particles)
+                    recording.write_scan(scan.index, scan.localization.pose, run.localizer.particles)
         result = run.result()
         if result.unknown_parameters:
-            say(console, f"Parameters that are not known and were left out: {', '.join(result.unknown_parameters)}")
-        figures = result.as_dict()
-        print_metrics(console, f"{log.name} on {map_file.name}", figures, LOCALIZATION_METRICS)
+            say(console, f"Unknown parameters were ignored: {', '.join(result.unknown_parameters)}")
+        metrics = result.as_dict()
+        print_metrics(console, f"{log.name} on {map_file.name}", metrics, LOCALIZATION_METRICS)
         if out is None:
-            console.print("Nothing was saved; --out DIR saves trajectory and picture.")
+            console.print("Nothing was saved; --out DIR saves the trajectory and a picture.")
         else:
             say(console, "Written: " + ", ".join(str(path) for path in run.save(out)))
     if as_json:
-        print_json(figures)
+        print_json(metrics)
 
 
-def _begins_nowhere(grid: OccupancyGrid, particles: Floats) -> bool:
-    """Whether no particle is in a free place of the map."""
+def _has_no_free_particle(grid: OccupancyGrid, particles: Floats) -> bool:
+    """Whether no particle [N, 3] m, m, rad, map frame, is in the map's free space."""
     cells = grid.cells_at(particles[:, :2])
     rows, columns = cells[grid.contains(cells)].T
     return not grid.free[rows, columns].any()

@@ -95,12 +95,12 @@ def map_log(
                     trace.scan(done - 1, run.pose)
                 if done in shown_at:
                     trace.map(run.slam.grid(), done - 1, fraction=done / run.scans)
-                    trace.closures(done - 1, _closures(run.slam))
+                    trace.loop_closures(done - 1, _closures(run.slam))
             if recording is not None:
                 run.record(recording)
         if view or out is not None:
             trace.map(run.slam.grid(), run.scans - 1)
-            trace.closures(run.scans - 1, _closures(run.slam))
+            trace.loop_closures(run.scans - 1, _closures(run.slam))
         assert run.result is not None  # noqa: S101 - steps() ends by setting it
         figures = asdict(run.result)
         print_metrics(console, f"Map of {log.name}", figures, MAPPING_METRICS)

@@ -1,4 +1,4 @@
-"""``wherry replay``: a recorded robot, mapped and localized again."""
+"""``wherry replay``: a recorded bag, mapped and localized again."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ from wherry.commands.common import (
 def replay(
     bag: Annotated[Path, typer.Argument(help="A ROS 1 .bag, a ROS 2 bag's folder, or an .mcap or .db3 file.")],
     map_file: Annotated[
-        Path | None, typer.Option("--map", help="A map.yaml to localize on; without it, the bag is mapped first.")
+        Path | None, typer.Option("--map", help="Map to localize on (map.yaml); by default the bag is mapped first.")
     ] = None,
-    backend: Annotated[str, typer.Option(help="The method of mapping: graph or particles.")] = "graph",
+    backend: Annotated[str, typer.Option(help="Method of mapping: graph or particles.")] = "graph",
     params: ParamsOption = None,
-    everywhere: Annotated[bool, typer.Option("--global", help="Localize without knowing where it begins.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Where to write; without it, runs/NAME-replay.")] = None,
+    everywhere: Annotated[bool, typer.Option("--global", help="Start localization anywhere on the map.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results; by default runs/NAME-replay.")] = None,
     seed: SeedOption = 0,
-    lenient: Annotated[bool, typer.Option("--lenient", help="Leave out broken messages, and count them.")] = False,
+    lenient: Annotated[bool, typer.Option("--lenient", help="Skip broken messages, and count them.")] = False,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Run a bag's scans and odometry through mapping, and then through localization on the map that came of it.
+    """Map a bag's scans and odometry, and then localize them on that map.
 
-    Localization is then compared with mapping's own trajectory.
+    The errors of localization are its distances from mapping's own trajectory.
     """
-    from wherry.pipelines.logs import replay as experiment
+    from wherry.pipelines.logs.replay import ReplaySettings, prepare
     from wherry.views.metrics_tables import LOCALIZATION_METRICS, MAPPING_METRICS
     from wherry.views.terminal import print_metrics
 
-    run = experiment.prepare(
-        experiment.Settings(
+    run = prepare(
+        ReplaySettings(
             bag=bag,
             map_file=map_file,
             backend=backend,
             params=params,
-            everywhere=everywhere,
+            is_global=everywhere,
             out=out or Path("runs") / f"{bag.stem}-replay",
             seed=seed,
             lenient=lenient,
@@ -60,13 +60,13 @@ def replay(
             task = next((task.id for task in progress.tasks if task.description == stage), None)
             task = progress.add_task(stage, total=total) if task is None else task
             progress.update(task, completed=done)
-    figures: dict[str, object] = {"bag": str(bag), "mapping": None}
+    metrics: dict[str, object] = {"bag": str(bag), "mapping": None}
     if run.mapping is not None:
-        figures["mapping"] = asdict(run.mapping)
+        metrics["mapping"] = asdict(run.mapping)
         print_metrics(console, f"Map of {bag.name}", asdict(run.mapping), MAPPING_METRICS)
-    found = run.localization.as_dict()
-    figures["localization"] = found
-    print_metrics(console, f"{bag.name} on {run.map_file.name}", found, LOCALIZATION_METRICS)
+    localization = run.localization.as_dict()
+    metrics["localization"] = localization
+    print_metrics(console, f"{bag.name} on {run.map_file.name}", localization, LOCALIZATION_METRICS)
     say(console, f"Written to {run.out}")
     if as_json:
-        print_json(figures)
+        print_json(metrics)

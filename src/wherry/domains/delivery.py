@@ -1,14 +1,14 @@
-"""Delivery: a robot brings every box to the warehouse (paper, section 3, with boxes for passengers).
+"""Delivery: a robot brings every box to the warehouse (paper, section 3, with boxes instead of passengers).
 
 The paper's seven terms, in its order, are touch_N, touch_S, touch_E, touch_W (robot, wall), on(robot, box),
-on(robot, warehouse) and box.in_bot. Three things differ from Taxi, because robots and boxes have bodies:
+on(robot, warehouse) and box.in_bot. Three points differ from Taxi, because robots and boxes have bodies:
 
-- A box that is let go in the warehouse is taken in: it leaves the state.
-- Several boxes: the terms are deictic (see `wherry.oomdp.terms`).
+- A box that is dropped off in the warehouse leaves the state.
+- There may be several boxes, so the terms are deictic (see `wherry.oomdp.terms`).
 - A robot with a full fork cannot enter the cell of another box, so touch_D(robot, wall) holds there too.
 
-A box's x and y do not ride along: they are where it was last seen on the floor, and while it is in_bot the robot is not
-"on" it.
+A carried box keeps its x and y: they are the cell where it last stood on the floor. The robot is not "on" a box that is
+in_bot.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import ObjectClass, Scene, State
 from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation, cell_of, wall_edge
-from wherry.oomdp.terms import Bound, Term, attribute_holds, candidates, related
+from wherry.oomdp.terms import Binding, Term, attribute_holds, candidates, related
 
 STEP_REWARD = -1.0
-ILLEGAL_REWARD = -10.0  # for PICKUP and DROPOFF where they do nothing, as in Taxi
+ILLEGAL_REWARD = -10.0  # for PICKUP and DROPOFF without effect, as in Taxi
 DELIVERY_REWARD = 20.0
 
 MOVES = {Action(name): name for name in DIRECTIONS}
@@ -44,12 +44,12 @@ ON_FLOOR = Relation("on", lambda robot, box: not box.in_bot and ON.holds(robot, 
 
 @dataclass(frozen=True, slots=True)
 class BoxState:
-    """A box as the robot knows it.
+    """The state of a box.
 
     Attributes:
-        name: What tells it from the others.
-        cell: Where it stands, or stood before it was picked up.
-        in_bot: Whether the robot holds it.
+        name: Its name, unique in the state.
+        cell: The cell where it stands, or stood before it was picked up.
+        in_bot: Whether the robot carries it.
     """
 
     name: str
@@ -58,15 +58,15 @@ class BoxState:
 
 
 def _touch(direction: str) -> Term:
-    """touch_D(robot, wall), which also holds where a full fork cannot go because of another box."""
+    """touch_D(robot, wall), which also holds where another box blocks a robot with a full fork."""
     wall = related(TOUCH_EDGE[direction], "Robot", "Wall")
     dx, dy = DIRECTIONS[direction]
 
-    def holds(state: State, bound: Bound) -> bool:
-        if wall.holds(state, bound):
+    def holds(state: State, binding: Binding) -> bool:
+        if wall.holds(state, binding):
             return True
         boxes = state.of_class("Box")
-        for robot in candidates("Robot", state, bound):
+        for robot in candidates("Robot", state, binding):
             ahead = (robot.x + dx, robot.y + dy)
             if any(cell_of(box) == ahead and not box.in_bot for box in boxes):
                 return any(box.in_bot or ON.holds(robot, box) for box in boxes)
@@ -79,7 +79,7 @@ TOUCH = {direction: _touch(direction) for direction in DIRECTIONS}
 
 
 def delivery_domain(x_range: tuple[int, int], y_range: tuple[int, int]) -> Domain:
-    """The delivery domain for cells within bounds, both included."""
+    """The delivery domain for columns and rows within bounds, both inclusive."""
     x, y = integer("x", *x_range), integer("y", *y_range)
     return Domain(
         name="delivery",
@@ -101,15 +101,15 @@ def delivery_domain(x_range: tuple[int, int], y_range: tuple[int, int]) -> Domai
 
 @dataclass(frozen=True)
 class DeliverySite:
-    """Where boxes are to be delivered: what the map says, from which states are built.
+    """The static part of a delivery, from which its states are built.
 
     Attributes:
-        walls: The edges between cells that stop the robot, those of obstacles and around the site included.
-        warehouse: The cells where boxes are to go.
-        x_range: The smallest and the largest column.
-        y_range: The smallest and the largest row.
+        walls: Cell edges that stop the robot, including those of obstacles and around the site.
+        warehouse: Cells to deliver boxes to.
+        x_range: First and last column.
+        y_range: First and last row.
         domain: The delivery domain within these bounds.
-        scene: The walls and the warehouse as objects.
+        scene: Walls and warehouse cells as objects.
     """
 
     walls: frozenset[Wall]
@@ -133,16 +133,16 @@ class DeliverySite:
         """The site of some open cells, in a grid with any origin; every edge to a cell that is not open is a wall.
 
         Args:
-            cells: The cells that the robot can stand in; at least one.
-            walls: Walls between them.
-            warehouse: The cells where boxes are to go.
+            cells: Cells that the robot can stand in; at least one.
+            walls: Walls between these cells.
+            warehouse: Cells to deliver boxes to.
         """
         open_cells = frozenset(cells)
         closed = {
             Wall.between(cell, direction)
             for cell in open_cells
             for direction in Direction
-            if cell.towards(direction) not in open_cells
+            if cell.neighbour(direction) not in open_cells
         }
         columns, rows = [cell.x for cell in open_cells], [cell.y for cell in open_cells]
         return cls(
@@ -154,14 +154,14 @@ class DeliverySite:
 
     @classmethod
     def of_plan(cls, plan: FloorPlan) -> DeliverySite:
-        """The site that a floor plan shows."""
+        """The site of a floor plan."""
         return cls.of_cells(plan.cells(), plan.walls, plan.warehouse)
 
     def state(self, robot: Cell, boxes: Iterable[BoxState]) -> State:
-        """The state of a robot in a cell and of the boxes that are not yet delivered.
+        """The state of a robot in a cell and of the boxes that are not delivered yet.
 
         Raises:
-            ValueError: A cell lies outside the site's bounds, or two boxes have one name.
+            ValueError: A cell lies outside the site's bounds, or two boxes have the same name.
         """
         classes = self.domain.classes_by_name
         items = [classes["Box"](box.name, x=box.cell.x, y=box.cell.y, in_bot=box.in_bot) for box in boxes]
@@ -169,41 +169,46 @@ class DeliverySite:
 
 
 def all_delivered(state: State) -> bool:
-    """Whether no box is left: the end of every delivery."""
+    """Whether no box is left, which ends an episode."""
     return not state.of_class("Box")
 
 
 def boxes_left(state: State) -> int:
-    """How many boxes are still to be delivered."""
+    """Number of boxes that are not delivered yet."""
     return len(state.of_class("Box"))
 
 
 class DeliveryHeuristic:
-    """A lower bound on the steps that a delivery still takes: an admissible heuristic for planning.
+    """Admissible heuristic: a lower bound on the number of steps until all boxes are delivered.
 
-    Every box that stands on the floor is carried from its cell to the warehouse, and the robot comes to it from the
-    warehouse too, but for the first one. The ways are the shortest that the walls allow, other boxes left aside.
+    Every box on the floor costs the way from the warehouse to its cell and back, except that the robot reaches the
+    first box from its present cell. The ways are the shortest that the walls allow; other boxes are ignored.
     """
 
     def __init__(self) -> None:
         self._steps: dict[tuple[Scene, frozenset[Cell]], dict[Cell, int]] = {}
 
     def __call__(self, state: State) -> float:
-        """How many steps a delivery takes at least; boxes that walls keep from the warehouse are left out."""
+        """h(s); boxes that walls separate from the warehouse are ignored."""
         boxes = state.of_class("Box")
         (robot,) = state.of_class("Robot")
-        here = Cell(robot.x, robot.y)
-        home = self._steps_from(state, frozenset(Cell(item.x, item.y) for item in state.scene.of_class("Warehouse")))
-        waiting = [cell for cell in (Cell(box.x, box.y) for box in boxes if not box.in_bot) if cell in home]
-        steps = sum(2 * home[cell] + 2 for cell in waiting)  # there, PICKUP, back, DROPOFF
+        robot_cell = Cell(robot.x, robot.y)
+        from_warehouse = self._steps_from(
+            state, frozenset(Cell(item.x, item.y) for item in state.scene.of_class("Warehouse"))
+        )
+        waiting = [cell for cell in (Cell(box.x, box.y) for box in boxes if not box.in_bot) if cell in from_warehouse]
+        steps = sum(2 * from_warehouse[cell] + 2 for cell in waiting)  # there, PICKUP, back, DROPOFF
         if any(box.in_bot for box in boxes):
-            return steps + (home[here] + 1 if here in home else 0)
-        ways = (self._steps_from(state, frozenset({cell})).get(here, math.inf) - home[cell] for cell in waiting)
-        first = min(ways, default=0.0)  # for the first box it need not come from the warehouse
-        return steps + first if math.isfinite(first) else 0.0
+            return steps + (from_warehouse[robot_cell] + 1 if robot_cell in from_warehouse else 0)
+        differences = (  # between the robot's way to a box and the way from the warehouse
+            self._steps_from(state, frozenset({cell})).get(robot_cell, math.inf) - from_warehouse[cell]
+            for cell in waiting
+        )
+        first_box = min(differences, default=0.0)
+        return steps + first_box if math.isfinite(first_box) else 0.0
 
     def _steps_from(self, state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
-        """Steps from any of some cells to every cell that walls do not keep apart from them."""
+        """Number of steps from the nearest of some cells to every cell that can be reached from them, cached."""
         known = self._steps.get((state.scene, origins))
         if known is None:
             known = self._steps[state.scene, origins] = _steps_from(state, origins)
@@ -218,7 +223,7 @@ def _steps_from(state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
     while queue:
         cell = queue.popleft()
         for direction in Direction:
-            after, wall = cell.towards(direction), Wall.between(cell, direction)
+            after, wall = cell.neighbour(direction), Wall.between(cell, direction)
             inside = x_range.admits(after.x) and y_range.admits(after.y)
             if after not in steps and inside and (wall.cell.x, wall.cell.y, wall.north) not in walls:
                 steps[after] = steps[cell] + 1
@@ -227,7 +232,7 @@ def _steps_from(state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
 
 
 def delivery_reward(state: State, action: Action, next_state: State) -> float:
-    """What a step is worth: R(s, a, s')."""
+    """R(s, a, s')."""
     if action in MOVES:
         return STEP_REWARD
     if state.objects == next_state.objects:
@@ -236,7 +241,7 @@ def delivery_reward(state: State, action: Action, next_state: State) -> float:
 
 
 def delivery_transition(state: State, action: Action) -> Transition:
-    """What an action really does in a delivery.
+    """The true dynamics of a delivery.
 
     Raises:
         ValueError: There is no such action.
@@ -270,21 +275,21 @@ def _pick_up(state: State) -> State:
 
 def _drop_off(state: State) -> State:
     (robot,) = state.of_class("Robot")
-    held = next((box for box in state.of_class("Box") if box.in_bot), None)
+    carried = next((box for box in state.of_class("Box") if box.in_bot), None)
     over_warehouse = any(ON.holds(robot, cell) for cell in state.scene.of_class("Warehouse"))
-    return state.without(held.name) if held is not None and over_warehouse else state
+    return state.without(carried.name) if carried is not None and over_warehouse else state
 
 
 def delivery_grid(plan: FloorPlan, box_count: int | None = None) -> DeterministicMdp:
-    """The delivery on a floor plan's grid.
+    """Delivery on the grid of a floor plan.
 
     Args:
         plan: A plan with a robot and a warehouse.
-        box_count: How many boxes to put at random places in every episode; None for the boxes that the plan shows, or
-            else for as many random ones as it asks for.
+        box_count: Number of boxes at random cells in every episode; None for the boxes of the plan or, where it has
+            none, for the number of boxes that it asks for.
 
     Raises:
-        InputError: The plan has no robot, no warehouse, or no room for so many boxes.
+        InputError: The plan has no robot, no warehouse, or no room for that many boxes.
     """
     site, start = DeliverySite.of_plan(plan), plan.start
     if start is None:

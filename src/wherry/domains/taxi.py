@@ -1,7 +1,7 @@
 """Taxi (Dietterich 2000): bring a passenger to a destination (paper, section 3; Diuk et al. 2008, section 5).
 
-The passenger's x and y do not ride along; while the passenger is in the taxi, the taxi is not "on" the passenger. So
-the 5×5 grid has 800 states: 25 cells, 4 places where the passenger was last, in the taxi or not, 4 destinations.
+A passenger in the taxi keeps x and y, the cell of departure, and the taxi is not "on" the passenger then. So the 5×5
+grid has 800 states: 25 taxi cells, 4 cells of departure, in the taxi or not, 4 destinations.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from wherry.oomdp.relations import DIRECTIONS, ON, TOUCH_EDGE, Relation
 from wherry.oomdp.terms import attribute_holds, related
 
 STEP_REWARD = -1.0
-ILLEGAL_REWARD = -10.0  # for PICKUP and DROPOFF where they do nothing
+ILLEGAL_REWARD = -10.0  # for PICKUP and DROPOFF without effect
 DELIVERY_REWARD = 20.0
 
 SIZES = {5: "taxi", 10: "taxi10"}
-"""The published grids, by their side, and the worlds that show them."""
+"""The built-in worlds of the published grids, by the grid's side in cells."""
 
 PROBES = (
     ((2, 2), "Y", "R"),
@@ -35,7 +35,7 @@ PROBES = (
     ((0, 4), "Y", "R"),
     ((0, 3), "B", "G"),
 )
-"""Taxi, passenger, destination: the episodes on which the published protocol tests a policy."""
+"""States from which the published protocol tests a policy: the taxi's cell, the passenger's and destination's marks."""
 
 WALL = ObjectClass("Wall", (integer("x"), integer("y"), boolean("north")), static=True)
 ON_STREET = Relation("on", lambda taxi, passenger: not passenger.in_taxi and ON.holds(taxi, passenger))
@@ -63,7 +63,7 @@ def taxi_domain(width: int, height: int) -> Domain:
 
 
 class TaxiGrid(DeterministicMdp):
-    """Taxi on a floor plan's grid; the passenger waits, and wants to go, where the plan has marks.
+    """Taxi on the grid of a floor plan; its marks are the passenger's places of departure and destinations.
 
     Args:
         plan: A plan with at least two marks.
@@ -77,7 +77,7 @@ class TaxiGrid(DeterministicMdp):
                 Wall.between(cell, direction)
                 for cell in plan.cells()
                 for direction in Direction
-                if plan.blocked(cell, direction)
+                if plan.is_blocked(cell, direction)
             }
         )
         self.scene = Scene(
@@ -85,20 +85,20 @@ class TaxiGrid(DeterministicMdp):
         )
 
     def state_of(self, taxi: tuple[int, int], passenger: str, destination: str) -> State:
-        """The state of a taxi in a cell and a passenger who waits at one mark and wants to go to another."""
+        """The state with the taxi in a cell and a passenger who waits at one mark for a ride to another."""
         classes = self.domain.classes_by_name
-        waits, wants = self.plan.marks[passenger], self.plan.marks[destination]
+        origin, target = self.plan.marks[passenger], self.plan.marks[destination]
         return State(
             (
                 classes["Taxi"]("taxi", x=taxi[0], y=taxi[1]),
-                classes["Passenger"]("passenger", x=waits.x, y=waits.y, in_taxi=False),
-                classes["Destination"]("destination", x=wants.x, y=wants.y),
+                classes["Passenger"]("passenger", x=origin.x, y=origin.y, in_taxi=False),
+                classes["Destination"]("destination", x=target.x, y=target.y),
             ),
             self.scene,
         )
 
     def _begin(self, rng: np.random.Generator) -> State:
-        """The taxi anywhere, passenger and destination at any two marks."""
+        """A random first state: the taxi in any cell, passenger and destination at two different marks."""
         cells, marks = list(self.plan.cells()), sorted(self.plan.marks)
         cell = cells[rng.integers(len(cells))]
         passenger, destination = rng.choice(len(marks), 2, replace=False)
@@ -108,8 +108,8 @@ class TaxiGrid(DeterministicMdp):
         taxi, passenger, destination = state["taxi"], state["passenger"], state["destination"]
         if action.name in DIRECTIONS:
             direction = Direction(DIRECTIONS[action.name])
-            moved = Cell(taxi.x, taxi.y).towards(direction)
-            blocked = self.plan.blocked(Cell(taxi.x, taxi.y), direction)
+            moved = Cell(taxi.x, taxi.y).neighbour(direction)
+            blocked = self.plan.is_blocked(Cell(taxi.x, taxi.y), direction)
             next_state = state if blocked else state.replace("taxi", x=moved.x, y=moved.y)
             return Transition(state, action, next_state, STEP_REWARD, terminated=False)
         if action.name == "PICKUP":
@@ -133,20 +133,23 @@ DESTINATION: tuple[Variable, ...] = (("destination", "x"), ("destination", "y"))
 
 
 def passenger_location(state: State) -> Hashable:
-    """Where the passenger is, as one variable: at a mark, or in the taxi (Dietterich 2000)."""
+    """The passenger's location as one variable: a mark's cell, or None in the taxi (Dietterich 2000)."""
     passenger = state["passenger"]
     return None if passenger.in_taxi else (passenger.x, passenger.y)
 
 
 def published_parents(action: str, variable: Variable) -> tuple[Variable | Callable[[State], Hashable], ...]:
-    """The network over Dietterich's variables: the taxi's cell, the passenger's location, the destination.
+    """The dynamic Bayesian network over Dietterich's variables: taxi's cell, passenger's location, destination.
 
-    What PICKUP does depends on the first two, and what DROPOFF does on all of them. With it Factored R-max needs as
-    many steps as Diuk et al. (2008) published.
+    PICKUP depends on the first two, DROPOFF on all of them. With this network Factored R-max needs as many steps as
+    Diuk et al. (2008) published.
 
     Args:
-        action: The action's name.
-        variable: What is to be foretold; what is no attribute stands for the reward and the episode's end.
+        action: Name of the action.
+        variable: The predicted variable; anything but an attribute stands for the reward and the episode's end.
+
+    Returns:
+        The parents of the variable: attributes, or functions of the state.
     """
     if variable == PASSENGER[2] or variable[0] not in ("taxi", "passenger", "destination"):
         if action == "PICKUP":
@@ -157,11 +160,14 @@ def published_parents(action: str, variable: Variable) -> tuple[Variable | Calla
 
 
 def minimal_parents(action: str, variable: Variable) -> tuple[Variable, ...]:
-    """The smallest network: where a passenger in the taxi once waited makes no difference to DROPOFF.
+    """The smallest network that is true: DROPOFF does not depend on where a passenger in the taxi departed.
 
     Args:
-        action: The action's name.
-        variable: What is to be foretold; what is no attribute stands for the reward and the episode's end.
+        action: Name of the action.
+        variable: The predicted variable; anything but an attribute stands for the reward and the episode's end.
+
+    Returns:
+        The parents of the variable.
     """
     if variable in TAXI:
         return TAXI if action in DIRECTIONS else (variable,)
@@ -173,7 +179,7 @@ def minimal_parents(action: str, variable: Variable) -> tuple[Variable, ...]:
 
 
 def taxi_grid(size: int) -> TaxiGrid:
-    """One of the published grids, 5×5 or 10×10, without the warehouse that deliveries in that world have.
+    """One of the published grids, 5×5 or 10×10, without the warehouse that the world has for deliveries.
 
     Raises:
         KeyError: There is no published grid of that size.

@@ -1,4 +1,4 @@
-"""Any deterministic domain on a grid as a Gymnasium environment, and the two that are registered."""
+"""Deterministic OO-MDPs on a grid as Gymnasium environments: the general one, and the two that are registered."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wherry.domains.delivery import delivery_grid
 from wherry.domains.taxi import taxi_grid
-from wherry.environments.observations import Observation, Observer
+from wherry.environments.observations import Observation, ObservationEncoder
 from wherry.environments.pictures import Sprite, render_rgb, render_text
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan
@@ -24,25 +24,29 @@ from wherry.oomdp.objects import Object, State
 RED, GREEN, BLUE, YELLOW, BROWN = (209, 36, 47), (26, 156, 75), (31, 111, 235), (244, 196, 48), (160, 98, 45)
 
 SpritesOf = Callable[[State], list[Sprite]]
-"""What stands where in a state, the topmost last."""
+"""Returns the sprites of a state, the topmost last."""
 
 
 class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
     """An OO-MDP as a Gymnasium environment.
 
-    Observations show all objects by name and attribute; `gymnasium.wrappers.FlattenObservation` makes a vector of
-    them. Actions are numbered in the domain's order. ``info`` has ``action_mask`` [A], 1 for the actions that would
-    change something, as Gymnasium's own Taxi has it, and ``terms`` [n], 1 for the terms that hold, in the order of
+    An observation has an entry for every object and attribute; `gymnasium.wrappers.FlattenObservation` turns it into a
+    vector. Actions are numbered in the domain's order. ``info`` has ``action_mask`` [A], 1 for the actions that would
+    have an effect, as in Gymnasium's own Taxi, and ``terms`` [n], 1 for the terms that hold, in the order of
     ``domain.term_names``.
 
     Args:
-        mdp: What is true. All of its episodes have the same objects, and these never become more.
-        plan: The floor that pictures show.
-        sprites: What pictures show on it.
-        render_mode: "ansi", "rgb_array", or None for no pictures.
+        mdp: The true dynamics. All episodes begin with the same objects; objects may leave but not appear.
+        plan: The floor plan to render.
+        sprites: Returns the sprites to render on it.
+        render_mode: "ansi", "rgb_array", or None for no rendering.
+
+    Raises:
+        InputError: There is no such render mode.
+        ValueError: An attribute of an object has no bounds.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - as Gymnasium has it
+    metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self, mdp: DeterministicMdp, plan: FloorPlan, sprites: SpritesOf, *, render_mode: str | None = None
@@ -57,33 +61,33 @@ class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
         example = mdp.start(np.random.default_rng(0))
         self.actions = mdp.domain.ground_actions(example)
         self.state: State | None = None
-        self._observer = Observer(example)
-        self.observation_space = self._observer.space
+        self._encoder = ObservationEncoder(example)
+        self.observation_space = self._encoder.space
         self.action_space = spaces.Discrete(len(self.actions))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode in a random first state."""
+        """Begin an episode in a randomly drawn state."""
         super().reset(seed=seed)
         self.state = self.mdp.reset(self.np_random)
-        return self._observer.observe(self.state), self._info(self.state)
+        return self._encoder.encode(self.state), self._info(self.state)
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Do an action, given by its number."""
-        done = self.mdp.step(self.actions[action])
-        self.state = done.next_state
-        return self._observer.observe(self.state), done.reward, done.terminated, False, self._info(self.state)
+        """Carry out an action, given by its number."""
+        result = self.mdp.step(self.actions[action])
+        self.state = result.next_state
+        return self._encoder.encode(self.state), result.reward, result.terminated, False, self._info(self.state)
 
     def render(self) -> str | NDArray[np.uint8] | None:
-        """The present state as text or as a picture [H, W, 3], whichever the render mode says."""
+        """The present state as text or as an RGB image [H, W, 3], depending on the render mode."""
         if self.render_mode is None or self.state is None:
             return None
         sprites = self.sprites(self.state)
         return render_text(self.plan, sprites) if self.render_mode == "ansi" else render_rgb(self.plan, sprites)
 
     def _info(self, state: State) -> dict[str, Any]:
-        """Which actions would change something, and which terms hold."""
+        """The mask of actions that would have an effect, and the terms that hold."""
         condition = self.domain.cond(state)
         return {
             "action_mask": np.array(
@@ -94,11 +98,11 @@ class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
 
 
 class TaxiEnvironment(ObjectEnvironment):
-    """Taxi: bring a passenger to a destination, in as few steps as possible.
+    """Taxi: bring a passenger to a destination.
 
     Args:
-        size: 5 or 10, the side of the published grids.
-        render_mode: "ansi", "rgb_array", or None for no pictures.
+        size: Side of a published grid, 5 or 10 cells.
+        render_mode: "ansi", "rgb_array", or None for no rendering.
 
     Raises:
         InputError: There is no published grid of that size.
@@ -116,12 +120,12 @@ class DeliveryEnvironment(ObjectEnvironment):
     """Delivery: bring every box to the warehouse.
 
     Args:
-        world: A world that comes with wherry, or a world file.
-        boxes: How many boxes to put at random places; None for those of the world.
-        render_mode: "ansi", "rgb_array", or None for no pictures.
+        world: Name of a built-in world, or a world file.
+        boxes: Number of boxes at random cells; None for those of the world.
+        render_mode: "ansi", "rgb_array", or None for no rendering.
 
     Raises:
-        InputError: There is no such world, it has no robot or no warehouse, or no room for so many boxes.
+        InputError: There is no such world, it has no robot or no warehouse, or no room for that many boxes.
     """
 
     def __init__(
@@ -132,7 +136,7 @@ class DeliveryEnvironment(ObjectEnvironment):
 
 
 def taxi_sprites(state: State) -> list[Sprite]:
-    """T is the taxi, d the destination, p the passenger, who may ride in the taxi."""
+    """The taxi T, the destination d, and the passenger p, who may be in the taxi."""
     taxi, passenger = state["taxi"], state["passenger"]
     return [
         Sprite(_cell(state["destination"]), "d", GREEN, 0.9, round=False),
@@ -142,7 +146,7 @@ def taxi_sprites(state: State) -> list[Sprite]:
 
 
 def delivery_sprites(state: State) -> list[Sprite]:
-    """R is the robot, o a box, which the robot may hold."""
+    """The robot R and the boxes o, one of which it may carry."""
     (robot,) = state.of_class("Robot")
     boxes = state.of_class("Box")
     return [

@@ -1,4 +1,4 @@
-"""States as observations: a dictionary of objects, each a dictionary of its attributes."""
+"""States as Gymnasium observations: a dictionary of objects, each a dictionary of its attributes."""
 
 from __future__ import annotations
 
@@ -13,19 +13,23 @@ from wherry.oomdp.attributes import EXISTS, Attribute, AttributeKind, Value
 from wherry.oomdp.objects import Object, State
 
 Observation = dict[str, dict[str, Any]]
-"""By the object's name and the attribute's: a whole number, or an array [1] of a real one."""
+"""Values by the names of object and attribute: an integer, or an array [1] for a real attribute."""
 
 
-class Observer:
-    """Turns states into observations of one space, whichever of their objects are still there.
+class ObservationEncoder:
+    """Encodes states as elements of one space, also when objects have left.
 
-    What never changes, such as walls, is not observed; what they do is in the terms.
+    Static objects, such as walls, are not encoded; the terms reflect them.
 
     Args:
-        state: A state with all objects that there will ever be.
+        state: A state with all objects that an episode can have.
 
     Raises:
-        ValueError: An attribute has no bounds, so that no space holds all of its values.
+        ValueError: An attribute has no bounds, so that no space contains all of its values.
+
+    Attributes:
+        objects: The objects of that state by name.
+        space: The observation space.
     """
 
     def __init__(self, state: State) -> None:
@@ -37,11 +41,11 @@ class Observer:
             }
         )
 
-    def observe(self, state: State) -> Observation:
-        """What is seen of a state; an object that has left shows its attributes' first values, and ``exists`` 0."""
+    def encode(self, state: State) -> Observation:
+        """The observation of a state; an object that has left has its attributes' first values and ``exists`` 0."""
         present = {item.name: item for item in state.objects}
         return {
-            name: {attribute.name: _seen(attribute, present.get(name)) for attribute in item.object_class.changeable}
+            name: {attribute.name: _encoded(attribute, present.get(name)) for attribute in item.object_class.changeable}
             for name, item in self.objects.items()
         }
 
@@ -61,7 +65,7 @@ def _space(attribute: Attribute) -> spaces.Space[Any]:
     return spaces.Box(attribute.minimum, attribute.maximum, (1,), np.float64)
 
 
-def _seen(attribute: Attribute, item: Object | None) -> Any:
+def _encoded(attribute: Attribute, item: Object | None) -> Any:
     """An attribute's value as an element of its space."""
     if attribute.name == EXISTS:
         return np.int64(item is not None)

@@ -1,4 +1,4 @@
-"""Grid worlds as pictures: the floor plan, and sprites standing on it."""
+"""Rendering of grid worlds: a floor plan with sprites, as text or as an RGB image."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from wherry.floorplan.drawing import draw_plan
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
-from wherry.floorplan.world_files import drawing
 
 CELL_PIXELS = 48
 WALL_PIXELS = 4
@@ -26,14 +26,14 @@ MARK: Colour = (120, 120, 130)
 
 @dataclass(frozen=True, slots=True)
 class Sprite:
-    """Something that stands in a cell.
+    """An object drawn in a cell.
 
     Attributes:
-        cell: Where.
-        letter: How it is written in text.
-        colour: How it is painted.
-        size: Its width as a share of the cell's.
-        round: Whether it is a disc; else it is a square.
+        cell: The cell.
+        letter: Its symbol in text.
+        colour: Its RGB colour in images.
+        size: Its width as a fraction of the cell's.
+        round: Whether it is a disc; otherwise it is a square.
     """
 
     cell: Cell
@@ -44,7 +44,7 @@ class Sprite:
 
 
 def render_text(plan: FloorPlan, sprites: Iterable[Sprite]) -> str:
-    """Draw a plan with sprites as text; in a cell stand at most three letters, sprites before the plan's own."""
+    """Draw a plan with sprites as text; a cell shows at most three letters, those of sprites first."""
     letters: dict[Cell, str] = {}
     for sprite in sprites:
         letters[sprite.cell] = letters.get(sprite.cell, "") + sprite.letter
@@ -53,14 +53,14 @@ def render_text(plan: FloorPlan, sprites: Iterable[Sprite]) -> str:
     for cell in plan.warehouse:
         letters[cell] = letters.get(cell, "") + "w"
     letters |= dict.fromkeys(plan.obstacles, "###")
-    return drawing(plan, lambda cell: letters.get(cell, "")[:3])
+    return draw_plan(plan, lambda cell: letters.get(cell, "")[:3])
 
 
 def render_rgb(plan: FloorPlan, sprites: Iterable[Sprite]) -> NDArray[np.uint8]:
-    """Paint a plan with sprites on it, the last one on top.
+    """Draw a plan with sprites as an image; the last sprite is on top.
 
     Returns:
-        [48·height, 48·width, 3] RGB, row 0 in the north.
+        [48·height, 48·width, 3] RGB; row 0 is the northernmost.
     """
     image = Image.new("RGB", (plan.width * CELL_PIXELS, plan.height * CELL_PIXELS), FLOOR)
     draw = ImageDraw.Draw(image)
@@ -74,7 +74,7 @@ def render_rgb(plan: FloorPlan, sprites: Iterable[Sprite]) -> NDArray[np.uint8]:
             draw.text((left, top), marks[cell], fill=MARK)
     for cell in every:
         for direction in Direction:
-            if plan.blocked(cell, direction):
+            if plan.is_blocked(cell, direction):
                 draw.line(_edge(plan, cell, direction), fill=WALL, width=WALL_PIXELS)
     for sprite in sprites:
         shape = draw.ellipse if sprite.round else draw.rectangle
@@ -83,13 +83,13 @@ def render_rgb(plan: FloorPlan, sprites: Iterable[Sprite]) -> NDArray[np.uint8]:
 
 
 def _box(plan: FloorPlan, cell: Cell, size: float) -> tuple[float, float, float, float]:
-    """Left, top, right, bottom pixels of a square in the middle of a cell."""
+    """Left, top, right and bottom of a square centred in a cell, pixels; its size is a fraction of the cell's."""
     x, y, half = (cell.x + 0.5) * CELL_PIXELS, (plan.height - cell.y - 0.5) * CELL_PIXELS, size * CELL_PIXELS / 2
     return x - half, y - half, x + half, y + half
 
 
 def _edge(plan: FloorPlan, cell: Cell, direction: Direction) -> tuple[float, float, float, float]:
-    """Both ends of a cell's edge, pixels."""
+    """The two ends of a cell's edge, pixels."""
     left, top, right, bottom = _box(plan, cell, 1.0)
     match direction:
         case Direction.NORTH:

@@ -20,8 +20,7 @@ import numpy as np
 from wherry.domains.delivery import DeliveryHeuristic, boxes_left, delivery_grid
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
-from wherry.experiments.localization.kidnapping import true_map
-from wherry.experiments.localization.speed import RANGE, angles_of, drive
+from wherry.experiments.localization.speed import RANGE, beam_angles, straight_drive
 from wherry.experiments.machine import machine_load
 from wherry.experiments.mapping.speed import measure
 from wherry.floorplan.world_files import find_world
@@ -34,6 +33,7 @@ from wherry.planning.search import a_star
 from wherry.planning.state_space import StateSpace
 from wherry.planning.value_iteration import ValueIteration
 from wherry.robot import Odometry, Scan, Velocity
+from wherry.simulation.ground_truth import true_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
 
@@ -191,7 +191,7 @@ def localization(settings: BenchSettings, progress: Progress) -> list[Timing]:
     task = f"an update, {PARTICLES:,} particles, {BEAMS} beams"
     progress(task)
     grid = true_map(find_world("rooms"))
-    odometry, scans = drive(grid, UPDATES, STEP, BEAMS)
+    odometry, scans = straight_drive(grid, UPDATES, STEP, BEAMS)
     timings = [Timing(task, "wherry", _wherry_amcl(grid, odometry, scans))]
     if importlib.util.find_spec("amcl") is not None:
         progress("PyPI amcl")
@@ -281,7 +281,7 @@ def _pypi_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Float
     other.set_initial_pose(
         amcl.Vector3D(poses[0].x, poses[0].y, poses[0].theta), amcl.create_diagonal_covariance(0.1, 0.1, 0.05)
     )
-    durations, angles = [], angles_of(BEAMS)
+    durations, angles = [], beam_angles(BEAMS)
     for pose, ranges in zip(poses, scans, strict=True):
         readings = np.column_stack([np.minimum(ranges, RANGE), angles]).tolist()
         scan, odometry = amcl.create_laser_scan_from_list(readings, RANGE), amcl.Vector3D(pose.x, pose.y, pose.theta)

@@ -14,7 +14,7 @@ from PIL import Image
 from wherry.domains.taxi import taxi_grid
 from wherry.environments.grids import taxi_sprites
 from wherry.environments.pictures import render_rgb
-from wherry.experiments.localization.kidnapping import Wanderer, true_map
+from wherry.experiments.localization.wandering import RandomWalk
 from wherry.experiments.results import write_picture
 from wherry.floorplan.generation import place_boxes
 from wherry.floorplan.plan import FloorPlan
@@ -27,6 +27,7 @@ from wherry.pipelines.delivery.page import choose_pictures
 from wherry.realization.mission import Mission, order_from_plan
 from wherry.robot import Odometry
 from wherry.simulation import Simulation, build
+from wherry.simulation.ground_truth import true_map
 from wherry.simulation.rendering import SceneRenderer
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import Record, RobotSnapshot
@@ -113,7 +114,7 @@ def _particles() -> Iterator[str]:
     amcl = Amcl(grid, robot.body.lidar, parameters, np.random.default_rng(SEED))
     amcl.initialize_globally()
     background = MapBackground(grid, np.empty((0, 4, 2)), np.empty((0, 2, 2)), robot.body.radius, robot.body.box_radius)
-    wanderer, drawn_times = Wanderer(np.random.default_rng(SEED)), list(DRAWN_TIMES)
+    walk, drawn_times = RandomWalk(np.random.default_rng(SEED)), list(DRAWN_TIMES)
     odometry: Odometry | None = None
     driven: list[tuple[float, float]] = []
     while drawn_times:
@@ -127,7 +128,7 @@ def _particles() -> Iterator[str]:
                 drawn_times.pop(0)
                 yield _particles_at(background, amcl, truth, measurement.time, np.array(driven))
             amcl.update(odometry, measurement)
-            robot.command(safe_velocity(wanderer.velocity(measurement), measurement, robot.body))
+            robot.command(safe_velocity(walk.velocity(measurement), measurement, robot.body))
 
 
 def _particles_at(background: MapBackground, amcl: Amcl, truth: Pose, time: float, driven: Floats) -> str:

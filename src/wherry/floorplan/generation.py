@@ -1,4 +1,4 @@
-"""Random floor plans, and boxes at random places."""
+"""Random floor plans, and boxes at random cells."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from wherry.floorplan.plan import DEFAULT_BOX_COUNT, Cell, Direction, FloorPlan,
 
 
 def place_boxes(plan: FloorPlan, count: int, rng: np.random.Generator) -> FloorPlan:
-    """Put boxes on random cells: none in the warehouse, at the start, next to each other, or in the only way.
+    """Put boxes on random cells, but not in the warehouse, at the start, side by side, or where they block a way.
 
     Args:
         plan: A plan with a robot; boxes drawn on it are dropped.
-        count: How many.
-        rng: Where the randomness comes from.
+        count: Number of boxes.
+        rng: Random generator.
 
     Raises:
-        InputError: The count is negative, or there is no room for so many.
+        InputError: The count is negative, or there is no room for that many boxes.
     """
     if count < 0:
         raise InputError(plan.name, "boxes", f"must be 0 or more, not {count}")
@@ -33,15 +33,15 @@ def place_boxes(plan: FloorPlan, count: int, rng: np.random.Generator) -> FloorP
         if len(chosen) == count:
             break
         cell = candidates[index]
-        if not chosen & set(_around(cell)) and plan.is_passable(chosen | {cell}):
+        if not chosen & set(_surrounding(cell)) and plan.is_passable(chosen | {cell}):
             chosen.add(cell)
     if len(chosen) < count:
         raise InputError(plan.name, "boxes", f"there is room for {len(chosen)} boxes, not for {count}")
     return plan.with_boxes(sorted(chosen, key=lambda cell: (cell.y, cell.x)))
 
 
-def _around(cell: Cell) -> list[Cell]:
-    """The eight cells around one."""
+def _surrounding(cell: Cell) -> list[Cell]:
+    """The eight cells around a cell."""
     return [Cell(cell.x + dx, cell.y + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy]
 
 
@@ -52,30 +52,30 @@ def generate_world(
     *,
     name: str = "generated",
     box_count: int = DEFAULT_BOX_COUNT,
-    smallest_room: int = 3,
-    obstacle_share: float = 0.03,
+    min_room_size: int = 3,
+    obstacle_fraction: float = 0.03,
 ) -> FloorPlan:
-    """Draw up random rooms with doorways, obstacles, a warehouse and a robot; all open cells are connected.
+    """Generate random rooms with doorways, obstacles, a warehouse and a robot; all open cells are connected.
 
-    A wall with a doorway cuts the plan in two, and so on for each part (recursive division), until the parts are rooms.
+    Recursive division: a wall with a doorway splits an area into two, which are split in turn until they are rooms.
 
     Args:
-        width: Cells.
-        height: Cells.
-        rng: Where the randomness comes from.
-        name: What to call the world.
-        box_count: How many boxes are to be placed.
-        smallest_room: Cells along a room's shorter side, at least.
-        obstacle_share: How much of the floor to fill.
+        width: Number of columns.
+        height: Number of rows.
+        rng: Random generator.
+        name: Name of the world.
+        box_count: Number of boxes that the world asks for.
+        min_room_size: Smallest length of a room's side, cells.
+        obstacle_fraction: Fraction of the cells that become obstacles, 0 to 0.2.
 
     Raises:
-        InputError: The sizes or counts make no sense.
+        InputError: A size, count or fraction is out of range.
     """
-    if not 0 <= obstacle_share <= 0.2:
-        raise InputError(name, "obstacle share", f"must be 0 to 0.2, not {obstacle_share}")
-    if smallest_room < 1 or width < 3 or height < 3:
+    if not 0 <= obstacle_fraction <= 0.2:
+        raise InputError(name, "obstacle share", f"must be 0 to 0.2, not {obstacle_fraction}")
+    if min_room_size < 1 or width < 3 or height < 3:
         raise InputError(name, "size", "must be at least 3 × 3 cells, with rooms of one cell or more")
-    walls = frozenset(_divide(_Rectangle(0, 0, width, height), smallest_room, rng))
+    walls = frozenset(_divide(_Rectangle(0, 0, width, height), min_room_size, rng))
     corner = Cell(int(rng.choice([0, width - 2])), int(rng.choice([0, height - 2])))
     warehouse = frozenset(Cell(corner.x + dx, corner.y + dy) for dx in range(2) for dy in range(2))
     floor = FloorPlan(
@@ -86,21 +86,21 @@ def generate_world(
     start, heading = shuffled.pop(), list(Direction)[rng.integers(len(Direction))]
     obstacles: set[Cell] = set()
     for cell in shuffled:
-        if len(obstacles) < round(obstacle_share * len(cells)) and not obstacles & set(_around(cell)):
+        if len(obstacles) < round(obstacle_fraction * len(cells)) and not obstacles & set(_surrounding(cell)):
             obstacles |= {cell} if _can_be_filled(floor, cell) else set()
     return replace(floor, start=start, heading=heading, obstacles=frozenset(obstacles))
 
 
 def _can_be_filled(plan: FloorPlan, cell: Cell) -> bool:
-    """Whether the ways through a cell can go round it through the eight cells around it."""
-    ways = [cell.towards(direction) for direction in Direction if not plan.blocked(cell, direction)]
-    around = set(_around(cell))
-    return set(ways) <= plan.reach(ways[:1], lambda _, neighbour: neighbour in around)
+    """Whether the neighbours of a cell stay connected through the eight cells around it when it is filled."""
+    neighbours = [cell.neighbour(direction) for direction in Direction if not plan.is_blocked(cell, direction)]
+    surrounding = set(_surrounding(cell))
+    return set(neighbours) <= plan.reachable_from(neighbours[:1], lambda _, neighbour: neighbour in surrounding)
 
 
 @dataclass(frozen=True, slots=True)
 class _Rectangle:
-    """Cells from ``left`` and ``bottom`` on."""
+    """An area of cells, whose first column is ``left`` and whose first row is ``bottom``."""
 
     left: int
     bottom: int
@@ -109,19 +109,19 @@ class _Rectangle:
 
 
 def _divide(area: _Rectangle, smallest: int, rng: np.random.Generator) -> Iterator[Wall]:
-    """The walls that cut an area into rooms, each with a doorway of one or two cells."""
+    """The walls that divide an area into rooms, each with a doorway of one or two cells."""
     if max(area.width, area.height) < 2 * smallest + 1:
         return
-    upright = area.width > area.height if area.width != area.height else bool(rng.integers(2))
-    side, length = (area.width, area.height) if upright else (area.height, area.width)
+    is_vertical = area.width > area.height if area.width != area.height else bool(rng.integers(2))
+    side, length = (area.width, area.height) if is_vertical else (area.height, area.width)
     cut = int(rng.integers(smallest, side - smallest + 1))
     door_width = min(length, int(rng.integers(1, 3)))
     door = int(rng.integers(length - door_width + 1))
     for step in range(length):
         if not door <= step < door + door_width:
-            dx, dy = (cut - 1, step) if upright else (step, cut - 1)
-            yield Wall(Cell(area.left + dx, area.bottom + dy), north=not upright)
-    if upright:
+            dx, dy = (cut - 1, step) if is_vertical else (step, cut - 1)
+            yield Wall(Cell(area.left + dx, area.bottom + dy), north=not is_vertical)
+    if is_vertical:
         parts = replace(area, width=cut), replace(area, left=area.left + cut, width=area.width - cut)
     else:
         parts = replace(area, height=cut), replace(area, bottom=area.bottom + cut, height=area.height - cut)
@@ -130,6 +130,6 @@ def _divide(area: _Rectangle, smallest: int, rng: np.random.Generator) -> Iterat
 
 
 def _inner_walls(cells: frozenset[Cell]) -> frozenset[Wall]:
-    """The edges between neighbouring cells of a set."""
+    """The edges between adjacent cells of a set."""
     pairs = ((cell, direction) for cell in cells for direction in (Direction.NORTH, Direction.EAST))
-    return frozenset(Wall.between(cell, direction) for cell, direction in pairs if cell.towards(direction) in cells)
+    return frozenset(Wall.between(cell, direction) for cell, direction in pairs if cell.neighbour(direction) in cells)

@@ -1,8 +1,8 @@
-"""How well a scan agrees with the map at a pose: beam by beam, what the map explains and what it contradicts.
+"""Agreement of a scan with the map at a pose: every beam is an inlier, blocked, passed through, or in unknown space.
 
-An unmapped box and a wrong pose both leave beams unexplained. They differ in the way: a box stops beams short of the
-map's walls, a wrong pose sends beams through them. Beams that end where the map knows nothing tell hardly anything:
-maps have holes.
+An unmapped box and a wrong pose both leave few inliers, but differently: a box blocks beams before they reach the map's
+walls, a wrong pose sends beams through walls. Beams that end in unknown space are hardly informative, since maps have
+holes.
 """
 
 from __future__ import annotations
@@ -22,77 +22,82 @@ from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
 
-TOLERANCE = 0.15  # m; a beam that ends so near to an obstacle is explained
-CLEARANCE = 0.3  # m; a beam that hit an obstacle and then gets so far away from all has passed through it
-SIGMA = 0.1  # m, of explained beams
-STRAY = 0.05  # likelihood of a beam that the map does not explain, relative to a perfect one
-FORBIDDEN = 0.01  # likewise of one that passed through an obstacle
+INLIER_MAX_DISTANCE = 0.15  # m, distance of an inlier's end from the nearest obstacle
+PASS_MIN_CLEARANCE = 0.3  # m, distance from all obstacles at which a beam that entered one has left it behind
+SIGMA = 0.1  # m, standard deviation of inliers
+OUTLIER_LIKELIHOOD = 0.05  # likelihood of an outlier relative to a perfect inlier's
+PASS_LIKELIHOOD = 0.01  # likelihood of a beam through an obstacle relative to a perfect inlier's
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
-    """Shares of a scan's beams, which sum to 1, and what they amount to.
+class ScanAgreement:
+    """Agreement of a scan with the map; the four fractions of its beams sum to 1.
 
     Attributes:
-        explained: Share that ends on the map's obstacles.
-        blocked: Share that ends where the map is free, on something that is not on it.
-        passed: Share that went through one of the map's obstacles.
-        uncharted: Share that ends where the map knows nothing.
+        inlier_fraction: Fraction of the beams that end on the map's obstacles.
+        blocked_fraction: Fraction of the beams that end in the map's free space, on something unmapped.
+        passed_fraction: Fraction of the beams that went through one of the map's obstacles.
+        unknown_fraction: Fraction of the beams that end in the map's unknown space.
         log_likelihood: Mean over the beams of the logarithm of their likelihood, 0 for a perfect scan.
-        beams: How many there were.
+        beam_count: Number of beams.
     """
 
-    explained: float
-    blocked: float
-    passed: float
-    uncharted: float
+    inlier_fraction: float
+    blocked_fraction: float
+    passed_fraction: float
+    unknown_fraction: float
     log_likelihood: float
-    beams: int
+    beam_count: int
 
 
-def compare(field: DistanceField, charted: NDArray[np.bool_], ends: Floats, lidar: Pose, pose: Pose) -> Agreement:
-    """Compare a scan with the map.
+def scan_agreement(
+    field: DistanceField, known: NDArray[np.bool_], ends: Floats, lidar: Pose, pose: Pose
+) -> ScanAgreement:
+    """Compare a scan with the map at a pose.
 
     Args:
         field: Distances to the map's obstacles.
-        charted: [H, W] which of its cells are known to be free or occupied.
-        ends: [B, 2] m, where the beams ended, base_link frame.
-        lidar: The lidar's pose, base_link frame.
-        pose: base_link in the map frame.
+        known: [H, W] whether each cell of the map is known to be free or occupied.
+        ends: [B, 2] m, ends of the beams, base_link frame.
+        lidar: Pose of the lidar, base_link frame.
+        pose: Pose of base_link, map frame.
     """
     if not len(ends):
-        return Agreement(0.0, 0.0, 0.0, 0.0, 0.0, 0)
-    placed = field.origin.inverse @ pose
-    start = (placed @ lidar).as_array()[:2]
-    counts, total = _compare(field.distance, charted, field.resolution, start, placed.transform(ends))
-    explained, blocked, passed, uncharted = (counts / len(ends)).tolist()
-    return Agreement(explained, blocked, passed, uncharted, total / len(ends), len(ends))
+        return ScanAgreement(0.0, 0.0, 0.0, 0.0, 0.0, 0)
+    in_grid = field.origin.inverse @ pose
+    start = (in_grid @ lidar).as_array()[:2]
+    counts, total = _compare(field.distance, known, field.resolution, start, in_grid.transform(ends))
+    inliers, blocked, passed, unknown = (counts / len(ends)).tolist()
+    return ScanAgreement(inliers, blocked, passed, unknown, total / len(ends), len(ends))
 
 
-def mean_agreement(scans: Sequence[Agreement]) -> Agreement:
-    """The agreement of several scans with the map, each weighing the same; there must be one."""
-    return Agreement(
-        explained=fmean(a.explained for a in scans),
-        blocked=fmean(a.blocked for a in scans),
-        passed=fmean(a.passed for a in scans),
-        uncharted=fmean(a.uncharted for a in scans),
-        log_likelihood=fmean(a.log_likelihood for a in scans),
-        beams=sum(a.beams for a in scans),
+def mean_agreement(scans: Sequence[ScanAgreement]) -> ScanAgreement:
+    """The mean agreement of one or more scans with the map, all weighing the same."""
+    return ScanAgreement(
+        inlier_fraction=fmean(scan.inlier_fraction for scan in scans),
+        blocked_fraction=fmean(scan.blocked_fraction for scan in scans),
+        passed_fraction=fmean(scan.passed_fraction for scan in scans),
+        unknown_fraction=fmean(scan.unknown_fraction for scan in scans),
+        log_likelihood=fmean(scan.log_likelihood for scan in scans),
+        beam_count=sum(scan.beam_count for scan in scans),
     )
 
 
 @kernel
 def _compare(
-    distance: NDArray[np.float32], charted: NDArray[np.bool_], resolution: float, start: Floats, ends: Floats
+    distance: NDArray[np.float32], known: NDArray[np.bool_], resolution: float, start: Floats, ends: Floats
 ) -> tuple[NDArray[np.int64], float]:
-    """[4] how many beams are explained, blocked, passed and uncharted, and the sum of the log likelihoods.
+    """Count the beams of every kind.
 
     Args:
-        distance: [H, W] m.
-        charted: [H, W].
-        resolution: m.
-        start: [2] m, the lidar in the grid's frame.
-        ends: [B, 2] m, likewise.
+        distance: [H, W] m, distances to the nearest obstacle.
+        known: [H, W] whether the map's cells are known.
+        resolution: Side of a cell, m.
+        start: [2] m, position of the lidar in the grid's frame.
+        ends: [B, 2] m, ends of the beams in the grid's frame.
+
+    Returns:
+        [4] numbers of inliers and of blocked, passed and unknown beams, and the sum of the beams' log likelihoods.
     """
     height, width = distance.shape
     counts = np.zeros(4, np.int64)
@@ -101,20 +106,20 @@ def _compare(
         dx, dy = ends[b, 0] - start[0], ends[b, 1] - start[1]
         length = max(math.hypot(dx, dy), 1e-9)
         column, row = ends[b, 0] / resolution, ends[b, 1] / resolution
-        gap, known = np.inf, False
+        gap, is_known = np.inf, False
         if 0.0 <= column < width and 0.0 <= row < height:
-            gap, known = distance[int(row), int(column)], charted[int(row), int(column)]
-        likelihood = math.exp(-0.5 * gap * gap / (SIGMA * SIGMA)) + STRAY
+            gap, is_known = distance[int(row), int(column)], known[int(row), int(column)]
+        likelihood = math.exp(-0.5 * gap * gap / (SIGMA * SIGMA)) + OUTLIER_LIKELIHOOD
         if _passes_through(distance, resolution, start, dx / length, dy / length, length):
             counts[2] += 1
-            likelihood = FORBIDDEN
-        elif gap <= TOLERANCE:
+            likelihood = PASS_LIKELIHOOD
+        elif gap <= INLIER_MAX_DISTANCE:
             counts[0] += 1
-        elif known:
+        elif is_known:
             counts[1] += 1
         else:
             counts[3] += 1
-        total += math.log(likelihood / (1.0 + STRAY))
+        total += math.log(likelihood / (1.0 + OUTLIER_LIKELIHOOD))
     return counts, total
 
 
@@ -122,9 +127,9 @@ def _compare(
 def _passes_through(
     distance: NDArray[np.float32], resolution: float, start: Floats, cos: float, sin: float, length: float
 ) -> bool:
-    """Whether a beam of this length goes through an obstacle and comes out behind it.
+    """Whether a beam of this length enters an obstacle and leaves it again.
 
-    A beam that meets a wall at a small angle runs inside it for a while, which is no contradiction.
+    A beam that meets a wall at a small angle runs inside it for a while without passing through.
     """
     height, width = distance.shape
     x, y = start[0] / resolution, start[1] / resolution
@@ -134,7 +139,7 @@ def _passes_through(
         if not (0.0 <= column < width and 0.0 <= row < height):
             return True
         gap = distance[int(row), int(column)]
-        if gap > CLEARANCE:
+        if gap > PASS_MIN_CLEARANCE:
             return True
-        travelled += max(resolution, CLEARANCE - gap)
+        travelled += max(resolution, PASS_MIN_CLEARANCE - gap)
     return False

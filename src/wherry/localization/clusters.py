@@ -1,4 +1,4 @@
-"""The particles' heaviest cluster: a belief of several humps is not averaged into a place between them."""
+"""The dominant cluster of the particles: a multi-modal posterior is not averaged to a pose between its modes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Cluster:
     """Particles in adjoining bins.
 
     Attributes:
-        weight: The cluster's share of the belief.
-        mean: Weighted mean pose.
-        covariance: [3, 3] m, m, rad.
+        weight: Posterior weight of the cluster, 0 to 1.
+        mean: Weighted mean pose of the cluster, map frame.
+        covariance: [3, 3] m, m, rad, weighted covariance of the cluster.
     """
 
     weight: float
@@ -31,13 +31,13 @@ class Cluster:
     covariance: Floats
 
 
-def heaviest_cluster(particles: Floats, weights: Floats, table: Integers) -> Cluster:
-    """Find the cluster with the most weight, as amcl does: bins of 0.5 m and 10° that touch belong together.
+def dominant_cluster(particles: Floats, weights: Floats, table: Integers) -> Cluster:
+    """Find the cluster with the most weight, as amcl does: adjoining bins of 0.5 m and 10° form a cluster.
 
     Args:
         particles: [N, 3] m, m, rad.
         weights: [N] summing to 1.
-        table: Scratch from `resampling.hash_table` for at least N bins.
+        table: Scratch memory from `resampling.hash_table` for at least N bins.
     """
     weight, mean, covariance = _heaviest_cluster(particles, weights, table, np.array(BIN_SIZE))
     return Cluster(weight, Pose.from_array(mean), covariance)
@@ -60,13 +60,13 @@ def _heaviest_cluster(
 
 @kernel
 def _bin_particles(particles: Floats, table: Integers, bin_size: Floats) -> tuple[Integers, Integers]:
-    """[N] every particle's bin, and [K, 3] the bins."""
+    """[N] index of every particle's bin, and [K, 3] the occupied bins."""
     table[:, 1] = 0
     count = len(particles)
     members = np.empty(count, np.int64)
     bins = np.empty((count, 3), np.int64)
     found = 0
-    previous, previous_member = -1, 0  # resampled particles come in runs
+    previous, previous_member = -1, 0  # copies of one particle follow each other after resampling
     for i in range(count):
         x = math.floor(particles[i, 0] / bin_size[0])
         y = math.floor(particles[i, 1] / bin_size[1])
@@ -87,7 +87,7 @@ def _bin_particles(particles: Floats, table: Integers, bin_size: Floats) -> tupl
 
 @kernel
 def _join_neighbours(table: Integers, bins: Integers) -> Integers:
-    """[K] the first bin of every bin's cluster."""
+    """[K] index of the first bin in each bin's connected component, by breadth-first search."""
     root = np.full(len(bins), -1, np.int64)
     queue = np.empty(len(bins), np.int64)
     for first in range(len(bins)):
@@ -111,7 +111,7 @@ def _join_neighbours(table: Integers, bins: Integers) -> Integers:
 
 @reordering_kernel
 def moments(particles: Floats, weights: Floats, chosen: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Weighted mean and covariance of the chosen particles; headings are averaged as directions."""
+    """Weighted mean and covariance of the chosen particles; headings are averaged on the circle."""
     total, x, y, cos, sin = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(particles)):
         if chosen[i]:

@@ -1,7 +1,7 @@
-"""EKF localization: one Gaussian, moved by odometry and corrected by matching each scan to the map.
+"""EKF localization: one Gaussian, predicted by odometry and corrected by matching each scan to the map.
 
-Probabilistic Robotics, table 7.2, with a scan match (`refinement.match_scan`) in the landmarks' place: the match
-measures the pose itself, so that H is the identity. It is what the paper's section 5.A calls the Kalman filter.
+Probabilistic Robotics, table 7.2, with a scan match (`refinement.match_scan`) instead of landmarks: the match measures
+the pose itself, so that H is the identity. The paper's section 5.A calls it the Kalman filter.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.refinement import match_scan
-from wherry.localization.sensor import choose_beams
+from wherry.localization.sensor import valid_beams
 from wherry.robot import Odometry, Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
@@ -21,16 +21,16 @@ from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
 
-MATCHED_BEAMS = 360
+MAX_MATCHED_BEAMS = 360  # beams of a scan that are matched
 
 
 class EkfLocalization:
-    """A Gaussian belief over poses on a known map.
+    """A Gaussian over poses on a known map.
 
     Args:
         grid: The map.
         lidar: The lidar's pose, base_link frame.
-        parameters: alpha1 to alpha4, the range limits and sigma_hit count.
+        parameters: alpha1 to alpha4, the range limits and sigma_hit are used.
     """
 
     def __init__(self, grid: OccupancyGrid, lidar: Pose, parameters: AmclParameters) -> None:
@@ -42,20 +42,29 @@ class EkfLocalization:
 
     @property
     def memory(self) -> int:
-        """Bytes that the belief takes: a mean and a covariance."""
+        """Size of the mean and the covariance, bytes."""
         return self._covariance.nbytes + self._pose.as_array().nbytes
 
     def initialize(self, pose: Pose, covariance: Floats) -> None:
-        """Believe that the robot is about here: base_link in the map frame; [3, 3] m, m, rad."""
+        """Set the Gaussian.
+
+        Args:
+            pose: Mean pose of base_link, map frame.
+            covariance: [3, 3] m, m, rad.
+        """
         self._pose = pose
         self._covariance = covariance.copy()
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
-        """Take in one scan, and the odometry of the same instant; base_link in the map frame then."""
+        """Process one scan and the odometry of the same instant.
+
+        Returns:
+            The estimated pose of base_link at that instant, map frame.
+        """
         motion = Pose() if self._odometry is None else odometry.pose.relative_to(self._odometry)
         self._odometry = odometry.pose
         self._predict(motion)
-        ends = choose_beams(scan, self._lidar, self._parameters, MATCHED_BEAMS).ends
+        ends = valid_beams(scan, self._lidar, self._parameters).evenly_spaced(MAX_MATCHED_BEAMS).ends
         if len(ends):
             match = match_scan(self._field, ends, self._pose, self._covariance, self._parameters.sigma_hit)
             if match.accepted:

@@ -1,7 +1,7 @@
-"""Grid Markov localization: the probability of every cell of a grid over positions and headings (Fox et al., 1999).
+"""Grid Markov localization: a histogram filter over positions and headings (Fox et al., 1999).
 
-The paper's section 5.A compares Monte Carlo localization with it. It can find a robot anywhere, at the price of holding
-and updating every cell, however improbable, and it can say no more than which cell the robot is in.
+The paper's section 5.A compares Monte Carlo localization with it. It localizes globally, at the price of storing and
+updating every cell, however improbable, and its resolution is a cell.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from wherry.localization.parameters import AmclParameters
-from wherry.localization.sensor import SENSOR_MODELS, choose_beams
+from wherry.localization.sensor import SENSOR_MODELS, valid_beams
 from wherry.robot import Odometry, Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
@@ -21,10 +21,11 @@ from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
 
-CELL = 0.25  # m
-HEADINGS = 72  # of 5°
-NEGLIGIBLE = 1e-4  # of the most probable cell; less is not weighed, as in Fox's selective updating
-LEAST = 1e-12  # probability that no cell falls below, so that a kidnapped robot can be found again
+CELL_SIZE = 0.25  # m
+HEADINGS = 72  # bins of 5°
+SELECTIVE_UPDATE_THRESHOLD = 1e-4  # fraction of the peak; cells below it are not weighed (selective updating)
+MIN_PROBABILITY = 1e-12  # lower limit of a cell's probability, so that a kidnapped robot can be found again
+PEAK_RADIUS = 2  # cells around the most probable one that the estimate is averaged over
 
 
 class GridMarkov:
@@ -33,9 +34,9 @@ class GridMarkov:
     Args:
         grid: The map.
         lidar: The lidar's pose, base_link frame.
-        parameters: The motion and sensor models' count.
-        cell: m, side of the belief's cells.
-        headings: How many directions are told apart.
+        parameters: Those of the motion and sensor models are used.
+        cell: Side of the histogram's cells, m.
+        headings: Number of heading bins.
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class GridMarkov:
         grid: OccupancyGrid,
         lidar: Pose,
         parameters: AmclParameters,
-        cell: float = CELL,
+        cell: float = CELL_SIZE,
         headings: int = HEADINGS,
     ) -> None:
         self._parameters = parameters
@@ -61,48 +62,56 @@ class GridMarkov:
         self._belief = np.zeros((headings, height, width), np.float32)
         self._pending = Pose()
         self._odometry: Pose | None = None
-        self._fresh = True
+        self._is_new = True
         self.initialize_globally()
 
     @property
     def memory(self) -> int:
-        """Bytes that the belief takes."""
+        """Size of the histogram, bytes."""
         return self._belief.nbytes
 
     def initialize_globally(self) -> None:
-        """Believe that the robot may be anywhere on the map's free space."""
+        """Spread the probability evenly over the map's free space."""
         self._belief[:] = self._free
         self._belief /= max(float(self._belief.sum()), 1.0)
-        self._fresh = True
+        self._is_new = True
 
     def initialize(self, pose: Pose, covariance: Floats) -> None:
-        """Believe that the robot is about here: base_link in the map frame; [3, 3] m, m, rad."""
+        """Set the histogram to a Gaussian.
+
+        Args:
+            pose: Mean pose of base_link, map frame.
+            covariance: [3, 3] m, m, rad.
+        """
         offset = self._poses(np.arange(self._belief.size)) - pose.as_array()
         offset[:, 2] = np.remainder(offset[:, 2] + math.pi, math.tau) - math.pi
         widened = covariance + np.diag([self._cell**2, self._cell**2, (math.tau / len(self._headings)) ** 2]) / 4.0
         distance = np.einsum("ni,ij,nj->n", offset, np.linalg.inv(widened), offset)
         self._belief[:] = np.exp(-0.5 * distance).reshape(self._belief.shape)
-        self._fresh = True
+        self._is_new = True
         self._normalize()
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
-        """Take in one scan, and the odometry of the same instant; the mean around the most probable cell.
+        """Process one scan and the odometry of the same instant.
 
-        Scans are kept back until the robot has moved by a cell, or what is shifted would be lost in rounding.
+        Scans are skipped until the robot has moved by a cell, as smaller shifts would be lost to interpolation.
+
+        Returns:
+            The mean pose of base_link around the most probable cell, map frame.
         """
         motion = Pose() if self._odometry is None else odometry.pose.relative_to(self._odometry)
         self._odometry = odometry.pose
         self._pending = self._pending @ motion
         turned = abs(self._pending.theta) >= math.tau / len(self._headings)
-        if self._fresh or turned or math.hypot(self._pending.x, self._pending.y) >= self._cell:
+        if self._is_new or turned or math.hypot(self._pending.x, self._pending.y) >= self._cell:
             self._predict(self._pending)
             self._correct(scan)
             self._pending = Pose()
-            self._fresh = False
+            self._is_new = False
         return self._mean()
 
     def _predict(self, motion: Pose) -> None:
-        """Bel'(x) = Σ p(x | u, x') Bel(x'): every heading's layer is shifted its own way, then all are blurred."""
+        """Bel'(x) = Σ p(x | u, x') Bel(x'): every heading's layer is shifted along it, then all are blurred."""
         moved = np.empty_like(self._belief)
         _, rows, columns = np.indices((1, *self._free.shape))
         for index, heading in enumerate(self._headings):
@@ -124,12 +133,12 @@ class GridMarkov:
         self._normalize()
 
     def _correct(self, scan: Scan) -> None:
-        """Bel(x) ∝ p(z | x, m) Bel'(x), where the belief is not negligible."""
-        beams = choose_beams(scan, self._lidar, self._parameters)
+        """Bel(x) ∝ p(z | x, m) Bel'(x), in the cells that are not negligible."""
+        beams = valid_beams(scan, self._lidar, self._parameters).evenly_spaced(self._parameters.max_beams)
         if not len(beams):
             return
         flat = self._belief.ravel()
-        weighed = np.flatnonzero(flat > NEGLIGIBLE * flat.max())
+        weighed = np.flatnonzero(flat > SELECTIVE_UPDATE_THRESHOLD * flat.max())
         log_likelihood = np.zeros(len(weighed))
         self._sensor.add_log_likelihood(self._poses(weighed), beams, log_likelihood)
         log_likelihood *= min(1.0, self._parameters.independent_beams / len(beams))
@@ -137,30 +146,28 @@ class GridMarkov:
         self._normalize()
 
     def _poses(self, cells: NDArray[np.int64]) -> Floats:
-        """[N, 3] m, m, rad, map frame: the middles of cells."""
+        """[N, 3] m, m, rad, map frame: centres of cells given by flat indices [N]."""
         heading, row, column = np.unravel_index(cells, self._belief.shape)
-        places = self._origin.transform((np.column_stack([column, row]) + 0.5) * self._cell)
-        return np.column_stack([places, self._headings[heading]])
+        positions = self._origin.transform((np.column_stack([column, row]) + 0.5) * self._cell)
+        return np.column_stack([positions, self._headings[heading]])
 
     def _normalize(self) -> None:
         self._belief *= self._free
         self._belief /= max(float(self._belief.sum()), 1e-30)
-        self._belief += np.float32(LEAST) * self._free
+        self._belief += np.float32(MIN_PROBABILITY) * self._free
 
     def _mean(self) -> Pose:
-        """The belief's mean over the cells around the most probable one."""
+        """The mean pose over the cells around the most probable one, moved on by the pending odometry."""
         peak = np.unravel_index(int(self._belief.argmax()), self._belief.shape)
-        ranges = [(np.arange(i - 2, i + 3)) for i in peak]
-        heading = ranges[0] % self._belief.shape[0]
+        ranges = [np.arange(i - PEAK_RADIUS, i + PEAK_RADIUS + 1) for i in peak]
+        layer = ranges[0] % self._belief.shape[0]
         row = np.clip(ranges[1], 0, self._belief.shape[1] - 1)
         column = np.clip(ranges[2], 0, self._belief.shape[2] - 1)
-        cells = np.ravel_multi_index(np.ix_(heading, row, column), self._belief.shape).ravel()
+        cells = np.ravel_multi_index(np.ix_(layer, row, column), self._belief.shape).ravel()
         cells = np.unique(cells)
         weights = self._belief.ravel()[cells].astype(np.float64)
         weights /= weights.sum()
         poses = self._poses(cells)
         x, y = weights @ poses[:, :2]
-        return (
-            Pose(float(x), float(y), math.atan2(weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2])))
-            @ self._pending
-        )
+        heading = math.atan2(weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2]))
+        return Pose(float(x), float(y), heading) @ self._pending

@@ -1,18 +1,18 @@
-"""Am I lost? A calibrated probability, from how the last scans agreed with the map.
+"""Detection of being lost: a calibrated probability from the agreement of the last scans with the map.
 
-What a scan says, its evidence, is a logistic regression on the shares of its beams (`agreement.Agreement`): those that
-the map explains, those that were stopped by something which is not on it, and those that went through something which
-is. Two answers are made of it.
+The *evidence* of a scan is the log likelihood ratio of a lost robot against a localized one. It is linear in the
+fractions of the scan's beams that are inliers, blocked or passed through walls (`agreement.ScanAgreement`); its weights
+are those of a logistic regression. Two probabilities are made from it.
 
-The *suspicion* is for whoever would give up the belief for another one, which a single odd scan must not bring about:
-the mean evidence of the last seconds, in which a scan counts once, however rare it is, and all of them count as a few,
-however many there are, for scans that follow each other see the same things.
+The *sustained probability* decides about relocalization, which a single outlier scan must not cause. It is the mean
+evidence of the last seconds, in which one scan counts once, however rare scans are, and all scans count as a few,
+however many there are, since the errors of consecutive scans are correlated.
 
-The *probability* is for whoever wants to know. A scan of a clean map that hardly fits is proof; one of a building that
-has changed since it was mapped is none. So it rests on how much the scan says to the contrary of what scans say on this
-map, their mean and spread while they fit, and on the mean evidence before it. The three coefficients of that were
-fitted (`fit_calibration`, run by `experiments.lost_calibration`) to robots that were carried off on the maps of three
-buildings and of two simulated worlds; the reliability diagram in the results is of a fourth building and a third world.
+The *probability* is calibrated. On a map that is up to date a scan with few inliers is proof of being lost; in a
+building that has changed since it was mapped it is not. It therefore depends on the z-score of the scan's evidence
+against the evidence of inlier scans on this map, and on the mean evidence before the scan. Its three coefficients were
+fitted by `wherry.experiments.localization.calibration` to kidnapped robots on the maps of three buildings and two
+simulated worlds; the reliability diagrams in the results are of a fourth building and a third world.
 """
 
 from __future__ import annotations
@@ -20,188 +20,181 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from wherry.localization.agreement import ScanAgreement
 
-from wherry.localization.agreement import Agreement
-
-Floats = NDArray[np.float64]
-
-SCANS_UNTIL_LOST = 2000  # in the mean: how often it happens decides what a scan that hardly fits is taken for
-USUAL_MEAN, USUAL_DEVIATION = -2.4, 0.35  # of the evidence of scans that fit, before any was seen,
-USUAL_WORTH, USUAL_MEMORY = 20, 100  # worth so many scans; and how many scans are remembered
-USUAL_OUTLIER = 3.0  # standard deviations from the mean, from where on a scan counts as if it were there
-FITTING = 0.1  # probability of being lost from which on a scan is not taken for a usual one
-LEAST_DEVIATION = 0.15  # of that evidence, however alike the scans were
-RIDGE = 1e-3  # keeps the regressions finite where the data are separable
+BASELINE_MEAN, BASELINE_DEVIATION = -2.4, 0.35  # log odds, evidence of inlier scans before any is observed
+BASELINE_PRIOR_SCANS = 20  # scans that the initial baseline is worth
+BASELINE_MAX_SCANS = 100  # scans, memory of the baseline's moving averages
+BASELINE_MAX_Z_SCORE = 3.0  # standard deviations at which evidence is clipped before it updates the baseline
+BASELINE_MIN_DEVIATION = 0.15  # log odds, lower limit of the baseline's standard deviation
+BASELINE_MAX_LOST_PROBABILITY = 0.1  # probability of being lost above which a scan does not update the baseline
 
 
 @dataclass(frozen=True, slots=True)
-class LostModel:
-    """Coefficients of the evidence, log odds for a scan of which all beams are such, and what becomes of it.
+class EvidenceModel:
+    """Coefficients of a scan's evidence of being lost, and of its average over time.
 
-    Beams that end where the map knows nothing say nothing: maps have holes, and an end.
+    Beams that end in unknown space carry no evidence, since maps have holes and borders.
 
     Attributes:
-        explained: For the share of beams that the map explains.
-        blocked: For the share of beams that ended on something which is not on the map.
-        passed: For the share of beams that went through something which is on the map.
-        most: No scan says more than this, either way.
-        prior: Suspicion before anything is seen.
-        memory: s, how long a scan is remembered,
-        kept: though never less of it than this when the next one comes.
-        independent_scans: How many scans those in the memory are worth together, at most.
+        inlier_weight: Log odds of a scan of inliers only.
+        blocked_weight: Log odds of a scan of blocked beams only.
+        passed_weight: Log odds of a scan of beams through walls only.
+        max_evidence: Absolute value at which a scan's evidence is clipped, log odds.
+        prior: Prior probability of being lost, 0 to 1.
+        time_constant: Time in which the weight of a past scan decays to 1/e, s.
+        min_decay: Lower limit of the decay from one scan to the next, 0 to 1.
+        max_independent_scans: Number of independent scans that the averaged scans are worth at most.
     """
 
-    explained: float = -3.0
-    blocked: float = 5.8
-    passed: float = 14.3
-    most: float = 4.0
+    inlier_weight: float = -3.0
+    blocked_weight: float = 5.8
+    passed_weight: float = 14.3
+    max_evidence: float = 4.0
     prior: float = 0.01
-    memory: float = 1.0
-    kept: float = 0.5
-    independent_scans: float = 3.0
+    time_constant: float = 1.0
+    min_decay: float = 0.5
+    max_independent_scans: float = 3.0
 
-    def evidence(self, agreement: Agreement) -> float:
-        """Log of how much likelier the scan is for a robot that is lost than for one that is not."""
-        said = self.explained * agreement.explained + self.blocked * agreement.blocked + self.passed * agreement.passed
-        return min(max(said, -self.most), self.most)
+    def evidence(self, agreement: ScanAgreement) -> float:
+        """Log likelihood ratio of a scan for a lost robot against a localized one."""
+        log_odds = (
+            self.inlier_weight * agreement.inlier_fraction
+            + self.blocked_weight * agreement.blocked_fraction
+            + self.passed_weight * agreement.passed_fraction
+        )
+        return min(max(log_odds, -self.max_evidence), self.max_evidence)
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
-    """What the log odds of being lost are made of.
+class LostFeatures:
+    """Features of one scan from which the probability of being lost is computed.
 
     Attributes:
-        constant: For a robot that gets lost once in `SCANS_UNTIL_LOST` scans.
-        recent: For the mean evidence of the last scans, this one not among them.
-        contradiction: For the root of the scan's `Usual.contradiction`; beyond a few deviations more tell little.
+        mean_evidence: Mean evidence of the scans before, log odds.
+        z_score: Standard deviations by which the scan's evidence exceeds the baseline; 0 if it does not.
     """
 
-    constant: float = -8.8
-    recent: float = 0.81
-    contradiction: float = 2.11
-
-    def log_odds(self, recent: float, contradiction: float) -> float:
-        """Of being lost."""
-        return self.constant + self.recent * recent + self.contradiction * math.sqrt(contradiction)
+    mean_evidence: float
+    z_score: float
 
 
-class Usual:
-    """The evidence of the scans that fit: what this robot is used to on this map."""
+@dataclass(frozen=True, slots=True)
+class LostCalibration:
+    """Coefficients of the log odds of being lost.
+
+    Attributes:
+        intercept: Log odds at features of 0.
+        mean_evidence_weight: Coefficient of the mean evidence of the scans before.
+        z_score_weight: Coefficient of the square root of the scan's z-score; larger z-scores add ever less.
+    """
+
+    intercept: float = -8.8
+    mean_evidence_weight: float = 0.81
+    z_score_weight: float = 2.11
+
+    def log_odds(self, features: LostFeatures) -> float:
+        """Log odds of being lost."""
+        return (
+            self.intercept
+            + self.mean_evidence_weight * features.mean_evidence
+            + self.z_score_weight * math.sqrt(features.z_score)
+        )
+
+
+class EvidenceBaseline:
+    """Moving mean and variance of the evidence of inlier scans on this map."""
 
     def __init__(self) -> None:
-        self._mean, self._variance, self._count = USUAL_MEAN, USUAL_DEVIATION**2, USUAL_WORTH
+        self._mean, self._variance, self._count = BASELINE_MEAN, BASELINE_DEVIATION**2, BASELINE_PRIOR_SCANS
 
-    def contradiction(self, evidence: float) -> float:
-        """How many standard deviations a scan says more than usual for being lost; 0 if it does not."""
-        return max(0.0, evidence - self._mean) / max(math.sqrt(self._variance), LEAST_DEVIATION)
+    def z_score(self, evidence: float) -> float:
+        """Standard deviations by which evidence exceeds the mean; 0 if it does not."""
+        return max(0.0, evidence - self._mean) / max(math.sqrt(self._variance), BASELINE_MIN_DEVIATION)
 
-    def observe(self, evidence: float) -> None:
-        """Take in the evidence of a scan that fits; one far off moves mean and spread no more than one less far."""
-        most = USUAL_OUTLIER * math.sqrt(self._variance)
-        evidence = min(max(evidence, self._mean - most), self._mean + most)
-        self._count = min(self._count + 1, USUAL_MEMORY)
+    def update(self, evidence: float) -> None:
+        """Add the evidence of an inlier scan, clipped to a few standard deviations around the mean."""
+        limit = BASELINE_MAX_Z_SCORE * math.sqrt(self._variance)
+        evidence = min(max(evidence, self._mean - limit), self._mean + limit)
+        self._count = min(self._count + 1, BASELINE_MAX_SCANS)
         self._mean += (evidence - self._mean) / self._count
         self._variance += ((evidence - self._mean) ** 2 - self._variance) / self._count
 
 
 class LostDetector:
-    """Follows suspicion and probability of being lost from scan to scan."""
+    """Tracks the probability of being lost from scan to scan.
 
-    def __init__(self, model: LostModel | None = None, calibration: Calibration | None = None) -> None:
-        self.model = model or LostModel()
-        self._calibration = calibration or Calibration()
-        self._usual = Usual()
+    Args:
+        model: Coefficients of the evidence; the fitted ones by default.
+        calibration: Coefficients of the probability; the fitted ones by default.
+
+    Attributes:
+        model: Coefficients of the evidence.
+    """
+
+    def __init__(self, model: EvidenceModel | None = None, calibration: LostCalibration | None = None) -> None:
+        self.model = model or EvidenceModel()
+        self._calibration = calibration or LostCalibration()
+        self._baseline = EvidenceBaseline()
         self.reset()
 
     def reset(self) -> None:
-        """Forget what the last scans said; the pose is a new one. What is usual on the map stays."""
-        self._average = 0.0
+        """Forget the last scans, as after a new start; the baseline of this map stays."""
+        self._mean_evidence = 0.0
         self._weight = 0.0
         self._time = -math.inf
-        self._features = (0.0, 0.0)
+        self._features = LostFeatures(0.0, 0.0)
         self._probability = self.model.prior
 
-    def observe(self, time: float, agreement: Agreement) -> float:
-        """Take in how a scan agreed with the map at the estimated pose.
+    def update(self, time: float, agreement: ScanAgreement) -> float:
+        """Add the agreement of a scan with the map at the estimated pose.
 
         Args:
-            time: s, the scan's; not before the last one's.
-            agreement: Of the scan.
+            time: Time of the scan, s, not before the last one's.
+            agreement: Agreement of the scan with the map.
 
         Returns:
             The probability of being lost, 0 to 1.
         """
         evidence = self.model.evidence(agreement)
-        self._features = (self._average, self._usual.contradiction(evidence))
-        self._probability = _logistic(self._calibration.log_odds(*self._features))
-        if evidence < 0.0 and self._probability < FITTING:
-            self._usual.observe(evidence)
-        kept = max(math.exp(-(time - self._time) / self.model.memory), self.model.kept) if self._weight else 0.0
-        self._time = time
-        self._weight = kept * self._weight + 1.0
-        self._average += (evidence - self._average) / self._weight
+        self._features = LostFeatures(self._mean_evidence, self._baseline.z_score(evidence))
+        self._probability = _logistic(self._calibration.log_odds(self._features))
+        if evidence < 0.0 and self._probability < BASELINE_MAX_LOST_PROBABILITY:
+            self._baseline.update(evidence)
+        self._average(time, evidence)
         return self._probability
 
-    def contradiction(self, agreement: Agreement) -> float:
-        """By how many standard deviations a scan says more than scans usually do that the robot is lost."""
-        return self._usual.contradiction(self.model.evidence(agreement))
+    def _average(self, time: float, evidence: float) -> None:
+        """Update the exponentially weighted mean of the evidence."""
+        decay = 0.0
+        if self._weight:
+            decay = max(math.exp(-(time - self._time) / self.model.time_constant), self.model.min_decay)
+        self._time = time
+        self._weight = decay * self._weight + 1.0
+        self._mean_evidence += (evidence - self._mean_evidence) / self._weight
+
+    def z_score(self, agreement: ScanAgreement) -> float:
+        """Standard deviations by which a scan's evidence of being lost exceeds the baseline; 0 if it does not."""
+        return self._baseline.z_score(self.model.evidence(agreement))
 
     @property
-    def features(self) -> tuple[float, float]:
-        """What `Calibration.log_odds` was asked for at the last scan."""
+    def features(self) -> LostFeatures:
+        """Features of the last scan."""
         return self._features
 
     @property
     def probability(self) -> float:
-        """The probability of being lost, 0 to 1, calibrated."""
+        """Calibrated probability of being lost, 0 to 1."""
         return self._probability
 
     @property
-    def suspicion(self) -> float:
-        """How strongly the last scans together speak for being lost, 0 to 1; slower than the probability."""
+    def sustained_probability(self) -> float:
+        """Probability of being lost by the mean evidence of the last seconds, 0 to 1; slower than ``probability``."""
         if not self._weight:
             return self.model.prior
         prior = math.log(self.model.prior / (1.0 - self.model.prior))
-        return _logistic(prior + min(self._weight, self.model.independent_scans) * self._average)
+        return _logistic(prior + min(self._weight, self.model.max_independent_scans) * self._mean_evidence)
 
 
-def fit(agreements: list[Agreement], lost: NDArray[np.bool_]) -> LostModel:
-    """Fit the evidence's regression, with both kinds weighing the same.
-
-    Args:
-        agreements: [N] at poses right and wrong.
-        lost: [N] which poses were wrong; both kinds must occur.
-    """
-    shares = np.array([[found.explained, found.blocked, found.passed] for found in agreements])
-    balance = np.where(lost, 0.5 / lost.mean(), 0.5 / (1.0 - lost.mean()))
-    explained, blocked, passed = _regression(shares, lost, balance).tolist()
-    return LostModel(explained, blocked, passed)
-
-
-def fit_calibration(features: Floats, lost: NDArray[np.bool_], weights: Floats) -> Calibration:
-    """Fit the probability's regression.
-
-    Args:
-        features: [N, 2] from `LostDetector.features`.
-        lost: [N] when the robot was lost; both kinds must occur.
-        weights: [N] how much the scans count: those of a lost robot as if it got lost once in `SCANS_UNTIL_LOST`.
-    """
-    columns = np.column_stack([np.ones(len(lost)), features[:, 0], np.sqrt(features[:, 1])])
-    return Calibration(*_regression(columns, lost, weights / weights.sum() * len(weights)).tolist())
-
-
-def _regression(features: Floats, truth: NDArray[np.bool_], weights: Floats) -> Floats:
-    """[F] coefficients of a weighted logistic regression, by Newton's method."""
-    found = np.zeros(features.shape[1])
-    for _ in range(30):
-        predicted = 1.0 / (1.0 + np.exp(-features @ found))
-        curvature = weights * predicted * (1.0 - predicted)
-        hessian = (features * curvature[:, None]).T @ features + RIDGE * np.eye(len(found))
-        found += np.linalg.solve(hessian, features.T @ (weights * (truth - predicted)) - RIDGE * found)
-    return found
-
-
-def _logistic(x: float) -> float:
-    return 1.0 / (1.0 + math.exp(-x)) if x > -700.0 else 0.0
+def _logistic(log_odds: float) -> float:
+    return 1.0 / (1.0 + math.exp(-log_odds)) if log_odds > -700.0 else 0.0

@@ -1,4 +1,4 @@
-"""Odometry motion models: how far the particles spread when the wheels report a motion.
+"""Odometry motion models: samples of p(x_t | u_t, x_{t−1}).
 
 Thrun, Burgard and Fox, Probabilistic Robotics, table 5.6, with amcl's two refinements: driving backwards is no more
 uncertain than driving forwards, and a turn on the spot has no direction of travel.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -15,29 +16,30 @@ from numpy.typing import NDArray
 
 from wherry.kernels import kernel
 from wherry.localization.parameters import AmclParameters
+from wherry.localization.particles import ParticleSet
 from wherry.space.pose import Pose, wrap
 
 Floats = NDArray[np.float64]
 Noise = NDArray[np.float32]
 
-STANDING = 0.01  # m; a shorter motion has no direction of travel
+MIN_DIRECTED_TRANSLATION = 0.01  # m; a shorter motion has no direction of travel
 
 MotionModel = Callable[[Floats, Pose, AmclParameters, Noise], None]
 
 
 def propagate_differential(particles: Floats, motion: Pose, parameters: AmclParameters, noise: Noise) -> None:
-    """Move particles in place as a differential drive moves: turn, drive straight, turn.
+    """Move particles in place by the model of a differential drive: rotation, translation, rotation.
 
     Args:
         particles: [N, 3] m, m, rad, map frame; changed in place.
-        motion: The new odometry pose as seen from the old one.
-        parameters: alpha1 to alpha4 and turn_slip count.
-        noise: [N, 3] standard normal; [N, 4] if there is turn_slip.
+        motion: New odometry pose relative to the old one.
+        parameters: alpha1 to alpha4 and turn_slip are used.
+        noise: [N, 3] standard normal samples; [N, 4] if turn_slip is not 0.
     """
     translation = math.hypot(motion.x, motion.y)
-    turn1 = math.atan2(motion.y, motion.x) if translation >= STANDING else 0.0
+    turn1 = math.atan2(motion.y, motion.x) if translation >= MIN_DIRECTED_TRANSLATION else 0.0
     turn2 = wrap(motion.theta - turn1)
-    noise1, noise2 = _least_turn(turn1), _least_turn(turn2)
+    noise1, noise2 = _undirected_turn(turn1), _undirected_turn(turn2)
     p = parameters
     _move_differential(
         particles,
@@ -55,13 +57,13 @@ def propagate_differential(particles: Floats, motion: Pose, parameters: AmclPara
 
 
 def propagate_omnidirectional(particles: Floats, motion: Pose, parameters: AmclParameters, noise: Noise) -> None:
-    """Move particles in place as a robot moves that drives in any direction while it turns.
+    """Move particles in place by the model of a robot that translates in any direction while it turns.
 
     Args:
         particles: [N, 3] m, m, rad, map frame; changed in place.
-        motion: The new odometry pose as seen from the old one.
-        parameters: alpha1 to alpha5 count; alpha5 is the noise across the direction of travel.
-        noise: [N, 3] standard normal.
+        motion: New odometry pose relative to the old one.
+        parameters: alpha1 to alpha5 are used; alpha5 is the noise across the direction of travel.
+        noise: [N, 3] standard normal samples.
     """
     translation = math.hypot(motion.x, motion.y)
     p = parameters
@@ -84,8 +86,35 @@ MOTION_MODELS: MappingProxyType[str, MotionModel] = MappingProxyType(
 )
 
 
-def _least_turn(angle: float) -> float:
-    """The turn's size, where turning round to drive backwards counts as none."""
+class MotionUpdate:
+    """Moves particles by odometry with sampled noise.
+
+    Args:
+        parameters: The filter's parameters.
+        rng: Source of the noise.
+    """
+
+    def __init__(self, parameters: AmclParameters, rng: np.random.Generator) -> None:
+        self._parameters = parameters
+        self._rng = rng
+        self._model = MOTION_MODELS[parameters.robot_model_type]
+        self._noise_columns = 4 if parameters.turn_slip else 3
+
+    def propagate(self, particles: ParticleSet, motion: Pose) -> ParticleSet:
+        """Draw x_t ~ p(x_t | u_t, x_{t−1}).
+
+        Args:
+            particles: The particles at the last filter update.
+            motion: Pose of base_link by odometry, relative to its pose at the last filter update.
+        """
+        poses = particles.poses.copy()
+        noise = self._rng.standard_normal((len(poses), self._noise_columns), np.float32)
+        self._model(poses, motion, self._parameters, noise)
+        return replace(particles, poses=poses)
+
+
+def _undirected_turn(angle: float) -> float:
+    """The size of a turn, where a half turn to drive backwards counts as none, rad."""
     return min(abs(wrap(angle)), abs(wrap(angle - math.pi)))
 
 

@@ -5,18 +5,59 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from wherry.errors import InputError
 from wherry.space.pose import Pose
 
 ROBOT_MODELS = ("differential", "omnidirectional")
 LASER_MODELS = ("likelihood_field", "likelihood_field_prob", "beam")
-MOST_PARTICLES = 10_000_000  # a gigabyte
+MAX_PARTICLES_LIMIT = 10_000_000  # particles; that many take about a gigabyte
+LOST_PROBABILITY_THRESHOLD = 0.5  # probability of being lost above which a robot is reported as lost
+GLOBAL_MAX_PARTICLES = 50_000  # particles of a global start; KLD sampling soon needs fewer
+KNOWN_START_COVARIANCE = np.diag([0.1**2, 0.1**2, 0.05**2])  # m², m², rad²; of a start pose taken from a reference
 AT_ORIGIN = Pose()
+
+# Fields by the range of their values
+FRACTIONS = (
+    "z_hit",
+    "z_short",
+    "z_max",
+    "z_rand",
+    "beam_skip_threshold",
+    "beam_skip_error_threshold",
+    "recovery_alpha_slow",
+    "recovery_alpha_fast",
+    "least_effective",
+)
+NON_NEGATIVE = (
+    "alpha1",
+    "alpha2",
+    "alpha3",
+    "alpha4",
+    "alpha5",
+    "update_min_d",
+    "update_min_a",
+    "lambda_short",
+    "robot_radius",
+    "turn_slip",
+)
+POSITIVE = (
+    "sigma_hit",
+    "laser_likelihood_max_dist",
+    "laser_max_range",
+    "pf_err",
+    "pf_z",
+    "refine_sigma",
+    "beam_skip_distance",
+    "max_odometry_speed",
+    "independent_beams",
+)
 
 
 @dataclass(frozen=True, slots=True)
 class AmclParameters:
-    """How the filter works. The defaults are nav2's; fields under "wherry's own" have no counterpart there.
+    """How the filter works. The defaults are nav2's; fields under "Beyond amcl" have no counterpart there.
 
     Attributes:
         alpha1: Odometry's rotation noise from rotation.
@@ -26,43 +67,44 @@ class AmclParameters:
         alpha5: Odometry's sideways noise from translation, omnidirectional robots only.
         robot_model_type: One of ROBOT_MODELS, the keys of `motion.MOTION_MODELS`.
         laser_model_type: One of LASER_MODELS, the keys of `sensor.SENSOR_MODELS`.
-        max_beams: Evenly spaced beams of a scan that are weighed.
-        laser_min_range: m, shorter readings are not used; below 0 the scan's own limit holds.
-        laser_max_range: m, longer readings are not used; the scan's own limit holds where it is shorter.
-        laser_likelihood_max_dist: m, the likelihood field's distances are cut off here.
-        z_hit: Share of readings that the map explains.
-        z_short: Share of readings cut short by something unmapped (beam model).
-        z_max: Share of readings that miss everything (beam model).
-        z_rand: Share of readings that mean nothing.
-        sigma_hit: σ, m, of readings that the map explains.
-        lambda_short: λ, 1/m, how quickly readings that are cut short get rarer with distance (beam model).
-        beam_skip_distance: m, a beam agrees with a particle when its end is this near to an obstacle.
-        beam_skip_threshold: A beam is skipped if a smaller share of the particles agrees with it.
-        beam_skip_error_threshold: Skipping is given up when a larger share of the beams would be skipped.
-        min_particles: Fewest particles.
-        max_particles: Most particles.
-        pf_err: ε, bound on the distance between the particles' distribution and the true one (KLD sampling).
+        max_beams: Number of evenly spaced beams of a scan in the measurement model.
+        laser_min_range: Shortest range that is used, m; below 0 the scan's own limit holds.
+        laser_max_range: Longest range that is used, m; the scan's own limit holds where it is shorter.
+        laser_likelihood_max_dist: Distance at which the likelihood field is truncated, m.
+        z_hit: Mixture weight of readings of mapped obstacles.
+        z_short: Mixture weight of readings cut short by unmapped obstacles (beam model).
+        z_max: Mixture weight of maximum-range readings (beam model).
+        z_rand: Mixture weight of random readings.
+        sigma_hit: Standard deviation σ of readings of mapped obstacles, m.
+        lambda_short: Decay rate λ of short readings with distance, 1/m (beam model).
+        beam_skip_distance: Distance from the nearest obstacle within which a beam's end agrees with a particle, m.
+        beam_skip_threshold: Fraction of the particles that must agree with a beam, or it is skipped.
+        beam_skip_error_threshold: Fraction of skipped beams above which no beam is skipped.
+        min_particles: Lower limit of the number of particles.
+        max_particles: Upper limit of the number of particles.
+        pf_err: Bound ε on the distance between the sampled and the true distribution (KLD sampling).
         pf_z: Upper standard normal quantile of the probability that ``pf_err`` holds (KLD sampling).
-        resample_interval: Updates from one resampling to the next.
-        selective_resampling: Whether to resample only when fewer than half of the particles carry the weight.
-        update_min_d: m, the filter waits until the robot has moved so far,
-        update_min_a: or turned so far, rad.
-        recovery_alpha_slow: Decay of the slow average of the likelihood; 0 turns random particles off.
-        recovery_alpha_fast: Decay of the fast average.
-        set_initial_pose: Whether ``initial_pose`` is where the robot starts.
-        initial_pose: Where it starts, map frame.
-        initial_covariance: [3] variances m², m², rad² of the initial pose.
+        resample_interval: Filter updates from one resampling to the next.
+        selective_resampling: Whether to resample only if the effective sample size is below half of the particles.
+        update_min_d: Translation that triggers a filter update, m.
+        update_min_a: Rotation that triggers a filter update, rad.
+        recovery_alpha_slow: Decay rate of the slow average likelihood; 0 turns random particles off.
+        recovery_alpha_fast: Decay rate of the fast average likelihood.
+        set_initial_pose: Whether ``initial_pose`` is known to be where the robot starts.
+        initial_pose: Initial pose of base_link, map frame.
+        initial_covariance: [3] variances of the initial pose, m², m², rad².
 
     Beyond amcl:
-        independent_beams: How many independent readings the weighed beams are worth, since neighbours err alike.
-        least_effective: Share of the particles that a scan leaves alive at least: a scan that would leave fewer counts
-            for less. Without it a belief in several places is narrowed down to one before the evidence is in.
-        refine: Whether the particles' mean is matched to the map before it is reported.
-        refine_sigma: σ, m, of the matched readings around the map's obstacles.
-        robot_radius: m, readings that end so near to base_link are the robot's own load, and are not used.
-        turn_slip: m/rad, σ of how far a turn moves a differential robot's base_link sideways: the point that the
-            odometry is for is not quite the one about which it turns.
-        max_odometry_speed: m/s, a faster change of the odometry's pose is a jump, which is not believed.
+        independent_beams: Number of independent readings that the weighed beams are worth, since the errors of
+            neighbouring beams are correlated.
+        least_effective: Fraction of the particles that must remain as effective sample size after a scan; its
+            likelihood is tempered to keep that many. Without it a multi-modal posterior collapses too early.
+        refine: Whether the estimate is matched to the map with all beams before it is reported.
+        refine_sigma: Standard deviation σ of the matched beam ends around the map's obstacles, m.
+        robot_radius: Radius around base_link within which readings are the robot's own load and are dropped, m.
+        turn_slip: Standard deviation of the sideways shift of a differential robot's base_link per turn, m/rad; the
+            odometry's reference point is not exactly the centre of rotation.
+        max_odometry_speed: Speed above which a change of the odometry's pose is a jump and no motion, m/s.
     """
 
     alpha1: float = 0.2
@@ -110,30 +152,24 @@ class AmclParameters:
         """Check the ranges.
 
         Raises:
-            InputError: A value cannot work.
+            InputError: A value is out of its range.
         """
-        for name, holds, reason in self._checks():
-            if not holds:
+        for name, is_valid, reason in self._checks():
+            if not is_valid:
                 raise InputError("amcl parameters", name, f"{getattr(self, name)!r} {reason}")
 
     def _checks(self) -> list[tuple[str, bool, str]]:
-        """Every field with whether it can work, and what it must be."""
-        shares = ["z_hit", "z_short", "z_max", "z_rand", "beam_skip_threshold", "beam_skip_error_threshold"]
-        shares += ["recovery_alpha_slow", "recovery_alpha_fast", "least_effective"]
-        noises = ["alpha1", "alpha2", "alpha3", "alpha4", "alpha5", "update_min_d", "update_min_a", "lambda_short"]
-        noises += ["robot_radius", "turn_slip"]
-        sizes = ["sigma_hit", "laser_likelihood_max_dist", "laser_max_range", "pf_err", "pf_z", "refine_sigma"]
-        sizes += ["beam_skip_distance", "max_odometry_speed", "independent_beams"]
+        """Field name, whether its value is valid, and the requirement it fails if not."""
         return [
-            *((name, 0.0 <= getattr(self, name) <= 1.0, "is not between 0 and 1") for name in shares),
-            *((name, 0.0 <= getattr(self, name) < math.inf, "must not be negative") for name in noises),
-            *((name, 0.0 < getattr(self, name) < math.inf, "must be positive") for name in sizes),
+            *((name, 0.0 <= getattr(self, name) <= 1.0, "is not between 0 and 1") for name in FRACTIONS),
+            *((name, 0.0 <= getattr(self, name) < math.inf, "must not be negative") for name in NON_NEGATIVE),
+            *((name, 0.0 < getattr(self, name) < math.inf, "must be positive") for name in POSITIVE),
             ("z_hit", self.z_hit > 0.0, "must be positive"),
             ("z_rand", self.z_rand > 0.0, "must be positive, or one odd reading would rule every pose out"),
             ("max_beams", self.max_beams >= 2, "is fewer than 2"),
             ("min_particles", self.min_particles >= 1, "is fewer than 1"),
             ("max_particles", self.max_particles >= self.min_particles, "is below min_particles"),
-            ("max_particles", self.max_particles <= MOST_PARTICLES, f"is more than {MOST_PARTICLES:,}"),
+            ("max_particles", self.max_particles <= MAX_PARTICLES_LIMIT, f"is more than {MAX_PARTICLES_LIMIT:,}"),
             ("resample_interval", self.resample_interval >= 1, "is fewer than 1"),
             ("robot_model_type", self.robot_model_type in ROBOT_MODELS, f"is none of {', '.join(ROBOT_MODELS)}"),
             ("laser_model_type", self.laser_model_type in LASER_MODELS, f"is none of {', '.join(LASER_MODELS)}"),
@@ -142,7 +178,7 @@ class AmclParameters:
         ]
 
 
-PRECISE = AmclParameters(
+PRECISE_PARAMETERS = AmclParameters(
     alpha1=0.05,
     alpha2=0.05,
     alpha3=0.05,
@@ -153,5 +189,15 @@ PRECISE = AmclParameters(
     refine_sigma=0.03,
     robot_radius=0.2,
 )
-"""For a robot with good odometry and lidar on its own map: 1 cm where the defaults give 2 to 3, since what is not on
-the map and stands near its walls no longer pulls the belief."""
+"""For a robot with good odometry and lidar on its own map: errors of 1 cm where the defaults give 2 to 3 cm, since
+unmapped objects near the walls no longer bias the estimate."""
+
+LOG_PARAMETERS = AmclParameters(
+    alpha1=0.0225, alpha2=0.005, alpha3=0.0225, alpha4=0.0025, turn_slip=0.07, z_hit=0.1, z_rand=0.9
+)
+"""For recorded logs. Odometry is better than nav2 assumes: 4° and 0.15 m of error per metre, 0.15 rad and 0.07 m per
+radian, as in mapping. Rooms have changed since they were mapped: a scan with few inliers must not outweigh odometry."""
+
+GLOBAL_PARAMETERS = AmclParameters(alpha1=0.1, alpha2=0.1, alpha3=0.1, alpha4=0.1)
+"""For a global start on a recorded log: more motion noise keeps nearly correct particles alive until one mode is
+left."""

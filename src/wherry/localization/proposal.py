@@ -1,14 +1,15 @@
-"""A better proposal: some particles are drawn where the scan says that the robot is, and weighed so that this is fair.
+"""A mixture proposal: some particles are drawn around a scan match and corrected by importance weights.
 
-After a long motion the particles are so far apart that hardly one of them is where the scan fits. A share of them is
+After a long motion the particles are so far apart that hardly any of them has a high likelihood. A fraction of them is
 then drawn around a match of the scan with the map, as in gmapping (Grisetti et al., 2007) and Mixture-MCL (Thrun et
-al., 2001). Every particle gets the weight p(x | motion) / q(x), where q is the mixture that it was drawn from (the
-balance heuristic; Veach and Guibas, 1995): the belief is the same as without, only better sampled.
+al., 2001). Every particle gets the weight p(x | motion) / q(x), where q is the mixture it was drawn from (the balance
+heuristic; Veach and Guibas, 1995), so that the posterior stays the same and is only sampled better.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +21,25 @@ from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
 
-SHARE = 0.2  # of the particles, drawn around the match
-COARSE_SIGMA = 0.2  # m, of a first match, which finds the way from farther off
-LEAST_DEVIATION = (0.03, 0.03, 0.02)  # m, m, rad, of the particles around the match
-ROUND = np.diag([1e-6, 1e-6, 1e-6])  # keeps the covariance of particles that all lie at one place invertible
+MATCH_FRACTION = 0.2  # fraction of the particles drawn around the match
+COARSE_SIGMA = 0.2  # m, of the first match, which converges from farther away
+MIN_DEVIATION = (0.03, 0.03, 0.02)  # m, m, rad, standard deviation of the particles around the match
+REGULARIZATION = np.diag([1e-6, 1e-6, 1e-6])  # m², m², rad²; keeps the covariance of identical particles invertible
+
+
+@dataclass(frozen=True, slots=True)
+class MatchProposal:
+    """Particles of which some were redrawn around a match.
+
+    Attributes:
+        poses: [N, 3] m, m, rad, map frame.
+        redrawn: [M] indices of the particles that were redrawn.
+        log_weights: [N] logarithms of the importance weights that correct for the proposal.
+    """
+
+    poses: Floats
+    redrawn: NDArray[np.int64]
+    log_weights: Floats
 
 
 def draw_around_match(
@@ -32,40 +48,39 @@ def draw_around_match(
     field: DistanceField,
     ends: Floats,
     sigma: float,
-    repetition: float,
+    redundancy: float,
     rng: np.random.Generator,
-) -> tuple[NDArray[np.int64], Floats]:
-    """Move a share of equally weighted particles to where the scan fits best.
+) -> MatchProposal:
+    """Redraw a fraction of equally weighted particles around a match of the scan.
 
     Args:
-        particles: [N, 3] m, m, rad, just propagated; changed in place. They must lie around one place.
-        best: The one that explains the scan best, where the match begins.
+        particles: [N, 3] m, m, rad, map frame, just propagated, of a unimodal distribution.
+        best: The particle with the highest likelihood, where the match starts.
         field: Distances to the map's obstacles.
-        ends: [B, 2] m, where the beams ended, base_link frame.
-        sigma: σ, m, of the readings.
-        repetition: How many beams are worth one: the particles must spread at least as far as the weighing tells.
-        rng: Where the randomness comes from.
-
-    Returns:
-        [M] which particles were moved, and [N] the logarithms of the weights that make it fair.
+        ends: [B, 2] m, beam ends, base_link frame.
+        sigma: Standard deviation σ of the readings, m.
+        redundancy: Number of beams that are worth one independent reading; it widens the match's covariance.
+        rng: Source of the randomness.
     """
+    particles = particles.copy()
     count = len(particles)
     mean, covariance = moments(particles, np.full(count, 1.0 / count), np.ones(count, np.bool_))
-    covariance += ROUND
+    covariance += REGULARIZATION
     centre = Pose.from_array(mean)
     coarse = match_scan(field, ends, centre, covariance, max(sigma, COARSE_SIGMA), start=best)
     match = match_scan(field, ends, centre, covariance, sigma, start=coarse.pose)
-    around = repetition * match.covariance + np.diag(np.square(LEAST_DEVIATION))
-    moved = np.arange(0, count, round(1.0 / SHARE))
-    particles[moved] = rng.multivariate_normal(match.pose.as_array(), around, len(moved), method="eigh")
-    share = len(moved) / count
+    around = redundancy * match.covariance + np.diag(np.square(MIN_DEVIATION))
+    redrawn = np.arange(0, count, round(1.0 / MATCH_FRACTION))
+    particles[redrawn] = rng.multivariate_normal(match.pose.as_array(), around, len(redrawn), method="eigh")
+    fraction = len(redrawn) / count
     motion = _log_density(particles, mean, covariance)
     matched = _log_density(particles, match.pose.as_array(), around)
-    return moved, motion - np.logaddexp(math.log(1.0 - share) + motion, math.log(share) + matched)
+    mixture = np.logaddexp(math.log(1.0 - fraction) + motion, math.log(fraction) + matched)
+    return MatchProposal(particles, redrawn, motion - mixture)
 
 
 def _log_density(particles: Floats, mean: Floats, covariance: Floats) -> Floats:
-    """[N] log N(x; mean, covariance), headings compared as directions."""
+    """[N] log N(x; mean, covariance), with heading differences wrapped."""
     offset = particles - mean
     offset[:, 2] = np.remainder(offset[:, 2] + math.pi, math.tau) - math.pi
     _, log_determinant = np.linalg.slogdet(covariance)

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.kernels import kernel
-from wherry.localization.agreement import Agreement, compare, mean_agreement
+from wherry.localization.agreement import ScanAgreement, mean_agreement, scan_agreement
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.refinement import match_scan
-from wherry.localization.sensor import choose_beams
+from wherry.localization.sensor import Beams, valid_beams
 from wherry.robot import Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
@@ -65,7 +65,7 @@ class Hypothesis:
     pose: Pose
     covariance: Floats
     probability: float
-    agreement: Agreement
+    agreement: ScanAgreement
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,11 @@ class Relocalizer:
         Args:
             scan: The scan; where its beams ended counts, and what they passed through.
         """
-        ends = choose_beams(scan, self._lidar, self._parameters, MOST_BEAMS).ends
+        return self.search_beams(valid_beams(scan, self._lidar, self._parameters))
+
+    def search_beams(self, beams: Beams) -> Relocalization:
+        """Find every place on the map where the scan with these valid beams can have been taken; see `search`."""
+        ends = beams.evenly_spaced(MOST_BEAMS).ends
         if not len(ends):
             return Relocalization((), complete=True)
         poses, complete = self._candidates(_thinned(ends, self._cell))
@@ -152,7 +156,7 @@ class Relocalizer:
         for seen_from, ends in earlier:
             covariance = found.covariance + _drift(seen_from)
             match = match_scan(self._field, ends, found.pose @ seen_from, covariance, MATCH_SIGMA)
-            scans.append(compare(self._field, self._charted, ends, self._lidar, match.pose))
+            scans.append(scan_agreement(self._field, self._charted, ends, self._lidar, match.pose))
         return replace(found, agreement=mean_agreement(scans))
 
     def _candidates(self, ends: Floats) -> tuple[list[Pose], bool]:
@@ -178,7 +182,7 @@ class Relocalizer:
         coarse = match_scan(self._field, ends, pose, SEARCH_COVARIANCE, SEARCH_SIGMA)
         fine = match_scan(self._field, ends, coarse.pose, SEARCH_COVARIANCE, MATCH_SIGMA)
         return Hypothesis(
-            fine.pose, fine.covariance, 0.0, compare(self._field, self._charted, ends, self._lidar, fine.pose)
+            fine.pose, fine.covariance, 0.0, scan_agreement(self._field, self._charted, ends, self._lidar, fine.pose)
         )
 
 

@@ -1,4 +1,4 @@
-"""Resampling: low variance, and as many particles as the belief's spread asks for (KLD sampling; Fox, 2001)."""
+"""Low variance resampling, and KLD sampling of the number of particles (Fox, 2001)."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from wherry.kernels import kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-BIN_SIZE = (0.5, 0.5, math.radians(10.0))  # m, m, rad: amcl's histogram of the belief
-TURN_BINS = 36  # of BIN_SIZE[2] in a whole turn
-GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # multiples of it, modulo 1, cover [0, 1) evenly however many there are
+BIN_SIZE = (0.5, 0.5, math.radians(10.0))  # m, m, rad, of amcl's histogram of the posterior
+TURN_BINS = 36  # bins of BIN_SIZE[2] in a full turn
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # its multiples, modulo 1, cover [0, 1) evenly for any number of samples
 
 
 def log_sum(logarithms: Floats) -> float:
-    """The logarithm of the sum of numbers that are given by their logarithms [N]."""
+    """The logarithm of a sum of exponentials, log Σ exp(x) of [N], without overflow."""
     peak = float(logarithms.max())
     return peak + math.log(float(np.exp(logarithms - peak).sum()))
 
 
 def normalize(log_weights: Floats, weights: Floats) -> float:
-    """Turn log weights into weights that sum to 1, whatever their scale.
+    """Normalize log weights of any scale to weights that sum to 1.
 
     Args:
-        log_weights: [N] shifted in place so that they are the logarithms of ``weights``.
-        weights: [N] written.
+        log_weights: [N] shifted in place to the logarithms of ``weights``.
+        weights: [N] output.
 
     Returns:
-        The logarithm of the sum that was divided out.
+        The logarithm of the normalizer.
     """
     peak = float(log_weights.max())
     np.exp(np.subtract(log_weights, peak, out=weights), out=weights)
@@ -41,34 +41,34 @@ def normalize(log_weights: Floats, weights: Floats) -> float:
     return total
 
 
-def kld_count(occupied_bins: int, error: float, quantile: float, fewest: int, most: int) -> int:
-    """How many samples keep the sampled distribution within ``error`` of the true one (Fox 2001, equation 7).
+def kld_sample_size(occupied_bins: int, error: float, quantile: float, min_count: int, max_count: int) -> int:
+    """Number of samples that keeps the sampled distribution within ``error`` of the true one (Fox 2001, equation 7).
 
     Args:
-        occupied_bins: k, histogram bins with support.
-        error: ε, the bound on the Kullback-Leibler distance.
-        quantile: z_{1−δ}, upper standard normal quantile of the probability that the bound holds.
-        fewest: Lower limit of the answer.
-        most: Upper limit.
+        occupied_bins: Number k of histogram bins with support.
+        error: Bound ε on the Kullback-Leibler distance.
+        quantile: Upper standard normal quantile z_{1−δ} of the probability that the bound holds.
+        min_count: Lower limit of the result.
+        max_count: Upper limit of the result.
     """
-    return int(_kld_count(occupied_bins, error, quantile, fewest, most))
+    return int(_kld_sample_size(occupied_bins, error, quantile, min_count, max_count))
 
 
 @kernel
-def tempering(log_weights: Floats, increments: Floats, least: float) -> float:
-    """The exponent, 0 to 1, of a likelihood that leaves an effective sample size of at least ``least`` particles.
+def tempering_exponent(log_weights: Floats, log_likelihood: Floats, min_effective: float) -> float:
+    """The largest exponent, 0 to 1, of a likelihood that keeps the effective sample size at ``min_effective``.
 
     Args:
-        log_weights: [N] before.
-        increments: [N] logarithms of the likelihood.
-        least: Where the particles before are fewer in effect, 0 is the best that can be done.
+        log_weights: [N] logarithms of the weights before the scan.
+        log_likelihood: [N] logarithms of the scan's likelihood.
+        min_effective: Effective sample size; where the weights alone are below it, the exponent is 0.
     """
-    if _effective_size(log_weights, increments, 1.0) >= least:
+    if _effective_size(log_weights, log_likelihood, 1.0) >= min_effective:
         return 1.0
     low, high = 0.0, 1.0
     for _ in range(10):
         middle = 0.5 * (low + high)
-        if _effective_size(log_weights, increments, middle) >= least:
+        if _effective_size(log_weights, log_likelihood, middle) >= min_effective:
             low = middle
         else:
             high = middle
@@ -76,53 +76,53 @@ def tempering(log_weights: Floats, increments: Floats, least: float) -> float:
 
 
 @kernel
-def _effective_size(log_weights: Floats, increments: Floats, exponent: float) -> float:
-    """N_eff = (Σw)² / Σw² with log w = log_weights + exponent·increments."""
+def _effective_size(log_weights: Floats, log_likelihood: Floats, exponent: float) -> float:
+    """N_eff = (Σw)² / Σw² with log w = log_weights + exponent·log_likelihood."""
     peak = -np.inf
     for i in range(len(log_weights)):
-        peak = max(peak, log_weights[i] + exponent * increments[i])
+        peak = max(peak, log_weights[i] + exponent * log_likelihood[i])
     total, squares = 0.0, 0.0
     for i in range(len(log_weights)):
-        weight = math.exp(log_weights[i] + exponent * increments[i] - peak)
+        weight = math.exp(log_weights[i] + exponent * log_likelihood[i] - peak)
         total += weight
         squares += weight * weight
     return total * total / squares
 
 
 @kernel
-def _kld_count(occupied_bins: int, error: float, quantile: float, fewest: int, most: int) -> int:
+def _kld_sample_size(occupied_bins: int, error: float, quantile: float, min_count: int, max_count: int) -> int:
     if occupied_bins <= 1:
-        return fewest
+        return min_count
     freedom = occupied_bins - 1
     a = 2.0 / (9.0 * freedom)
     needed = math.ceil(freedom / (2.0 * error) * (1.0 - a + math.sqrt(a) * quantile) ** 3)
-    return int(min(max(needed, fewest), most))
+    return int(min(max(needed, min_count), max_count))
 
 
 @kernel
-def adaptive_count(
+def adaptive_sample_size(
     particles: Floats, weights: Floats, table: Integers, bin_size: Floats, limits: Floats, start: float
 ) -> int:
-    """Draw particles by weight until the histogram of those drawn says that there are enough.
+    """Draw particles by weight until KLD sampling needs no more for the bins that they occupy.
 
     Args:
         particles: [N, 3] m, m, rad.
         weights: [N] summing to 1.
-        table: Scratch from `hash_table`.
+        table: Scratch memory from `hash_table`.
         bin_size: [3] m, m, rad.
-        limits: [4] ε, z, fewest, most.
-        start: Uniform in [0, 1).
+        limits: [4] ε, z, lower and upper limit of the result.
+        start: A uniform random number in [0, 1).
 
     Returns:
-        How many particles to keep.
+        The number of particles to keep.
     """
-    fewest, most = int(limits[2]), int(limits[3])
-    if fewest == most:
-        return most
+    min_count, max_count = int(limits[2]), int(limits[3])
+    if min_count == max_count:
+        return max_count
     table[:, 1] = 0
     cumulative = np.cumsum(weights)
     guide = _guide(cumulative)
-    bins, drawn, needed = 0, 0, fewest
+    bins, drawn, needed = 0, 0, min_count
     position = start
     while drawn < needed:
         mark = position * cumulative[-1]
@@ -133,7 +133,7 @@ def adaptive_count(
         if table[slot, 1] == 0:
             bins += 1
             table[slot, 0], table[slot, 1] = pack_bin(particles[i], bin_size), bins
-            needed = _kld_count(bins, limits[0], limits[1], fewest, most)
+            needed = _kld_sample_size(bins, limits[0], limits[1], min_count, max_count)
         drawn += 1
         position += GOLDEN
         position -= math.floor(position)
@@ -142,7 +142,7 @@ def adaptive_count(
 
 @kernel
 def _guide(cumulative: Floats) -> Integers:
-    """[N] where to begin the search for every Nth part of the weight, which saves searching from the beginning."""
+    """[N] index at which the search for every Nth part of the total weight begins (indexed search)."""
     count = len(cumulative)
     guide = np.empty(count, np.int64)
     i = 0
@@ -154,14 +154,14 @@ def _guide(cumulative: Floats) -> Integers:
 
 
 @kernel
-def low_variance(particles: Floats, weights: Floats, start: float, resampled: Floats) -> None:
-    """Draw particles with one random number (Probabilistic Robotics, table 4.4).
+def low_variance_resample(particles: Floats, weights: Floats, start: float, resampled: Floats) -> None:
+    """Systematic resampling with one random number (Probabilistic Robotics, table 4.4).
 
     Args:
         particles: [N, 3].
         weights: [N] summing to 1.
-        start: Uniform in [0, 1).
-        resampled: [M, 3] written; particle i is copied M·weights[i] times, rounded up or down.
+        start: A uniform random number in [0, 1).
+        resampled: [M, 3] output; particle i is copied M·weights[i] times, rounded up or down.
     """
     count = len(resampled)
     i = 0
@@ -178,7 +178,7 @@ def low_variance(particles: Floats, weights: Floats, start: float, resampled: Fl
 
 @kernel
 def pack_bin(pose: Floats, bin_size: Floats) -> int:
-    """The number of the histogram bin that holds a pose [3] m, m, rad with θ in [−π, π)."""
+    """The packed index of the histogram bin of a pose [3] m, m, rad with θ in [−π, π)."""
     x = math.floor(pose[0] / bin_size[0])
     y = math.floor(pose[1] / bin_size[1])
     return pack(x, y, math.floor(pose[2] / bin_size[2]) % TURN_BINS)
@@ -186,17 +186,17 @@ def pack_bin(pose: Floats, bin_size: Floats) -> int:
 
 @kernel
 def pack(x: int, y: int, theta: int) -> int:
-    """One number for a bin's three; x and y within ±2²⁶, θ in 0 … 63."""
+    """Pack a bin's three indices into one; x and y within ±2²⁶, θ in 0 … 63."""
     return ((x + 67108864) * 134217728 + y + 67108864) * 64 + theta
 
 
 @kernel
 def bin_slot(table: Integers, packed: int) -> int:
-    """The row of a hash table that holds a bin, or the empty one where it is to be put.
+    """The slot of a bin in a hash table with linear probing, or the empty slot where it belongs.
 
     Args:
-        table: [2^b, 2] packed bin, and its number from 1; number 0 is an empty row.
-        packed: The bin.
+        table: [2^b, 2] packed bin and its number from 1; number 0 marks an empty slot.
+        packed: The packed bin.
     """
     mask = len(table) - 1
     slot = ((packed * -7046029254386353131) >> 20) & mask  # Fibonacci hashing
@@ -205,6 +205,6 @@ def bin_slot(table: Integers, packed: int) -> int:
     return slot
 
 
-def hash_table(most: int) -> Integers:
-    """An empty hash table for at most ``most`` bins, at most half full."""
-    return np.zeros((1 << math.ceil(math.log2(2 * most + 2)), 2), np.int64)
+def hash_table(max_bins: int) -> Integers:
+    """An empty hash table for at most ``max_bins`` bins, at most half full."""
+    return np.zeros((1 << math.ceil(math.log2(2 * max_bins + 2)), 2), np.int64)

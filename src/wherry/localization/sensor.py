@@ -1,6 +1,6 @@
-"""Sensor models: how likely a scan is from every particle's place on the map (Probabilistic Robotics, chapter 6).
+"""Sensor models: the likelihood p(z | x, m) of a scan at every particle's pose (Probabilistic Robotics, chapter 6).
 
-All of them add logarithms: sixty beams multiply to numbers that no floating-point type can hold.
+All of them add logarithms, since the product of sixty beams' likelihoods underflows.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Beams:
-    """The beams of one scan that are weighed, as base_link sees them.
+    """Beams of one scan with valid readings.
 
     Attributes:
-        ends: [B, 2] m, where they ended, base_link frame.
-        origin: The lidar's pose, base_link frame.
-        ranges: [B] m.
-        range_max: m.
+        ends: [B, 2] m, ends of the beams, base_link frame.
+        origin: Pose of the lidar, base_link frame.
+        ranges: [B] m, lengths of the beams.
+        range_max: Range above which readings are invalid, m.
     """
 
     ends: Floats
@@ -42,60 +42,57 @@ class Beams:
     def __len__(self) -> int:
         return len(self.ranges)
 
-    def only(self, kept: NDArray[np.bool_]) -> Beams:
-        """The beams for which [B] ``kept`` holds."""
-        return Beams(self.ends[kept], self.origin, self.ranges[kept], self.range_max)
+    def select(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Beams:
+        """The beams chosen by a mask [B] or by indices."""
+        return Beams(self.ends[chosen], self.origin, self.ranges[chosen], self.range_max)
+
+    def evenly_spaced(self, max_count: int) -> Beams:
+        """At most ``max_count`` beams, evenly spaced among all."""
+        if len(self) <= max_count:
+            return self
+        return self.select(np.linspace(0, len(self) - 1, max_count).astype(np.int64))
 
 
-def choose_beams(scan: Scan, lidar: Pose, parameters: AmclParameters, count: int | None = None) -> Beams:
-    """Pick evenly among a scan's readings; NaN, infinite and out-of-limit values are none, nor is the robot's own load.
+def valid_beams(scan: Scan, lidar: Pose, parameters: AmclParameters) -> Beams:
+    """The beams of a scan whose readings are finite, within the range limits, and not of the robot's own load.
 
     Args:
         scan: The scan.
-        lidar: The lidar's pose, base_link frame.
-        parameters: The range limits and the robot's radius count, and max_beams where no count is given.
-        count: How many at most.
+        lidar: Pose of the lidar, base_link frame.
+        parameters: The range limits and the robot's radius are used.
     """
-    furthest = min(scan.range_max, parameters.laser_max_range)
-    nearest = max(scan.range_min, parameters.laser_min_range)
+    max_range = min(scan.range_max, parameters.laser_max_range)
+    min_range = max(scan.range_min, parameters.laser_min_range)
     with np.errstate(invalid="ignore"):
-        readings = np.flatnonzero((scan.ranges >= nearest) & (scan.ranges < furthest))
-    if parameters.robot_radius > 0.0:
-        ends = _ends(scan, readings, lidar)
-        readings = readings[np.square(ends).sum(axis=1) > parameters.robot_radius**2]
-    most = parameters.max_beams if count is None else count
-    if len(readings) > most:
-        readings = readings[np.linspace(0, len(readings) - 1, most).astype(np.int64)]
-    return Beams(_ends(scan, readings, lidar), lidar, scan.ranges[readings], furthest)
-
-
-def _ends(scan: Scan, readings: NDArray[np.int64], lidar: Pose) -> Floats:
-    """[B, 2] m, base_link frame: where the beams of these numbers ended."""
-    ranges, angles = scan.ranges[readings], scan.angle_min + scan.angle_increment * readings + lidar.theta
-    ends = np.empty((len(readings), 2))
+        indices = np.flatnonzero((scan.ranges >= min_range) & (scan.ranges < max_range))
+    ranges, angles = scan.ranges[indices], scan.angle_min + scan.angle_increment * indices + lidar.theta
+    ends = np.empty((len(indices), 2))
     ends[:, 0] = lidar.x + ranges * np.cos(angles)
     ends[:, 1] = lidar.y + ranges * np.sin(angles)
-    return ends
+    beams = Beams(ends, lidar, ranges, max_range)
+    if parameters.robot_radius > 0.0:
+        return beams.select(np.square(ends).sum(axis=1) > parameters.robot_radius**2)
+    return beams
 
 
 class SensorModel(Protocol):
-    """Anything that weighs particles by a scan."""
+    """Likelihood of a scan at given poses."""
 
     def add_log_likelihood(self, particles: Floats, beams: Beams, log_weights: Floats) -> None:
         """Add log p(scan | particle, map).
 
         Args:
             particles: [N, 3] m, m, rad, map frame.
-            beams: The scan.
+            beams: The beams of the scan.
             log_weights: [N] added to in place.
         """
         ...
 
 
 class LikelihoodField:
-    """A reading is likely where it ends near an obstacle of the map (table 6.3).
+    """The likelihood field: a reading is likely if it ends near an obstacle of the map (table 6.3).
 
-    The table of log likelihoods is made once, so that a beam costs one look-up.
+    The log likelihoods of all cells are tabulated, so that a beam costs one look-up.
     """
 
     def __init__(self, field: DistanceField, parameters: AmclParameters) -> None:
@@ -107,35 +104,41 @@ class LikelihoodField:
     def add_log_likelihood(self, particles: Floats, beams: Beams, log_weights: Floats) -> None:
         """See `SensorModel`."""
         if beams.range_max != self._range_max:
-            distance = _bordered(self._field.distance, self._field.limit)
+            distance = _padded(self._field.distance, self._field.limit)
             self._table = log_likelihood(distance, beams.range_max, self._parameters)
             self._range_max = beams.range_max
-        _add_from_table(self._table, _place(self._field), particles, _kernel_ends(beams), log_weights)
+        _add_from_table(self._table, _grid_frame(self._field), particles, _kernel_ends(beams), log_weights)
 
 
 class BeamSkippingLikelihoodField(LikelihoodField):
-    """The likelihood field without the beams that hardly any particle can explain (nav2's do_beamskip).
+    """The likelihood field without the beams that agree with hardly any particle (nav2's do_beamskip).
 
-    People and boxes that are not on the map then do not pull a belief that has already converged.
+    Unmapped people and boxes then do not bias a posterior that has already converged.
     """
 
     def __init__(self, field: DistanceField, parameters: AmclParameters) -> None:
         super().__init__(field, parameters)
-        self._distance = _bordered(field.distance, field.limit)
+        self._distance = _padded(field.distance, field.limit)
 
     def add_log_likelihood(self, particles: Floats, beams: Beams, log_weights: Floats) -> None:
         """See `SensorModel`."""
         p = self._parameters
-        reach = p.beam_skip_distance
-        agreeing = _count_agreeing(self._distance, _place(self._field), particles, _kernel_ends(beams), reach)
+        grid_frame, ends = _grid_frame(self._field), _kernel_ends(beams)
+        agreeing = _count_agreeing(self._distance, grid_frame, particles, ends, p.beam_skip_distance)
         kept = agreeing >= p.beam_skip_threshold * len(particles)
         if np.count_nonzero(~kept) > p.beam_skip_error_threshold * len(beams):
-            kept[:] = True  # the belief itself is wrong: every beam is needed to find out
-        super().add_log_likelihood(particles, beams.only(kept), log_weights)
+            kept[:] = True  # most beams disagree when the posterior itself is wrong, and then all of them are needed
+        super().add_log_likelihood(particles, beams.select(kept), log_weights)
 
 
 def log_likelihood(distance: NDArray[np.float32], range_max: float, parameters: AmclParameters) -> NDArray[np.float32]:
-    """Log likelihood of readings that end so far (m) from the nearest obstacle: z_hit·N(0, σ) + z_rand."""
+    """Log likelihood of readings by the distance of their ends from the nearest obstacle: z_hit·N(0, σ) + z_rand.
+
+    Args:
+        distance: Distances of any shape, m.
+        range_max: Maximum range of the lidar, m.
+        parameters: z_hit, z_rand and sigma_hit are used.
+    """
     p = parameters
     hit = np.float32(p.z_hit) * np.exp(np.square(distance) * np.float32(-0.5 / p.sigma_hit**2))
     found: NDArray[np.float32] = np.log(hit + np.float32(p.z_rand / range_max))
@@ -143,10 +146,10 @@ def log_likelihood(distance: NDArray[np.float32], range_max: float, parameters: 
 
 
 class BeamModel:
-    """A reading is likely where it is as long as the way to the first obstacle of the map (table 6.1).
+    """The beam model: a reading is likely if it is as long as the ray to the first obstacle of the map (table 6.1).
 
-    The way is found by sphere tracing in the distance field. Beams are judged one by one, so this is the model for
-    maps whose free space matters: it knows that a beam cannot pass through a wall.
+    Rays are cast by sphere tracing in the distance field. Unlike the likelihood field it knows that a beam cannot pass
+    through a wall.
     """
 
     def __init__(self, field: DistanceField, parameters: AmclParameters) -> None:
@@ -158,7 +161,7 @@ class BeamModel:
         """See `SensorModel`."""
         _add_from_rays(
             self._field.distance,
-            _place(self._field),
+            _grid_frame(self._field),
             particles,
             beams.ends,
             np.array([beams.origin.x, beams.origin.y, beams.range_max]),
@@ -178,77 +181,77 @@ SENSOR_MODELS: MappingProxyType[str, Callable[[DistanceField, AmclParameters], S
 
 
 def _kernel_ends(beams: Beams) -> NDArray[np.float32]:
-    """[2, B] m, as kernels take the beams' ends."""
+    """[2, B] m, ends of the beams in the layout of the kernels."""
     return np.ascontiguousarray(beams.ends.T, np.float32)
 
 
-def _place(field: DistanceField) -> Floats:
-    """[4] the grid's origin x m, y m, θ rad and its resolution m, as kernels take them."""
+def _grid_frame(field: DistanceField) -> Floats:
+    """[4] the grid's origin x m, y m, θ rad and its resolution m."""
     return np.array([field.origin.x, field.origin.y, field.origin.theta, field.resolution])
 
 
-def _bordered(table: NDArray[np.float32], outside: float) -> NDArray[np.float32]:
-    """[H + 2, W + 2] the table with a border that stands for everything off the map."""
+def _padded(table: NDArray[np.float32], outside: float) -> NDArray[np.float32]:
+    """[H + 2, W + 2] the table with a border of cells that stand for everything off the map."""
     return np.pad(table, 1, constant_values=np.float32(outside))
 
 
 @reordering_kernel
 def _add_from_table(
-    table: NDArray[np.float32], place: Floats, particles: Floats, ends: NDArray[np.float32], log_weights: Floats
+    table: NDArray[np.float32], grid_frame: Floats, particles: Floats, ends: NDArray[np.float32], log_weights: Floats
 ) -> None:
     """Sum up the table's values at the beams' ends for every particle.
 
     Args:
-        table: [H + 2, W + 2] bordered.
-        place: [4] the grid's origin and resolution.
+        table: [H + 2, W + 2] padded.
+        grid_frame: [4] the grid's origin and resolution, see `_grid_frame`.
         particles: [N, 3] m, m, rad.
         ends: [2, B] m, base_link frame.
-        log_weights: [N] added to.
+        log_weights: [N] added to in place.
     """
     flat = table.ravel()
     cells = np.empty(ends.shape[1], np.int32)
     for i in range(len(particles)):
-        _find_cells(table.shape, place, particles[i], ends, cells)
+        _find_cells(table.shape, grid_frame, particles[i], ends, cells)
         log_weights[i] += _sum_of(flat, cells)
 
 
 @reordering_kernel
 def _sum_of(flat: NDArray[np.float32], cells: NDArray[np.int32]) -> float:
-    """The sum of the table's values, in whatever order is fastest."""
+    """The sum of the table's values at the cells, in the compiler's order."""
     total = np.float32(0.0)
     for b in range(len(cells)):
-        total += flat[np.uint64(cells[b])]  # unsigned: numba need not look for negative indices
+        total += flat[np.uint64(cells[b])]  # unsigned, so that numba does not check for negative indices
     return float(total)
 
 
 @kernel
 def _count_agreeing(
-    table: NDArray[np.float32], place: Floats, particles: Floats, ends: NDArray[np.float32], reach: float
+    table: NDArray[np.float32], grid_frame: Floats, particles: Floats, ends: NDArray[np.float32], max_distance: float
 ) -> NDArray[np.int64]:
-    """[B] how many particles see each beam end within ``reach`` m of an obstacle; arguments as `_add_from_table`."""
+    """[B] particles for which each beam ends within ``max_distance`` m of an obstacle; see `_add_from_table`."""
     flat = table.ravel()
     cells = np.empty(ends.shape[1], np.int32)
     agreeing = np.zeros(ends.shape[1], np.int64)
     for i in range(len(particles)):
-        _find_cells(table.shape, place, particles[i], ends, cells)
+        _find_cells(table.shape, grid_frame, particles[i], ends, cells)
         for b in range(len(cells)):
-            agreeing[b] += flat[cells[b]] <= reach
+            agreeing[b] += flat[cells[b]] <= max_distance
     return agreeing
 
 
 @reordering_kernel
 def _find_cells(
-    shape: tuple[int, int], place: Floats, pose: Floats, ends: NDArray[np.float32], cells: NDArray[np.int32]
+    shape: tuple[int, int], grid_frame: Floats, pose: Floats, ends: NDArray[np.float32], cells: NDArray[np.int32]
 ) -> None:
-    """Write [B] where in a bordered table the beams end; no branches, so that it runs on vector units."""
+    """Write [B] the flat indices of the beams' ends in a padded table; without branches, so that it is vectorized."""
     width, last_column, last_row = np.int32(shape[1]), np.float32(shape[1] - 1), np.float32(shape[0] - 1)
     zero = np.float32(0.0)
-    turned_cos, turned_sin = math.cos(place[2]), math.sin(place[2])
-    dx, dy = pose[0] - place[0], pose[1] - place[1]
-    x = np.float32((turned_cos * dx + turned_sin * dy) / place[3] + 1.0)
-    y = np.float32((turned_cos * dy - turned_sin * dx) / place[3] + 1.0)
-    cos = np.float32(math.cos(pose[2] - place[2]) / place[3])
-    sin = np.float32(math.sin(pose[2] - place[2]) / place[3])
+    turned_cos, turned_sin = math.cos(grid_frame[2]), math.sin(grid_frame[2])
+    dx, dy = pose[0] - grid_frame[0], pose[1] - grid_frame[1]
+    x = np.float32((turned_cos * dx + turned_sin * dy) / grid_frame[3] + 1.0)
+    y = np.float32((turned_cos * dy - turned_sin * dx) / grid_frame[3] + 1.0)
+    cos = np.float32(math.cos(pose[2] - grid_frame[2]) / grid_frame[3])
+    sin = np.float32(math.sin(pose[2] - grid_frame[2]) / grid_frame[3])
     for b in range(ends.shape[1]):
         column = np.int32(min(max(x + cos * ends[0, b] - sin * ends[1, b], zero), last_column))
         row = np.int32(min(max(y + sin * ends[0, b] + cos * ends[1, b], zero), last_row))
@@ -257,41 +260,47 @@ def _find_cells(
 
 @kernel
 def trace_ray(
-    distance: NDArray[np.float32], resolution: float, column: float, row: float, cos: float, sin: float, furthest: float
+    distance: NDArray[np.float32],
+    resolution: float,
+    column: float,
+    row: float,
+    cos: float,
+    sin: float,
+    max_range: float,
 ) -> float:
-    """Sphere tracing: step by the distance to the nearest obstacle, which no step can pass.
+    """Cast a ray by sphere tracing: no step is longer than the distance to the nearest obstacle.
 
     Args:
         distance: [H, W] m, a distance field.
-        resolution: m.
-        column: Where the ray starts, in cells.
-        row: Likewise.
-        cos: The ray's direction in the grid.
-        sin: Likewise.
-        furthest: m, where to give up.
+        resolution: Side of a cell, m.
+        column: Column where the ray starts, in cells.
+        row: Row where the ray starts, in cells.
+        cos: Cosine of the ray's direction in the grid.
+        sin: Sine of the ray's direction in the grid.
+        max_range: Length at which the ray ends, m.
 
     Returns:
-        m to the first occupied cell, or ``furthest``; off the map everything is free.
+        Distance to the first occupied cell, m, or ``max_range``; everything off the map is free.
     """
     height, width = distance.shape
     travelled = 0.0
-    while travelled < furthest:
+    while travelled < max_range:
         x = column + cos * travelled / resolution
         y = row + sin * travelled / resolution
         if not (0.0 <= x < width and 0.0 <= y < height):
-            return furthest
+            return max_range
         gap = distance[int(y), int(x)]
         if gap < 0.5 * resolution:
             return travelled
-        # The ray is up to 0.71 cells from the centre for which the gap holds, and the obstacle as wide.
+        # The gap is between centres of cells; the ray and the obstacle's surface may each be 0.71 cells from theirs.
         travelled += max(gap - 1.42 * resolution, 0.5 * resolution)
-    return furthest
+    return max_range
 
 
 @kernel
 def _add_from_rays(
     distance: NDArray[np.float32],
-    place: Floats,
+    grid_frame: Floats,
     particles: Floats,
     ends: Floats,
     lidar: Floats,
@@ -299,22 +308,22 @@ def _add_from_rays(
     mixture: Floats,
     log_weights: Floats,
 ) -> None:
-    """Sum up the beam model's log likelihoods, equations 6.4 to 6.12."""
+    """Add the beam model's log likelihoods, equations 6.4 to 6.12."""
     z_hit, z_short, z_max, z_rand, sigma, decay = mixture
-    turned_cos, turned_sin = math.cos(place[2]), math.sin(place[2])
+    turned_cos, turned_sin = math.cos(grid_frame[2]), math.sin(grid_frame[2])
     for i in range(len(particles)):
         heading = particles[i, 2]
-        x = particles[i, 0] + math.cos(heading) * lidar[0] - math.sin(heading) * lidar[1] - place[0]
-        y = particles[i, 1] + math.sin(heading) * lidar[0] + math.cos(heading) * lidar[1] - place[1]
-        column = (turned_cos * x + turned_sin * y) / place[3]
-        row = (turned_cos * y - turned_sin * x) / place[3]
-        cos, sin = math.cos(heading - place[2]), math.sin(heading - place[2])
+        x = particles[i, 0] + math.cos(heading) * lidar[0] - math.sin(heading) * lidar[1] - grid_frame[0]
+        y = particles[i, 1] + math.sin(heading) * lidar[0] + math.cos(heading) * lidar[1] - grid_frame[1]
+        column = (turned_cos * x + turned_sin * y) / grid_frame[3]
+        row = (turned_cos * y - turned_sin * x) / grid_frame[3]
+        cos, sin = math.cos(heading - grid_frame[2]), math.sin(heading - grid_frame[2])
         total = 0.0
         for b in range(len(ranges)):
             along = (ends[b, 0] - lidar[0]) / ranges[b]
             across = (ends[b, 1] - lidar[1]) / ranges[b]
             expected = trace_ray(
-                distance, place[3], column, row, cos * along - sin * across, sin * along + cos * across, lidar[2]
+                distance, grid_frame[3], column, row, cos * along - sin * across, sin * along + cos * across, lidar[2]
             )
             error = ranges[b] - expected
             p = z_hit * math.exp(-0.5 * error * error / (sigma * sigma)) + z_rand / lidar[2]

@@ -1,4 +1,4 @@
-"""Conditions: strings over {0, 1, *}, one sign per term, kept as two integers (paper, section 4)."""
+"""Conditions: strings over {0, 1, *}, one sign per term, stored as two bit masks (paper, section 4)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Self
 class Condition:
     """A conjunction of terms and negated terms, c ∈ {0, 1, *}ⁿ.
 
-    Bit i of the integers belongs to term i, which is the i-th sign from the left in print.
+    Bit i stands for term i, whose sign is the i-th from the left in print.
 
     Attributes:
         size: n, the number of terms.
-        mask: The terms that matter; all others are ``*``.
-        value: Of those, the terms that have to hold. Bits outside the mask are 0.
+        mask: Bits of the terms that the condition fixes; all others are ``*``.
+        value: Bits of the fixed terms that have to hold. Bits outside the mask are 0.
     """
 
     size: int
@@ -25,15 +25,15 @@ class Condition:
 
     @classmethod
     def of(cls, size: int, terms: int) -> Self:
-        """The condition cond(s) that only these terms, given as bits, hold."""
+        """The condition cond(s) that exactly these terms hold, given as bits."""
         return cls(size, (1 << size) - 1, terms)
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read a condition as it is printed: ``1**0*0*``.
+        """Parse a condition as it is printed: ``1**0*0*``.
 
         Raises:
-            ValueError: The text has other signs than 0, 1 and *.
+            ValueError: The text contains other signs than 0, 1 and *.
         """
         if set(text) - set("01*"):
             raise ValueError(f"a condition consists of 0, 1 and *, not {text!r}")
@@ -47,25 +47,25 @@ class Condition:
         )
 
     def merge(self, other: Condition) -> Condition:
-        """c1 ⊕ c2: keep what both agree on, and let go of the rest."""
+        """c1 ⊕ c2: the terms that both fix to the same sign."""
         mask = self.mask & other.mask & ~(self.value ^ other.value)
         return Condition(self.size, mask, self.value & mask)
 
     def covers(self, other: Condition) -> bool:
-        """c1 ⊨ c2: whether this condition is the more general one, or the same (the reverse of entailment)."""
+        """c1 ⊨ c2 in the paper's notation: whether this condition is at least as general as the other."""
         return not self.mask & ~other.mask and not (self.value ^ other.value) & self.mask
 
     def covers_terms(self, terms: int) -> bool:
-        """Whether c ⊨ cond(s), where cond(s) is given as bits."""
+        """Whether c ⊨ cond(s), with cond(s) given as bits."""
         return not (self.value ^ terms) & self.mask
 
     @property
     def literal_count(self) -> int:
-        """How many terms matter."""
+        """Number of terms that the condition fixes."""
         return self.mask.bit_count()
 
     def describe(self, names: Sequence[str]) -> str:
-        """The condition in words: ``touch_N(robot, wall) and not box.in_bot``; "always" where nothing matters."""
+        """The condition as text: ``touch_N(robot, wall) and not box.in_bot``; "always" if it fixes no term."""
         parts = [
             name if self.value >> index & 1 else f"not {name}"
             for index, name in enumerate(names)

@@ -1,4 +1,4 @@
-"""A domain: the classes, terms and actions that a kind of world is described with (paper, sections 3 and 4)."""
+"""Domains: the classes, terms and actions that describe a kind of world (paper, sections 3 and 4)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from wherry.oomdp.terms import Term
 
 @dataclass(frozen=True, slots=True, order=True)
 class Action:
-    """An action a, with the objects that it is done to where the domain's action has parameters.
+    """A ground action a.
 
     Attributes:
-        name: What it is called.
-        arguments: Names of the objects that it is done to.
+        name: Its name.
+        arguments: Names of the objects that it acts on; empty for an action without parameters.
     """
 
     name: str
@@ -30,16 +30,16 @@ class Action:
 
 @dataclass(frozen=True)
 class Domain:
-    """What a kind of world consists of.
+    """The description of a kind of world.
 
     Attributes:
-        name: What it is called.
-        classes: Its classes of objects.
+        name: Its name.
+        classes: The classes of objects.
         terms: T, in the order in which conditions are printed.
-        actions: The classes of each action's parameters, by the action's name; () for an action without any.
+        actions: The classes of each action's parameters, by the action's name; () for an action without parameters.
 
     Raises:
-        ValueError: A term or an action speaks of a class that there is not, or an action of one class twice.
+        ValueError: A term or an action refers to an unknown class, or an action has two parameters of one class.
     """
 
     name: str
@@ -70,9 +70,9 @@ class Domain:
 
     @cached_property
     def term_names(self) -> tuple[str, ...]:
-        """The terms as they are printed, one for each sign of a condition.
+        """The names of the terms, one for each sign of a condition.
 
-        Where actions have parameters, a last term tells whether "this" object is one that the action is done to.
+        Where actions have parameters, an additional last term holds if "this" object is an argument of the action.
         """
         names = tuple(term.name for term in self.terms)
         return (*names, "this is an argument") if self.has_parameters else names
@@ -83,21 +83,21 @@ class Domain:
         return len(self.term_names)
 
     @cached_property
-    def _bare_actions(self) -> tuple[Action, ...]:
+    def _actions_without_parameters(self) -> tuple[Action, ...]:
         return tuple(Action(name) for name in self.actions)
 
     @cached_property
     def _terms_of(self) -> Mapping[str, tuple[tuple[int, Term], ...]]:
-        """The terms that speak of each class, with their positions."""
+        """The terms about each class, with their indexes."""
         return {
             item.name: tuple((index, term) for index, term in enumerate(self.terms) if item.name in term.classes)
             for item in self.classes
         }
 
     def ground_actions(self, state: State) -> tuple[Action, ...]:
-        """All actions that can be tried in a state."""
+        """All actions that can be tried in a state, with every combination of arguments."""
         if not self.has_parameters:
-            return self._bare_actions
+            return self._actions_without_parameters
         return tuple(
             Action(name, tuple(item.name for item in arguments))
             for name, parameters in self.actions.items()
@@ -105,37 +105,37 @@ class Domain:
         )
 
     def cond(self, state: State, this: Object | None = None, action: Action | None = None) -> Condition:
-        """Tell which terms hold in a state (section 4).
+        """The condition of a state: which terms hold in it (section 4).
 
         Args:
             state: s.
-            this: The object whose attributes are spoken of: terms about its class mean this object. None for the
-                condition of the state as a whole, in which they mean some object of the class.
-            action: Where it has arguments, terms about their classes mean those.
+            this: The object that terms about its class refer to. None for the condition of the state as a whole, where
+                a term holds if it holds for some object of the class.
+            action: An action whose arguments terms about their classes refer to.
         """
         conditions = self.conditions(state, action)
         return Condition.of(self.size, conditions[0 if this is None else 1 + state.objects.index(this)])
 
     def conditions(self, state: State, action: Action | None = None) -> tuple[int, ...]:
-        """All conditions that matter in a state, as bits: the whole state's, then each object's (see `cond`).
+        """The conditions of the state as a whole and then of each object, as bits (see `cond`).
 
-        They are worked out once and kept with the state.
+        They are computed once and cached with the state.
         """
         arguments = () if action is None else action.arguments
         return state.cached_conditions(arguments, lambda: self._conditions(state, arguments))
 
     def _conditions(self, state: State, arguments: tuple[str, ...]) -> tuple[int, ...]:
         targets = tuple(state[name] for name in arguments)
-        bound = {target.object_class.name: target for target in targets}
+        binding = {target.object_class.name: target for target in targets}
         common = 0
         for index, term in enumerate(self.terms):
-            common |= term.holds(state, bound) << index
+            common |= term.holds(state, binding) << index
         conditions = [common]
         for item in state.objects:
             name = item.object_class.name
             own = common
             if len(state.of_class(name)) > 1:
                 for index, term in self._terms_of[name]:
-                    own = own & ~(1 << index) | term.holds(state, {**bound, name: item}) << index
+                    own = own & ~(1 << index) | term.holds(state, {**binding, name: item}) << index
             conditions.append(own | (item in targets) << len(self.terms))
         return tuple(conditions)

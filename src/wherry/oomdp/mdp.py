@@ -1,4 +1,4 @@
-"""Markov decision processes: what environments, models and learners have to offer each other (paper, section 2)."""
+"""Markov decision processes: experiences and predictions; environments, models and learners (paper, section 2)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Transition:
 
     @property
     def failed(self) -> bool:
-        """Whether nothing changed: s' = s. What was newly perceived of the scene does not count as a change."""
+        """Whether no object changed. Static objects that were perceived for the first time do not count."""
         return self.state.objects == self.next_state.objects
 
 
@@ -83,36 +83,36 @@ IMPOSSIBLE = Prediction((Outcome(None, probability=0.0),))
 """The prediction for an action that is impossible, or about which nothing can be learnt."""
 
 RewardFunction = Callable[[State, Action, State], float]
-"""R(s, a, s') where it is given, not learnt."""
+"""R(s, a, s')."""
 
 TerminationFunction = Callable[[State], bool]
-"""Whether a state ends the episode, where that is given, not learnt."""
+"""Whether a state ends the episode."""
 
 
 class Environment(Protocol):
-    """A world that can be acted in: a grid, a simulated robot, or a real one."""
+    """A world to act in: a grid, a simulated robot, or a real one."""
 
     @property
     def domain(self) -> Domain:
-        """What the world is described with."""
+        """The domain of its states."""
         ...
 
     def reset(self, rng: np.random.Generator) -> State:
-        """Begin an episode and return its first state; a robot that lives once goes on from where it is."""
+        """Begin an episode and return its first state; a robot goes on from where it is."""
         ...
 
     def step(self, action: Action) -> Transition:
-        """Do an action and return what came of it."""
+        """Carry out an action and return the experience."""
         ...
 
 
 class DeterministicMdp:
-    """An MDP whose dynamics are known, with a single next state for every state and action: environment and true model.
+    """An MDP with known, deterministic dynamics; it is an environment, and also the true model of it.
 
     Args:
-        domain: What its states are described with.
-        transition: What an action does in a state.
-        start: Draws an episode's first state.
+        domain: The domain of its states.
+        transition: The experience that an action brings in a state.
+        start: Draws the first state of an episode.
     """
 
     def __init__(
@@ -127,12 +127,12 @@ class DeterministicMdp:
         self.state: State | None = None
 
     def reset(self, rng: np.random.Generator) -> State:
-        """Begin an episode in a random first state."""
+        """Begin an episode in a randomly drawn state."""
         self.state = self.start(rng)
         return self.state
 
     def step(self, action: Action) -> Transition:
-        """Do an action in the present state.
+        """Carry out an action in the present state.
 
         Raises:
             RuntimeError: No episode has begun.
@@ -144,30 +144,30 @@ class DeterministicMdp:
         return transition
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """What an action does in a state."""
-        done = self.transition(state, action)
-        return Prediction((Outcome(done.next_state, done.reward, done.terminated),))
+        """The true outcome, with certainty."""
+        result = self.transition(state, action)
+        return Prediction((Outcome(result.next_state, result.reward, result.terminated),))
 
 
 class Model(Protocol):
-    """Tells what actions do: the truth about an environment, or what was learnt about it."""
+    """Predicts the outcomes of actions: the true dynamics of an environment, or learnt ones."""
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """Tell what an action does in a state. Asking never changes the answer."""
+        """Predict the outcomes of an action in a state. Predicting never changes the model."""
         ...
 
 
 class Learner(Model, Protocol):
-    """A model that experience makes better."""
+    """A model that is learnt from experience."""
 
     @property
     def domain(self) -> Domain:
-        """What states are described with."""
+        """The domain of the states."""
         ...
 
     @property
     def violations(self) -> tuple[str, ...]:
-        """The assumptions that experience has contradicted, in words: which action and attribute, what was seen."""
+        """The assumptions that experience has contradicted, as sentences with action, attribute and observation."""
         ...
 
     def add_experience(self, transition: Transition) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from wherry.oomdp.objects import Object, ObjectKey
 
 DIRECTIONS = {"N": (0, 1), "S": (0, -1), "E": (1, 0), "W": (-1, 0)}
-"""Steps (dx, dy); the origin is bottom left and y points up."""
+"""Steps (dx, dy), cells; x points east and y north."""
 
 
 @dataclass(frozen=True)
@@ -16,10 +16,10 @@ class Relation:
     """A relation between an object of one class and an object of another.
 
     Attributes:
-        name: What it is called.
-        holds: Whether it holds between two objects.
-        keys: Two keys, of the first and of the second object, that are equal exactly where the relation holds; with
-            them a relation to a static object is looked up instead of searched for.
+        name: Its name.
+        holds: Returns whether it holds between two objects.
+        keys: Keys of the first and the second object that are equal exactly if the relation holds, so that a relation
+            to static objects can be looked up in an index; None where there are no such keys.
     """
 
     name: str
@@ -28,7 +28,7 @@ class Relation:
 
     @classmethod
     def where_equal(cls, name: str, first: ObjectKey, second: ObjectKey) -> Relation:
-        """The relation that holds where the first object's key equals the second's."""
+        """The relation that holds if the first object's key equals the second's."""
         return cls(name, lambda a, b: first(a) == second(b), (first, second))
 
 
@@ -38,7 +38,7 @@ def cell_of(item: Object) -> Hashable:
 
 
 def wall_edge(wall: Object) -> Hashable:
-    """The edge that a wall of attributes x, y, north stands on: its cell's north edge, or else its east edge."""
+    """The cell edge of a wall with attributes x, y, north: the cell's north edge, otherwise its east edge."""
     return wall.x, wall.y, wall.north
 
 

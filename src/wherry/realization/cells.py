@@ -64,12 +64,12 @@ def _walls_between(
         (cell, direction)
         for cell in open_cells
         for direction in (Direction.NORTH, Direction.EAST)
-        if cell.towards(direction) in open_cells
+        if cell.neighbour(direction) in open_cells
     ]
     if not passages:
         return set()
     starts = np.array([frame.centre(cell.x, cell.y) for cell, _ in passages])[:, None, :]
-    neighbours = [cell.towards(direction) for cell, direction in passages]
+    neighbours = [cell.neighbour(direction) for cell, direction in passages]
     ends = np.array([frame.centre(cell.x, cell.y) for cell in neighbours])[:, None, :]
     samples = starts + np.linspace(0, 1, PASSAGE_SAMPLES)[None, :, None] * (ends - starts)
     narrowest = _sample(grid, clearance, samples.reshape(-1, 2)).reshape(len(passages), PASSAGE_SAMPLES).min(axis=1)

@@ -111,7 +111,7 @@ class RobotEnvironment:
         if self._box_in(here) is None:
             return True
         for direction in Direction:
-            if Wall.between(here, direction) not in self.site.walls and not self._box_in(here.towards(direction)):
+            if Wall.between(here, direction) not in self.site.walls and not self._box_in(here.neighbour(direction)):
                 self._move(direction)
                 if self.cell != here:
                     return True
@@ -165,7 +165,7 @@ class RobotEnvironment:
 
     def _move(self, direction: Direction) -> None:
         """Drive to the next cell, and dock there if a box stands in it and the fork is empty."""
-        here, there = self.cell, self.cell.towards(direction)
+        here, there = self.cell, self.cell.neighbour(direction)
         box_ahead, box_here = self._box_in(there), self._box_in(here)
         fork_full = self.is_holding or box_here is not None
         docking = box_ahead is not None and not fork_full
@@ -224,7 +224,7 @@ class RobotEnvironment:
             wall = Wall.between(cell, direction)
             if is_blocked:
                 walls.add(wall)
-            elif self._is_inside(cell.towards(direction)):
+            elif self._is_inside(cell.neighbour(direction)):
                 walls.discard(wall)
         if walls != self.site.walls:
             self.site = replace(self.site, walls=frozenset(walls))

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from wherry.errors import InputError
 from wherry.localization.localizer import Localizer
-from wherry.localization.parameters import PRECISE
+from wherry.localization.parameters import PRECISE_PARAMETERS
 from wherry.realization.pilot import Pilot
 from wherry.realization.pose_estimators import LOCALIZED_MIN_SCANS, GlobalPoseEstimator, MapPoseEstimator
 from wherry.realization.pose_tracker import PoseTracker
@@ -39,7 +39,7 @@ def localize_globally(robot: Robot, grid: OccupancyGrid, sink: Sink, rng: np.ran
     Raises:
         InputError: The robot could not be localized in `MAX_LEGS` legs.
     """
-    localizer = Localizer(grid, robot.body.lidar, PRECISE, rng)
+    localizer = Localizer(grid, robot.body.lidar, PRECISE_PARAMETERS, rng)
     localizer.initialize_globally()
     estimator = GlobalPoseEstimator(localizer)
     pilot = Pilot(robot, PoseTracker(estimator, Pose()), sink)

@@ -16,7 +16,7 @@ from wherry.domains.delivery import DeliverySite
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.localization.localizer import Localizer
-from wherry.localization.parameters import PRECISE
+from wherry.localization.parameters import PRECISE_PARAMETERS
 from wherry.navigation.path import shortest_path
 from wherry.realization.box_tracks import BoxTrack
 from wherry.realization.environment import RobotEnvironment
@@ -155,7 +155,7 @@ class Mission:
 
     def _amcl(self, grid: OccupancyGrid, pose: Pose) -> PoseEstimator:
         """The particle filter on a map, from base_link in the map frame."""
-        localizer = Localizer(grid, self._robot.body.lidar, PRECISE, self._rng)
+        localizer = Localizer(grid, self._robot.body.lidar, PRECISE_PARAMETERS, self._rng)
         localizer.initialize(pose, INITIAL_POSE_COVARIANCE)
         return MapPoseEstimator(localizer)
 

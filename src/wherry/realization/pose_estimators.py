@@ -102,7 +102,7 @@ class MapPoseEstimator:
     @property
     def particles(self) -> NDArray[np.float64]:
         """[N, 3] particles x, y, θ, m, m, rad, map frame."""
-        return self._localizer.amcl.particles
+        return self._localizer.particles
 
     @property
     def is_lost(self) -> bool:

@@ -186,7 +186,7 @@ class Surveyor:
         """
         moves = self._moves_to_cells(cells, boxes)
         occupied = occupied_cells(cells.grid, cells.frame, cells.plan)
-        candidates = {cell for cell in occupied if any(cell.towards(direction) in moves for direction in Direction)}
+        candidates = {cell for cell in occupied if any(cell.neighbour(direction) in moves for direction in Direction)}
         abandoned = {Cell(*cells.frame.cell_at(x, y)) for x, y in self._abandoned}
         return {cell: moves.get(cell, 0) for cell in (candidates | set(moves)) - abandoned - coverage.covered_cells()}
 

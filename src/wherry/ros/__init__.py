@@ -1,1 +1,5 @@
-"""ROS: our agent on any ROS robot, and our simulator for any ROS stack, over ROS 1 or ROS 2."""
+"""ROS 1 and ROS 2: messages, names, transports and bags; our agent on any robot, our simulator for any stack."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

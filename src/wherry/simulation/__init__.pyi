@@ -1,5 +1,6 @@
 from .drive import WheelOdometryErrors
-from .faults import blind, kidnap, random_pose, slippery
+from .faults import blind, cell_pose, kidnap, random_cell_pose, random_pose, reachable_cells, slippery
+from .ground_truth import true_map
 from .lidar import LidarSpecification
 from .model import BODY, robot_urdf
 from .referee import BoxStatus, BoxTruth, Collision, Referee
@@ -20,9 +21,13 @@ __all__ = [
     "WheelOdometryErrors",
     "blind",
     "build",
+    "cell_pose",
     "kidnap",
+    "random_cell_pose",
     "random_pose",
+    "reachable_cells",
     "robot_urdf",
     "seed_world",
     "slippery",
+    "true_map",
 ]

@@ -8,11 +8,11 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from wherry.errors import InputError
+from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.simulation.model import BODY, BOX_RADIUS, WHEEL_FRICTION
 from wherry.simulation.referee import BoxStatus
 from wherry.simulation.simulator import Simulation
-from wherry.simulation.static_geometry import clearance
+from wherry.simulation.static_geometry import clearance, world_frame
 from wherry.space.pose import Pose
 
 MIN_CLEARANCE = 0.03  # m between the robot and everything else where it is placed
@@ -30,21 +30,37 @@ def kidnap(simulation: Simulation, pose: Pose) -> None:
 
 
 def random_pose(simulation: Simulation, rng: np.random.Generator) -> Pose:
-    """A collision-free pose, world frame, uniform over the free floor of the reachable cells and over all headings.
-
-    Raises:
-        InputError: The plan has no robot.
-    """
+    """A collision-free pose, world frame, uniform over the free floor of the reachable cells and over all headings."""
     plan = simulation.plan
-    if plan.start is None:
-        raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
-    cells = sorted(plan.distances(plan.start))
+    cells = reachable_cells(plan)
     while True:
         cell = cells[rng.integers(len(cells))]
         x, y = rng.uniform((cell.x, cell.y), (cell.x + 1, cell.y + 1)) * plan.cell_size
         pose = Pose(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
         if _is_free(simulation, pose):
             return pose
+
+
+def random_cell_pose(plan: FloorPlan, rng: np.random.Generator) -> Pose:
+    """A pose, world frame, at the centre of a random reachable cell without a box, with a random heading.
+
+    Args:
+        plan: The floor plan, with its boxes placed.
+        rng: Source of the randomness.
+    """
+    cells = [cell for cell in reachable_cells(plan) if cell not in plan.boxes]
+    return cell_pose(plan, cells[int(rng.integers(len(cells)))], float(rng.uniform(-math.pi, math.pi)))
+
+
+def reachable_cells(plan: FloorPlan) -> list[Cell]:
+    """The cells that the robot can reach from its start, in order; none if the plan has no robot."""
+    return sorted(plan.distances(plan.start)) if plan.start is not None else []
+
+
+def cell_pose(plan: FloorPlan, cell: Cell, heading: float) -> Pose:
+    """base_link in the world frame at the centre of a cell, with a heading, rad."""
+    x, y = world_frame(plan).centre(cell.x, cell.y).tolist()
+    return Pose(x, y, heading)
 
 
 @contextmanager

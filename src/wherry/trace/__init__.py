@@ -1,1 +1,5 @@
-"""What a run tells: its records, as bytes, and as files."""
+"""Trace records of runs, the sinks that receive them, and trace files."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -208,7 +208,7 @@ class RerunSink:
 
     def _in_words(self, condition: str) -> str:
         """The condition as terms: "if touch_N(robot, wall) and not box.in_bot", or "always"."""
-        words = Condition.parse(condition).words(self._terms)
+        words = Condition.parse(condition).describe(self._terms)
         return words if words == "always" else f"if {words}"
 
     def _count(self, name: str, value: float) -> None:

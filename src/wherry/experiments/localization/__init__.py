@@ -1,1 +1,1 @@
-"""The tables of localization."""
+"""Experiments on localization, which write its section of docs/results.md."""

@@ -1,7 +1,7 @@
-"""Where the coefficients of `localization.lost.Calibration` come from: robots that were carried off, over and over.
+"""Fitting the coefficients of `localization.lost` to kidnapped robots.
 
-Fitted to two simulated worlds and to three buildings, whose maps are made of other scans than those that are
-localized. What judges the outcome is kept apart: the world `rooms` and the Intel lab, of which nothing is used here.
+The coefficients are fitted to two simulated worlds and to three buildings, whose maps are made from other scans than
+those that are localized. The evaluation data are held out: the world `rooms` and the Intel lab.
 """
 
 from __future__ import annotations
@@ -14,80 +14,126 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.experiments.localization import kidnapping
-from wherry.experiments.localization.recorded import LEG, Recording, with_kidnappings
+from wherry.experiments.localization.recorded import SEGMENT_SCANS, GroundTruthLog, play_segments
 from wherry.experiments.mapping.drifting_odometry import BUILDINGS, drifted
+from wherry.localization.agreement import ScanAgreement
 from wherry.localization.localizer import Localization, Localizer
-from wherry.localization.lost import SCANS_UNTIL_LOST, Calibration, LostDetector, fit_calibration
+from wherry.localization.lost import EvidenceModel, LostCalibration, LostDetector
+from wherry.localization.parameters import KNOWN_START_COVARIANCE, LOG_PARAMETERS
 from wherry.logs.carmen import LidarLog, read_log
-from wherry.pipelines.logs.localization import INITIAL_POSE_COVARIANCE, LOG_PARAMETERS
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
 WORLDS = (
-    kidnapping.Settings("offices", boxes=8, seed=1, seconds=600.0, kidnappings=40, patience=15.0),
-    kidnapping.Settings("small", boxes=2, seed=2, seconds=300.0, kidnappings=40, patience=12.0),
+    kidnapping.KidnappingSettings(
+        "offices", boxes=8, seed=1, tracking_seconds=600.0, kidnappings=40, seconds_per_kidnapping=15.0
+    ),
+    kidnapping.KidnappingSettings(
+        "small", boxes=2, seed=2, tracking_seconds=300.0, kidnappings=40, seconds_per_kidnapping=12.0
+    ),
 )
-KIDNAPPINGS = 60  # in each building
-RESOLUTION = 0.05  # m, of the buildings' maps
-AT_ONE_PLACE = 0.9  # share of the belief; what is believed less is lost for another reason, and no example
+KIDNAPPINGS = 60  # kidnappings in each building
+RESOLUTION = 0.05  # m, side of the cells of the buildings' maps
+MIN_WEIGHT = 0.9  # posterior weight of the estimate below which a scan is no example, as it is lost for another reason
+SCANS_UNTIL_LOST = 2000  # scans, mean number of scans until a robot gets lost; the base rate of the calibration
+RIDGE = 1e-3  # regularization of the regressions, which keeps them finite on separable data
+NEWTON_ITERATIONS = 30
 
 
 @dataclass(frozen=True)
-class Watched:
-    """What the detector had to go by at every scan of a run, and the truth.
+class LabelledScans:
+    """Features of all scans of a run with the truth.
 
     Attributes:
-        features: [N, 2] see `LostDetector.features`.
-        belief: [N] share of the belief that was at the estimate.
-        lost: [N] whether the robot was lost.
-        kidnappings: How often it was carried off.
+        features: [N, 2] mean evidence and z-score of every scan, see `lost.LostFeatures`.
+        weights: [N] posterior weight of the estimate, 0 to 1.
+        is_lost: [N] whether the robot was lost.
+        kidnappings: Number of kidnappings in the run.
     """
 
     features: Floats
-    belief: Floats
-    lost: NDArray[np.bool_]
+    weights: Floats
+    is_lost: NDArray[np.bool_]
     kidnappings: int
 
 
-def calibrate(runs: Iterable[Watched]) -> Calibration:
-    """Fit the coefficients to runs that weigh the same, as if a robot got lost once in `SCANS_UNTIL_LOST` scans."""
-    features, lost, weights = [], [], []
+def calibrate(runs: Iterable[LabelledScans]) -> LostCalibration:
+    """Fit the calibration to runs of equal weight, as if a robot got lost once in `SCANS_UNTIL_LOST` scans."""
+    features, is_lost, weights = [], [], []
     for run in runs:
-        wanted = np.count_nonzero(~run.lost) / SCANS_UNTIL_LOST / run.kidnappings
-        weight = np.where(run.lost, wanted, 1.0)
-        chosen = run.belief > AT_ONE_PLACE
+        lost_weight = np.count_nonzero(~run.is_lost) / SCANS_UNTIL_LOST / run.kidnappings
+        weight = np.where(run.is_lost, lost_weight, 1.0)
+        chosen = run.weights > MIN_WEIGHT
         features.append(run.features[chosen])
-        lost.append(run.lost[chosen])
+        is_lost.append(run.is_lost[chosen])
         weights.append((weight / weight.sum())[chosen])
-    return fit_calibration(np.concatenate(features), np.concatenate(lost), np.concatenate(weights))
+    return fit_calibration(np.concatenate(features), np.concatenate(is_lost), np.concatenate(weights))
 
 
-def runs(data: Path) -> Iterator[Watched]:
-    """All that the coefficients are fitted to.
+def fit_evidence(agreements: list[ScanAgreement], is_lost: NDArray[np.bool_]) -> EvidenceModel:
+    """Fit the coefficients of a scan's evidence, with lost and localized robots weighing the same.
 
     Args:
-        data: The folder of recorded logs.
+        agreements: [N] agreements of scans with the map at correct and wrong poses.
+        is_lost: [N] whether the pose was wrong; both must occur.
+    """
+    fractions = np.array([[scan.inlier_fraction, scan.blocked_fraction, scan.passed_fraction] for scan in agreements])
+    balance = np.where(is_lost, 0.5 / is_lost.mean(), 0.5 / (1.0 - is_lost.mean()))
+    return EvidenceModel(*_logistic_regression(fractions, is_lost, balance).tolist())
+
+
+def fit_calibration(features: Floats, is_lost: NDArray[np.bool_], weights: Floats) -> LostCalibration:
+    """Fit the coefficients of the probability of being lost.
+
+    Args:
+        features: [N, 2] mean evidence and z-score, see `lost.LostFeatures`.
+        is_lost: [N] whether the robot was lost; both must occur.
+        weights: [N] relative weights of the scans.
+    """
+    columns = np.column_stack([np.ones(len(is_lost)), features[:, 0], np.sqrt(features[:, 1])])
+    return LostCalibration(*_logistic_regression(columns, is_lost, weights / weights.sum() * len(weights)).tolist())
+
+
+def _logistic_regression(features: Floats, labels: NDArray[np.bool_], weights: Floats) -> Floats:
+    """[F] coefficients of a weighted, ridge-regularized logistic regression, by Newton's method."""
+    coefficients = np.zeros(features.shape[1])
+    for _ in range(NEWTON_ITERATIONS):
+        predicted = 1.0 / (1.0 + np.exp(-features @ coefficients))
+        curvature = weights * predicted * (1.0 - predicted)
+        hessian = (features * curvature[:, None]).T @ features + RIDGE * np.eye(len(coefficients))
+        gradient = features.T @ (weights * (labels - predicted)) - RIDGE * coefficients
+        coefficients += np.linalg.solve(hessian, gradient)
+    return coefficients
+
+
+def calibration_runs(data: Path) -> Iterator[LabelledScans]:
+    """Run everything that the calibration is fitted to.
+
+    Args:
+        data: Folder of recorded logs.
 
     Raises:
         InputError: A log cannot be read.
     """
-    yield from (in_simulation(settings) for settings in WORLDS)
-    yield from (in_building(data / f"radish/{name}-corrected.log.gz", seed=1) for name in BUILDINGS)
+    yield from (label_simulation(settings) for settings in WORLDS)
+    yield from (label_building(data / f"radish/{name}-corrected.log.gz", seed=1) for name in BUILDINGS)
 
 
-def in_simulation(settings: kidnapping.Settings) -> Watched:
-    """Watch a simulated robot."""
-    sights = kidnapping.run(settings)
-    return _watch(((sight.found, not sight.is_found) for sight in sights), settings.kidnappings)
+def label_simulation(settings: kidnapping.KidnappingSettings) -> LabelledScans:
+    """Features and truth of a simulated robot."""
+    scans = kidnapping.run(settings)
+    return _label(((scan.localization, not scan.is_localized) for scan in scans), settings.kidnappings)
 
 
-def in_building(log_file: Path, seed: int) -> Watched:
-    """Watch the odd scans of a log on the map of the even ones, with odometry that drifts: all in order, then pieces.
+def label_building(log_file: Path, seed: int) -> LabelledScans:
+    """Features and truth of the odd scans of a log on the map of the even ones, with drifting odometry.
+
+    The whole log is localized first, and then random segments of it, each after a kidnapping.
 
     Args:
-        log_file: A log whose poses were corrected.
-        seed: Of the drift, the filter and the pieces.
+        log_file: Path of a log whose poses were corrected.
+        seed: Seed of the drift, the filter and the segments.
 
     Raises:
         InputError: The log cannot be read.
@@ -96,22 +142,23 @@ def in_building(log_file: Path, seed: int) -> Watched:
     log = read_log(log_file, lenient=True)
     poses = np.array([odometry.pose.as_array() for odometry in log.scan_odometry if odometry is not None])
     odometry = [Pose.from_array(pose) for pose in drifted(poses, rng)]
-    recording = Recording(log.scans[1::2], tuple(odometry[1::2]), poses[1::2])
-    length = len(recording.scans)
-    starts = rng.integers(length - LEG, size=KIDNAPPINGS).tolist()
-    localizer = Localizer(_map_of_even(log, poses), log.lidar, LOG_PARAMETERS, rng)
-    localizer.initialize(Pose.from_array(recording.poses[0]), INITIAL_POSE_COVARIANCE)
+    odd = GroundTruthLog(log.scans[1::2], tuple(odometry[1::2]), poses[1::2])
+    length = len(odd.scans)
+    starts = rng.integers(length - SEGMENT_SCANS, size=KIDNAPPINGS).tolist()
+    localizer = Localizer(_map_of_even_scans(log, poses), log.lidar, LOG_PARAMETERS, rng)
+    localizer.initialize(Pose.from_array(odd.poses[0]), KNOWN_START_COVARIANCE)
 
     def steps() -> Iterator[tuple[Localization, bool]]:
-        legs = [range(length), *(range(start, start + LEG) for start in starts)]
-        for reading, scan, truth in with_kidnappings(recording, legs):
-            found = localizer.update(reading, scan)
-            yield found, not kidnapping.is_found(found.pose, truth)
+        segments = [range(length), *(range(start, start + SEGMENT_SCANS) for start in starts)]
+        for reading, scan, truth in play_segments(odd, segments):
+            localization = localizer.update(reading, scan)
+            yield localization, not kidnapping.is_localized(localization.pose, truth)
 
-    return _watch(steps(), KIDNAPPINGS)
+    return _label(steps(), KIDNAPPINGS)
 
 
-def _map_of_even(log: LidarLog, poses: Floats) -> OccupancyGrid:
+def _map_of_even_scans(log: LidarLog, poses: Floats) -> OccupancyGrid:
+    """The map of every second scan at poses [N, 3] m, m, rad of all scans."""
     mapper = GridMapper(RESOLUTION)
     for scan, pose in zip(log.scans[::2], poses[::2], strict=True):
         lidar = Pose.from_array(pose) @ log.lidar
@@ -120,17 +167,17 @@ def _map_of_even(log: LidarLog, poses: Floats) -> OccupancyGrid:
     return mapper.grid()
 
 
-def _watch(steps: Iterable[tuple[Localization, bool]], kidnappings: int) -> Watched:
-    """Have a detector look at every scan as the localizer's own did."""
+def _label(steps: Iterable[tuple[Localization, bool]], kidnappings: int) -> LabelledScans:
+    """Repeat the localizer's lost detection on its agreements, and collect the features."""
     detector = LostDetector()
-    features, belief, lost = [], [], []
-    for found, truly_lost in steps:
-        if found.estimate.problem:
+    features, weights, is_lost = [], [], []
+    for localization, is_truly_lost in steps:
+        if localization.estimate.problem:
             continue
-        detector.observe(found.estimate.time, found.agreement)
-        features.append(detector.features)
-        belief.append(found.estimate.weight)
-        lost.append(truly_lost)
-        if found.hypotheses:
+        detector.update(localization.estimate.time, localization.agreement)
+        features.append((detector.features.mean_evidence, detector.features.z_score))
+        weights.append(localization.estimate.weight)
+        is_lost.append(is_truly_lost)
+        if localization.hypotheses:
             detector.reset()
-    return Watched(np.array(features), np.array(belief), np.array(lost), kidnappings)
+    return LabelledScans(np.array(features), np.array(weights), np.array(is_lost), kidnappings)

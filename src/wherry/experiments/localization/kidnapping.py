@@ -1,7 +1,7 @@
-"""A robot that wanders about in the simulator, and is now and then picked up and put down somewhere else.
+"""Tracking and kidnapping of a simulated robot among unmapped boxes.
 
-How precisely it is localized, whether it notices that it is lost, how soon it finds itself, and whether it ever raises
-a false alarm. It wanders by its scans alone, so that where it goes does not depend on what it believes.
+Measures the precision of tracking, false alarms, whether the robot notices that it was kidnapped, and how soon it is
+localized again.
 """
 
 from __future__ import annotations
@@ -13,214 +13,150 @@ from dataclasses import dataclass
 import numpy as np
 
 from wherry.experiments.localization.reliability import Reliability
+from wherry.experiments.localization.wandering import RandomWalk, WanderingRobot
 from wherry.floorplan.generation import place_boxes
-from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.localization.localizer import Localization, Localizer
-from wherry.localization.parameters import PRECISE
-from wherry.navigation.controller import safe_velocity
-from wherry.pipelines.logs.localization import LOST
-from wherry.robot import Odometry, Scan, Velocity
-from wherry.simulation import Simulation, build
-from wherry.space.mapper import GridMapper
-from wherry.space.occupancy import OccupancyGrid
+from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD, PRECISE_PARAMETERS
+from wherry.simulation import build
+from wherry.simulation.faults import random_cell_pose
+from wherry.simulation.ground_truth import true_map
 from wherry.space.pose import Floats, Pose
 
-RESOLUTION = 0.05  # m, of the map
-MAPPING_VIEWS = 4  # headings that every cell is mapped from
-CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])
-FOUND = 0.3  # m, and
-FOUND_HEADING = math.radians(15.0)  # : nearer to the truth than this the robot has found itself
-SPEED = 0.4  # m/s
-TURN = 1.2  # rad/s
-ROOM = 0.45  # m, that must be clear ahead
+START_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.03**2])  # m², m², rad², around the true start pose
+LOCALIZED_MAX_DISTANCE = 0.3  # m, distance from the true position within which the robot is localized
+LOCALIZED_MAX_ANGLE = math.radians(15.0)  # rad, deviation from the true heading within which the robot is localized
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
-    """What to run.
+class KidnappingSettings:
+    """Inputs of a run.
 
     Attributes:
-        world: A built-in world's name, or a world file.
-        boxes: Boxes that are not on the map.
-        seed: Of everything that is random.
-        seconds: s, simulated, of undisturbed wandering.
-        kidnappings: How often the robot is then put somewhere else.
-        patience: s, simulated, after each.
+        world: Name of a built-in world, or path of a world file.
+        boxes: Number of unmapped boxes.
+        seed: Seed of all randomness.
+        tracking_seconds: Simulated time of wandering before the first kidnapping, s.
+        kidnappings: Number of kidnappings.
+        seconds_per_kidnapping: Simulated time of wandering after each kidnapping, s.
     """
 
     world: str = "rooms"
     boxes: int = 4
     seed: int = 0
-    seconds: float = 3600.0
+    tracking_seconds: float = 3600.0
     kidnappings: int = 100
-    patience: float = 25.0
+    seconds_per_kidnapping: float = 25.0
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
-    """One scan of the run.
+class EvaluatedScan:
+    """One localized scan with the ground truth.
 
     Attributes:
-        time: s, simulated.
-        found: Where the robot is believed to be.
-        truth: Where it is.
-        kidnapping: How many there have been.
+        time: Simulated time of the scan, s.
+        localization: Estimated pose and its reliability.
+        truth: True pose of base_link, map frame.
+        kidnapping: Number of kidnappings before the scan.
     """
 
     time: float
-    found: Localization
+    localization: Localization
     truth: Pose
     kidnapping: int
 
     @property
     def error(self) -> float:
-        """Distance from the truth, m."""
-        return self.found.pose.distance_to(self.truth)
+        """Distance of the estimated from the true position, m."""
+        return self.localization.pose.distance_to(self.truth)
 
     @property
-    def is_found(self) -> bool:
-        """Whether the robot knows where it is."""
-        return is_found(self.found.pose, self.truth)
+    def is_localized(self) -> bool:
+        """Whether the estimated pose is close to the true one."""
+        return is_localized(self.localization.pose, self.truth)
+
+    @property
+    def is_reported_lost(self) -> bool:
+        """Whether the localizer reports that the robot is lost."""
+        return self.localization.lost_probability > LOST_PROBABILITY_THRESHOLD
 
 
-def is_found(pose: Pose, truth: Pose) -> bool:
-    """Whether a believed pose is so near to the true one that the robot is not lost."""
-    return pose.is_near(truth, FOUND, FOUND_HEADING)
+def is_localized(pose: Pose, truth: Pose) -> bool:
+    """Whether an estimated pose is so close to the true one that the robot is not lost."""
+    return pose.is_near(truth, LOCALIZED_MAX_DISTANCE, LOCALIZED_MAX_ANGLE)
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """What came out.
+class KidnappingResult:
+    """Metrics of a run.
 
     Attributes:
-        tracking_rmse_m: Of the undisturbed part.
-        tracking_p99_m: 99th percentile of the errors there.
-        false_alarms: How often the robot believed itself lost there.
-        relocalizations: How often it started anew there.
-        recovered: [K] s, from each kidnapping until the robot has found itself for good; inf if it has not.
-        noticed: [K] s, from each kidnapping until it believed itself lost; inf if never.
-        reliability: Of the lost probability.
+        tracking_rmse_m: Root mean square position error before the first kidnapping, m.
+        tracking_p99_m: 99th percentile of the position errors before the first kidnapping, m.
+        false_alarms: Number of times that the robot reported itself lost before the first kidnapping.
+        relocalizations: Number of relocalizations before the first kidnapping.
+        recovery_seconds: [K] s, time from each kidnapping until the robot is localized for good; inf if it never is.
+        detection_seconds: [K] s, time from each kidnapping until the robot reports itself lost; inf if it never does.
+        reliability: Reliability of the probability of being lost.
     """
 
     tracking_rmse_m: float
     tracking_p99_m: float
     false_alarms: int
     relocalizations: int
-    recovered: Floats
-    noticed: Floats
+    recovery_seconds: Floats
+    detection_seconds: Floats
     reliability: Reliability
 
 
-def run(settings: Settings) -> Iterator[Sight]:
-    """Wander; ask `summarize` for the result.
+def run(settings: KidnappingSettings) -> Iterator[EvaluatedScan]:
+    """Let the robot wander and kidnap it; `summarize` computes the metrics.
 
     Raises:
         InputError: The world cannot be used.
     """
-    boxes_rng, world_rng, filter_rng, way_rng = np.random.default_rng(settings.seed).spawn(4)
+    boxes_rng, world_rng, filter_rng, path_rng = np.random.default_rng(settings.seed).spawn(4)
     plan = place_boxes(find_world(settings.world), settings.boxes, boxes_rng)
     simulation = build(plan, world_rng)
-    localizer = Localizer(true_map(plan), simulation.robot.body.lidar, PRECISE, filter_rng)
-    localizer.initialize(simulation.physics.robot_pose, CLOSE)
-    wanderer = Wanderer(way_rng)
-    yield from _wander(simulation, localizer, wanderer, settings.seconds, kidnapping=0)
-    for kidnapping in range(1, settings.kidnappings + 1):
-        simulation.physics.place_robot(somewhere(plan, way_rng), None)
-        yield from _wander(simulation, localizer, wanderer, settings.patience, kidnapping)
+    localizer = Localizer(true_map(plan), simulation.robot.body.lidar, PRECISE_PARAMETERS, filter_rng)
+    localizer.initialize(simulation.physics.robot_pose, START_COVARIANCE)
+    walk = RandomWalk(path_rng)
+    for kidnapping in range(settings.kidnappings + 1):
+        if kidnapping:
+            simulation.physics.place_robot(random_cell_pose(plan, path_rng), None)
+        seconds = settings.seconds_per_kidnapping if kidnapping else settings.tracking_seconds
+        robot = WanderingRobot(simulation, walk)
+        for odometry, scan, truth in robot.measurements(simulation.time + seconds):
+            yield EvaluatedScan(scan.time, localizer.update(odometry, scan), truth, kidnapping)
 
 
-def _wander(
-    simulation: Simulation, localizer: Localizer, wanderer: Wanderer, seconds: float, kidnapping: int
-) -> Iterator[Sight]:
-    robot = simulation.robot
-    end = simulation.time + seconds
-    odometry: Odometry | None = None
-    while simulation.time < end:
-        measurement = robot.receive()
-        if isinstance(measurement, Odometry):
-            odometry = measurement
-        elif odometry is not None:
-            truth = simulation.physics.robot_pose
-            found = localizer.update(odometry, measurement)
-            yield Sight(measurement.time, found, truth, kidnapping)
-            robot.command(safe_velocity(wanderer.velocity(measurement), measurement, robot.body))
-
-
-class Wanderer:
-    """Drives ahead while there is room, and else turns until there is."""
-
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
-        self._turning = 0.0
-
-    def velocity(self, scan: Scan) -> Velocity:
-        """What to do, by the scan alone."""
-        ahead = np.abs(scan.angles) < math.radians(35.0)
-        room = float(np.min(np.where(scan.valid & ahead, scan.ranges, np.inf), initial=np.inf))
-        if room > ROOM + (0.15 if self._turning else 0.0) and self._rng.random() > 0.02:
-            self._turning = 0.0
-            return Velocity(SPEED, 0.3 * float(self._rng.standard_normal()))
-        self._turning = self._turning or float(self._rng.choice([-TURN, TURN]))
-        return Velocity(0.0, self._turning)
-
-
-def true_map(plan: FloorPlan) -> OccupancyGrid:
-    """The map that a robot with a perfect memory of its way draws: scans from every cell, at the true poses."""
-    empty = build(plan.with_boxes(()), np.random.default_rng(0))
-    mapper = GridMapper(RESOLUTION)
-    lidar_on_base = empty.robot.body.lidar
-    nothing = np.empty((0, 2))
-    for cell in reachable(plan):
-        for view in range(MAPPING_VIEWS):
-            lidar = _centre(plan, cell, view * math.tau / MAPPING_VIEWS) @ lidar_on_base
-            scan = empty.lidar.scan(0.0, lidar, nothing, 0.1)
-            ends = lidar.transform(scan.points())
-            mapper.add(lidar.as_array()[:2], ends, np.ones(len(ends), np.bool_))
-    return mapper.grid()
-
-
-def reachable(plan: FloorPlan) -> list[Cell]:
-    """The cells that the robot can get to."""
-    return sorted(plan.distances(plan.start)) if plan.start is not None else []
-
-
-def somewhere(plan: FloorPlan, rng: np.random.Generator) -> Pose:
-    """A random pose in the middle of a reachable cell without a box."""
-    cells = [cell for cell in reachable(plan) if cell not in plan.boxes]
-    return _centre(plan, cells[int(rng.integers(len(cells)))], float(rng.uniform(-math.pi, math.pi)))
-
-
-def _centre(plan: FloorPlan, cell: Cell, heading: float) -> Pose:
-    return Pose((cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size, heading)
-
-
-def summarize(sights: list[Sight]) -> Result:
-    """The figures of a run."""
-    undisturbed = [sight for sight in sights if not sight.kidnapping]
-    errors = np.array([sight.error for sight in undisturbed] or [math.nan])
-    alarms = np.array([sight.found.lost_probability > LOST for sight in undisturbed], np.bool_)
-    trials = [[s for s in sights if s.kidnapping == k] for k in range(1, max(s.kidnapping for s in sights) + 1)]
-    return Result(
+def summarize(scans: list[EvaluatedScan]) -> KidnappingResult:
+    """Compute the metrics of a run."""
+    tracked = [scan for scan in scans if not scan.kidnapping]
+    errors = np.array([scan.error for scan in tracked] or [math.nan])
+    alarms = np.array([scan.is_reported_lost for scan in tracked], np.bool_)
+    kidnappings = range(1, max(scan.kidnapping for scan in scans) + 1)
+    trials = [[scan for scan in scans if scan.kidnapping == number] for number in kidnappings]
+    return KidnappingResult(
         tracking_rmse_m=math.sqrt(float(np.mean(errors**2))),
         tracking_p99_m=float(np.quantile(errors, 0.99)),
         false_alarms=int(np.count_nonzero(alarms[1:] & ~alarms[:-1])),
-        relocalizations=sum(bool(sight.found.hypotheses) for sight in undisturbed),
-        recovered=np.array([_recovery(trial) for trial in trials]),
-        noticed=np.array([_notice(trial) for trial in trials]),
+        relocalizations=sum(bool(scan.localization.hypotheses) for scan in tracked),
+        recovery_seconds=np.array([_recovery_seconds(trial) for trial in trials]),
+        detection_seconds=np.array([_detection_seconds(trial) for trial in trials]),
         reliability=Reliability.of(
-            np.array([sight.found.lost_probability for sight in sights]),
-            np.array([not sight.is_found for sight in sights]),
+            np.array([scan.localization.lost_probability for scan in scans]),
+            np.array([not scan.is_localized for scan in scans]),
         ),
     )
 
 
-def _recovery(trial: list[Sight]) -> float:
-    """How many s until the robot has found itself for good."""
-    last = max((i for i, sight in enumerate(trial) if not sight.is_found), default=-1)
-    return trial[last + 1].time - trial[0].time if last + 1 < len(trial) else math.inf
+def _recovery_seconds(trial: list[EvaluatedScan]) -> float:
+    """Time until the robot is localized for good, s."""
+    last_lost = max((index for index, scan in enumerate(trial) if not scan.is_localized), default=-1)
+    return trial[last_lost + 1].time - trial[0].time if last_lost + 1 < len(trial) else math.inf
 
 
-def _notice(trial: list[Sight]) -> float:
-    """How many s until the robot believes itself lost."""
-    return next((s.time - trial[0].time for s in trial if s.found.lost_probability > LOST), math.inf)
+def _detection_seconds(trial: list[EvaluatedScan]) -> float:
+    """Time until the robot reports itself lost, s."""
+    return next((scan.time - trial[0].time for scan in trial if scan.is_reported_lost), math.inf)

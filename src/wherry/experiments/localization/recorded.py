@@ -1,4 +1,4 @@
-"""Localization of real robots: half of the Intel log on the map of the other half, Wean Hall from anywhere."""
+"""Localization of real robots: one half of the Intel log on the map of the other, Wean Hall from a global start."""
 
 from __future__ import annotations
 
@@ -10,20 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.errors import InputError
-from wherry.experiments.localization.kidnapping import is_found
+from wherry.experiments.localization.kidnapping import is_localized
 from wherry.localization.localizer import Localizer
+from wherry.localization.parameters import KNOWN_START_COVARIANCE, LOG_PARAMETERS, LOST_PROBABILITY_THRESHOLD
 from wherry.localization.relocalization import Relocalizer
-from wherry.logs.carmen import LidarLog, read_log
+from wherry.logs.carmen import read_log
 from wherry.mapping.graph_slam import GraphSlam
-from wherry.pipelines.logs.localization import (
-    INITIAL_POSE_COVARIANCE,
-    LOG_PARAMETERS,
-    LOST,
-    Settings,
-    advancing_times,
-    prepare,
-)
+from wherry.pipelines.logs.localization import LocalizationSettings, advancing_times, odometry_of_scans, prepare
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -32,20 +25,20 @@ from wherry.space.trajectory import Trajectory
 INTEL = Path("intel/intel_910_rawodom.clf.gz")
 WEAN_MAP = Path("wean/wean.dat.gz")
 WEAN_LOGS = tuple(Path(f"wean/robotdata{number}.log.gz") for number in (1, 2, 3))
-FOUND = 0.5  # m, from the reference
-PAUSE = 3.0  # s in which a robot is carried off
-LEG = 40  # scans of a log that are played after that
-ELSEWHERE = 3.0  # m, that it is carried at least
+MAX_DISTANCE = 0.5  # m, distance from the reference within which a pose is correct
+KIDNAPPING_SECONDS = 3.0  # s, duration of a kidnapping
+SEGMENT_SCANS = 40  # scans that are played after a kidnapping
+KIDNAPPING_MIN_DISTANCE = 3.0  # m, distance that a kidnapped robot is carried at least
 
 
 @dataclass(frozen=True)
-class Recording:
-    """Scans with odometry, and where the robot truly was.
+class GroundTruthLog:
+    """Scans with odometry and true poses.
 
     Attributes:
-        scans: [N] in order.
-        odometry: [N] base_link in the odom frame.
-        poses: [N, 3] m, m, rad: base_link in the map frame.
+        scans: [N] scans in order of time.
+        odometry: [N] poses of base_link, odom frame.
+        poses: [N, 3] m, m, rad, true poses of base_link, map frame.
     """
 
     scans: tuple[Scan, ...]
@@ -54,187 +47,174 @@ class Recording:
 
 
 @dataclass(frozen=True)
-class Halves:
-    """A log of which the even scans have made the map, and the odd ones are localized on it.
+class SplitLog:
+    """A log whose even scans are the map, and whose odd scans are localized on it.
 
     Attributes:
-        log: All scans.
-        odometry: At the scans.
-        grid: The map of the even ones.
-        odd: [N] numbers of the odd ones.
-        reference: [N, 3] m, m, rad, map frame: base_link at the odd scans, by SLAM of the even ones and by odometry
-            in between.
+        grid: Map of the even scans.
+        lidar: Pose of the lidar, base_link frame.
+        odd: The odd scans. Their poses are those of SLAM of the even scans, with odometry in between.
     """
 
-    log: LidarLog
-    odometry: tuple[Odometry, ...]
     grid: OccupancyGrid
-    odd: tuple[int, ...]
-    reference: Floats
-
-    @property
-    def recording(self) -> Recording:
-        """The odd scans."""
-        scans = tuple(self.log.scans[number] for number in self.odd)
-        return Recording(scans, tuple(self.odometry[number].pose for number in self.odd), self.reference)
+    lidar: Pose
+    odd: GroundTruthLog
 
 
 @dataclass(frozen=True, slots=True)
-class Tracking:
-    """One seed's run over the odd scans, started where the reference does.
+class TrackingResult:
+    """Metrics of one seed's run over the odd scans from a known start, and over a segment after a kidnapping.
 
     Attributes:
-        median_m: Of the distances to the reference.
-        p99_m: Their 99th percentile.
-        beyond: Share of the scans farther from the reference than FOUND.
-        lost: Share of the scans with the robot believed to be lost.
-        stated: [M] probability of being lost at these scans, and at those after the robot was then carried off.
-        truly_lost: [M] whether it was.
+        median_m: Median distance from the reference before the kidnapping, m.
+        p99_m: 99th percentile of the distances from the reference before the kidnapping, m.
+        incorrect_fraction: Fraction of the scans before the kidnapping farther than MAX_DISTANCE from the reference.
+        lost_fraction: Fraction of the scans before the kidnapping at which the robot was reported lost.
+        lost_probabilities: [M] stated probabilities of being lost at all scans.
+        is_lost: [M] whether the robot was lost at all scans.
     """
 
     median_m: float
     p99_m: float
-    beyond: float
-    lost: float
-    stated: Floats
-    truly_lost: NDArray[np.bool_]
+    incorrect_fraction: float
+    lost_fraction: float
+    lost_probabilities: Floats
+    is_lost: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
-class SingleScans:
-    """Every odd scan, relocalized by itself on the whole map.
+class SingleScanResult:
+    """Metrics of relocalizing every odd scan by itself on the whole map.
 
     Attributes:
-        scans: How many.
-        found: Share whose best hypothesis is within FOUND of the reference.
-        ambiguous: Share that was declared ambiguous.
-        found_or_ambiguous: Share that was either.
-        seconds_median: s a scan, of a core.
-        seconds_worst: Likewise.
+        scans: Number of scans.
+        correct: Fraction of the scans whose best hypothesis is within MAX_DISTANCE of the reference.
+        ambiguous: Fraction of the scans that were declared ambiguous.
+        correct_or_ambiguous: Fraction of the scans that were correct or declared ambiguous.
+        seconds_median: Median processor time of a scan, s.
+        seconds_max: Largest processor time of a scan, s.
     """
 
     scans: int
-    found: float
+    correct: float
     ambiguous: float
-    found_or_ambiguous: float
+    correct_or_ambiguous: float
     seconds_median: float
-    seconds_worst: float
+    seconds_max: float
 
 
-def halves(path: Path) -> Halves:
-    """Map the even scans of a log, and place the odd ones among them.
+def split_log(path: Path) -> SplitLog:
+    """Map the even scans of a log, and find the poses of the odd ones among them.
 
     Raises:
         InputError: The log cannot be read, or has scans without odometry.
     """
     log = read_log(path)
-    readings = tuple(odometry for odometry in log.scan_odometry if odometry is not None)
-    if len(readings) < len(log.scans):
-        raise InputError(path, "", "has scans without odometry, which localization needs")
+    odometry = odometry_of_scans(log, path)
     slam = GraphSlam(log.lidar)
-    for scan, odometry in list(zip(log.scans, readings, strict=True))[::2]:
-        slam.add(scan, odometry)
+    for scan, reading in list(zip(log.scans, odometry, strict=True))[::2]:
+        slam.add(scan, reading)
     slam.finish()
     driven = Trajectory(
-        np.array([reading.time for reading in readings]), np.array([reading.pose.as_array() for reading in readings])
+        np.array([reading.time for reading in odometry]), np.array([reading.pose.as_array() for reading in odometry])
     )
-    odd = tuple(range(1, len(log.scans), 2))
-    times = np.array([log.scans[number].time for number in odd])
-    return Halves(log, readings, slam.grid(), odd, slam.trajectory.at(times, driven))
+    scans = log.scans[1::2]
+    poses = slam.trajectory.at(np.array([scan.time for scan in scans]), driven)
+    odd = GroundTruthLog(scans, tuple(reading.pose for reading in odometry[1::2]), poses)
+    return SplitLog(slam.grid(), log.lidar, odd)
 
 
-def with_kidnappings(recording: Recording, legs: Sequence[range]) -> Iterator[tuple[Odometry, Scan, Pose]]:
-    """Play a recording in pieces, as if the robot had been picked up after each and put down where the next begins.
+def play_segments(log: GroundTruthLog, segments: Sequence[range]) -> Iterator[tuple[Odometry, Scan, Pose]]:
+    """Play segments of a log, as if the robot were kidnapped from the end of each to the start of the next.
 
     Args:
-        recording: To be played.
-        legs: The pieces; numbers of scans.
+        log: The log.
+        segments: Ranges of indices of scans.
 
     Yields:
-        Odometry and scan, whose clock goes on as if nothing had happened, and where the robot truly is.
+        Odometry and scan, whose time continues from segment to segment, and the true pose of base_link, map frame.
     """
-    times = advancing_times(np.array([scan.time for scan in recording.scans]))
+    times = advancing_times(np.array([scan.time for scan in log.scans]))
     at, odometry = 0.0, Pose()
-    for leg in legs:
-        for number in leg:
-            if number == leg.start:
-                at += PAUSE
+    for segment in segments:
+        for index in segment:
+            if index == segment.start:
+                at += KIDNAPPING_SECONDS
             else:
-                at += float(times[number] - times[number - 1])
-                odometry @= recording.odometry[number].relative_to(recording.odometry[number - 1])
-            truth = Pose.from_array(recording.poses[number])
-            yield Odometry(at, odometry, Velocity()), replace(recording.scans[number], time=at), truth
+                at += float(times[index] - times[index - 1])
+                odometry @= log.odometry[index].relative_to(log.odometry[index - 1])
+            truth = Pose.from_array(log.poses[index])
+            yield Odometry(at, odometry, Velocity()), replace(log.scans[index], time=at), truth
 
 
-def track(data: Halves, seed: int) -> Tracking:
-    """Localize all odd scans from a known start; then carry the robot off and go on for a while."""
-    recording = data.recording
-    length = len(recording.scans)
-    rng, way_rng = np.random.default_rng(seed), np.random.default_rng((seed, 1))
-    localizer = Localizer(data.grid, data.log.lidar, LOG_PARAMETERS, rng)
-    localizer.initialize(Pose.from_array(data.reference[0]), INITIAL_POSE_COVARIANCE)
-    errors, stated, truly_lost = [], [], []
-    elsewhere = somewhere_else(recording, length - 1, way_rng)
-    for odometry, scan, truth in with_kidnappings(recording, [range(length), elsewhere]):
-        found = localizer.update(odometry, scan)
-        errors.append(found.pose.distance_to(truth))
-        stated.append(found.lost_probability)
-        truly_lost.append(not is_found(found.pose, truth))
-    away, before = np.array(errors[:length]), np.array(stated[:length])
-    return Tracking(
-        median_m=float(np.median(away)),
-        p99_m=float(np.quantile(away, 0.99)),
-        beyond=float(np.mean(away > FOUND)),
-        lost=float(np.mean(before > LOST)),
-        stated=np.array(stated),
-        truly_lost=np.array(truly_lost),
+def track(data: SplitLog, seed: int) -> TrackingResult:
+    """Localize all odd scans from a known start, and then a segment after a kidnapping."""
+    length = len(data.odd.scans)
+    rng, kidnapping_rng = np.random.default_rng(seed), np.random.default_rng((seed, 1))
+    localizer = Localizer(data.grid, data.lidar, LOG_PARAMETERS, rng)
+    localizer.initialize(Pose.from_array(data.odd.poses[0]), KNOWN_START_COVARIANCE)
+    errors, probabilities, is_lost = [], [], []
+    kidnapped = distant_segment(data.odd, length - 1, kidnapping_rng)
+    for odometry, scan, truth in play_segments(data.odd, [range(length), kidnapped]):
+        localization = localizer.update(odometry, scan)
+        errors.append(localization.pose.distance_to(truth))
+        probabilities.append(localization.lost_probability)
+        is_lost.append(not is_localized(localization.pose, truth))
+    tracked, stated = np.array(errors[:length]), np.array(probabilities[:length])
+    return TrackingResult(
+        median_m=float(np.median(tracked)),
+        p99_m=float(np.quantile(tracked, 0.99)),
+        incorrect_fraction=float(np.mean(tracked > MAX_DISTANCE)),
+        lost_fraction=float(np.mean(stated > LOST_PROBABILITY_THRESHOLD)),
+        lost_probabilities=np.array(probabilities),
+        is_lost=np.array(is_lost),
     )
 
 
-def somewhere_else(recording: Recording, number: int, rng: np.random.Generator) -> range:
-    """A piece of a recording that begins far away from where its scan of this number was taken."""
-    away = np.hypot(*(recording.poses[:, :2] - recording.poses[number, :2]).T)
-    starts = np.flatnonzero(away[: len(away) - LEG] > ELSEWHERE)
+def distant_segment(log: GroundTruthLog, index: int, rng: np.random.Generator) -> range:
+    """A random segment of a log that starts far away from the true position of the scan at an index."""
+    distance = np.hypot(*(log.poses[:, :2] - log.poses[index, :2]).T)
+    starts = np.flatnonzero(distance[: len(distance) - SEGMENT_SCANS] > KIDNAPPING_MIN_DISTANCE)
     start = int(rng.choice(starts))
-    return range(start, start + LEG)
+    return range(start, start + SEGMENT_SCANS)
 
 
-def relocalize(data: Halves, every: int = 1) -> SingleScans:
-    """Relocalize from each odd scan, or from every ``every``-th of them; the first once more, for it compiles."""
-    relocalizer = Relocalizer(data.grid, data.log.lidar, LOG_PARAMETERS)
-    relocalizer.search(data.log.scans[data.odd[0]])
-    found, ambiguous, seconds = [], [], []
-    for number, truth in list(zip(data.odd, data.reference, strict=True))[::every]:
+def relocalize(data: SplitLog, every: int = 1) -> SingleScanResult:
+    """Relocalize every ``every``-th odd scan by itself; the first one is searched twice, as the first call compiles."""
+    relocalizer = Relocalizer(data.grid, data.lidar, LOG_PARAMETERS)
+    relocalizer.search(data.odd.scans[0])
+    correct, ambiguous, seconds = [], [], []
+    for scan, truth in list(zip(data.odd.scans, data.odd.poses, strict=True))[::every]:
         before = time.thread_time()
-        result = relocalizer.search(data.log.scans[number])
+        result = relocalizer.search(scan)
         seconds.append(time.thread_time() - before)
         best = result.hypotheses[0].pose if result.hypotheses else None
-        found.append(best is not None and best.distance_to(Pose.from_array(truth)) < FOUND)
+        correct.append(best is not None and best.distance_to(Pose.from_array(truth)) < MAX_DISTANCE)
         ambiguous.append(result.ambiguous)
-    return SingleScans(
+    return SingleScanResult(
         scans=len(seconds),
-        found=float(np.mean(found)),
+        correct=float(np.mean(correct)),
         ambiguous=float(np.mean(ambiguous)),
-        found_or_ambiguous=float(np.mean(np.logical_or(found, ambiguous))),
+        correct_or_ambiguous=float(np.mean(np.logical_or(correct, ambiguous))),
         seconds_median=float(np.median(seconds)),
-        seconds_worst=max(seconds),
+        seconds_max=max(seconds),
     )
 
 
 def final_poses(log: Path, map_file: Path, seeds: range) -> Iterator[Floats]:
-    """[3] m, m, rad, map frame: where each seed ends that began without knowing where the robot is.
+    """Final pose [3] m, m, rad, map frame, of a global localization with each seed.
 
     Raises:
         InputError: Log or map cannot be read.
     """
     for seed in seeds:
-        run = prepare(Settings(log, map_file, everywhere=True, seed=seed))
+        run = prepare(LocalizationSettings(log, map_file, is_global=True, seed=seed))
         for _ in run.steps():
             pass
         yield np.array(run.result().final_pose)
 
 
-def most_together(finals: Floats) -> int:
-    """How many of the poses [N, 3] are within FOUND of one of them, at most: N if all have come to one place."""
-    away = np.hypot(*(finals[:, None, :2] - finals[None, :, :2]).transpose(2, 0, 1))
-    return int((away < FOUND).sum(axis=1).max())
+def largest_group(poses: Floats) -> int:
+    """Largest number of poses [N, 3] m, m, rad within MAX_DISTANCE of one of them; N if all agree."""
+    distance = np.hypot(*(poses[:, None, :2] - poses[None, :, :2]).transpose(2, 0, 1))
+    return int((distance < MAX_DISTANCE).sum(axis=1).max())

@@ -1,4 +1,4 @@
-"""How far to believe a stated probability: what was stated beside what came true."""
+"""Reliability of stated probabilities: calibration error and Brier score."""
 
 from __future__ import annotations
 
@@ -11,62 +11,60 @@ from numpy.typing import NDArray
 from wherry.experiments.results import markdown_table
 from wherry.space.pose import Floats
 
-TENTHS = 10
+BINS = 10  # bins of equal width over the stated probability
 
 
 @dataclass(frozen=True, slots=True)
 class Reliability:
-    """Stated probabilities against the truth.
+    """Calibration of stated probabilities.
 
     Attributes:
-        tenths: [10, 3] for every tenth of the stated probability: its mean, the share of the cases that came true, and
-            how many there were; NaN, NaN, 0 where there were none.
-        cases: How many in all.
-        base_rate: Share of them that came true: who states this always is calibrated, and tells nothing.
-        calibration_error: Expected calibration error: the mean distance, over the cases, of what a tenth stated from
-            what came true.
-        brier: Brier score: mean square of the distance from what was stated to 1 if it came true, else to 0.
+        bins: [10, 3] mean stated probability, observed frequency and number of cases in every bin of the stated
+            probability; NaN, NaN, 0 in empty bins.
+        cases: Number of cases.
+        base_rate: Observed frequency over all cases; always stating it is calibrated but uninformative.
+        calibration_error: Expected calibration error (ECE): mean over the cases of the absolute difference between
+            stated probability and observed frequency of their bin.
+        brier: Brier score: mean squared difference between stated probability and outcome, 1 or 0.
     """
 
-    tenths: Floats
+    bins: Floats
     cases: int
     base_rate: float
     calibration_error: float
     brier: float
 
     @classmethod
-    def of(cls, stated: Floats, true: NDArray[np.bool_]) -> Reliability:
-        """Compare [N] stated probabilities with [N] what was true; N at least 1."""
-        tenth = np.minimum((stated * TENTHS).astype(int), TENTHS - 1)
-        rows = [(stated[tenth == k], true[tenth == k]) for k in range(TENTHS)]
-        tenths = np.array([(s.mean(), t.mean(), len(s)) if len(s) else (math.nan, math.nan, 0) for s, t in rows])
-        gaps = np.nan_to_num(np.abs(tenths[:, 0] - tenths[:, 1]))
+    def of(cls, stated: Floats, outcomes: NDArray[np.bool_]) -> Reliability:
+        """Compare stated probabilities [N] with outcomes [N]; N is at least 1."""
+        index = np.minimum((stated * BINS).astype(int), BINS - 1)
+        members = [(stated[index == k], outcomes[index == k]) for k in range(BINS)]
+        bins = np.array([(s.mean(), o.mean(), len(s)) if len(s) else (math.nan, math.nan, 0) for s, o in members])
+        gaps = np.nan_to_num(np.abs(bins[:, 0] - bins[:, 1]))
         return cls(
-            tenths=tenths,
+            bins=bins,
             cases=len(stated),
-            base_rate=float(true.mean()),
-            calibration_error=float(gaps @ tenths[:, 2] / len(stated)),
-            brier=float(np.mean(np.square(stated - true))),
+            base_rate=float(outcomes.mean()),
+            calibration_error=float(gaps @ bins[:, 2] / len(stated)),
+            brier=float(np.mean(np.square(stated - outcomes))),
         )
 
     @property
     def base_brier(self) -> float:
-        """The Brier score of who always states the base rate."""
+        """Brier score of always stating the base rate."""
         return self.base_rate * (1.0 - self.base_rate)
 
 
-def reliability_table(reliability: Reliability, what: str) -> str:
-    """The tenths that occurred, as Markdown.
+def reliability_table(reliability: Reliability, event: str) -> str:
+    """The bins with cases, as a Markdown table.
 
     Args:
-        reliability: To be shown.
-        what: What was stated, as in "being lost".
+        reliability: Calibration of the stated probabilities.
+        event: Name of the event, as in "being lost".
     """
-    return markdown_table(
-        [f"stated probability of {what}", "truly", "scans"],
-        [
-            [f"{stated:.3f}", f"{true:.3f}", f"{count:.0f}"]
-            for stated, true, count in reliability.tenths.tolist()
-            if count
-        ],
-    )
+    rows = [
+        [f"{stated:.3f}", f"{observed:.3f}", f"{count:.0f}"]
+        for stated, observed, count in reliability.bins.tolist()
+        if count
+    ]
+    return markdown_table([f"stated probability of {event}", "observed frequency", "scans"], rows)

@@ -145,7 +145,7 @@ def _true_walls(plan: FloorPlan, map_from_world: Pose) -> Floats:
         _edge(cell, direction, plan.cell_size)
         for cell in plan.cells()
         for direction in Direction
-        if plan.blocked(cell, direction)
+        if plan.is_blocked(cell, direction)
     ]
     return map_from_world.transform(np.array(edges).reshape(-1, 2)).reshape(-1, 2, 2)
 

@@ -188,8 +188,8 @@ def _successors(plan: FloorPlan, state: _State) -> Iterator[tuple[_State, int]]:
         yield (cell, on_floor - {cell}, True), 0
     fork_full = carrying or cell in on_floor
     for direction in Direction:
-        there = cell.towards(direction)
-        if not plan.blocked(cell, direction) and not (fork_full and there in on_floor):
+        there = cell.neighbour(direction)
+        if not plan.is_blocked(cell, direction) and not (fork_full and there in on_floor):
             yield (there, on_floor, carrying), 1
 
 

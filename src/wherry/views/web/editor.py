@@ -15,7 +15,7 @@ from starlette.websockets import WebSocket
 from wherry.errors import InputError
 from wherry.files import write_atomically
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
-from wherry.floorplan.world_files import LARGEST_FILE, format_world, load_world, parse_world
+from wherry.floorplan.world_files import MAX_FILE_SIZE, format_world, load_world, parse_world
 from wherry.views.web.page import render_page
 from wherry.views.web.server import DEFAULT_HOST, DEFAULT_PORT, PageServer, keep_open, run_server
 
@@ -126,6 +126,6 @@ async def _body(request: Request) -> str:
     async for part in request.stream():
         parts.append(part)
         size += len(part)
-        if size > LARGEST_FILE:
+        if size > MAX_FILE_SIZE:
             break
-    return b"".join(parts)[:LARGEST_FILE].decode("utf-8", errors="replace")
+    return b"".join(parts)[:MAX_FILE_SIZE].decode("utf-8", errors="replace")

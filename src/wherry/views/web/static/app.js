@@ -1,39 +1,39 @@
 "use strict";
-// Ties trace, player, scene and panels together, and listens to mouse, fingers and keys.
+// Connects trace, player, scene and panels, and handles mouse, touch and keys.
 
 const settings = JSON.parse(element("settings").textContent);
 const trace = new Trace();
 const player = new Player(trace);
 const scene = new Scene(element("canvas"), trace);
 const panels = new Panels(trace, (time) => player.seek(time));
-const PAN_STEP = 60; // px a key press
-const CLICK_REACH = 4; // px that a finger may move while it clicks
+const PAN_STEP = 60; // px per key press
+const CLICK_TOLERANCE = 4; // px that the pointer may move during a click
 
-// Theme: what was chosen before, else what the system prefers.
+// Theme: the one chosen before, or else that of the system.
 function setTheme(name) {
   document.documentElement.dataset.theme = name;
   scene.theme();
 }
-function remembered() {
+function storedTheme() {
   try {
     return localStorage.getItem("wherry-theme");
   } catch {
-    return null; // storage may be forbidden
+    return null; // storage may be blocked
   }
 }
-setTheme(new URLSearchParams(location.search).get("theme") ?? remembered() ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+setTheme(new URLSearchParams(location.search).get("theme") ?? storedTheme() ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
 function switchTheme() {
   const name = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
   setTheme(name);
   try {
     localStorage.setItem("wherry-theme", name);
   } catch {
-    // then it holds until the page is closed
+    // without storage, the theme lasts until the page is closed
   }
 }
 element("theme").addEventListener("click", switchTheme);
 
-// The legend: layers, which can be hidden, the other symbols, and the colours of the timeline.
+// The legend: layers, which can be hidden, other symbols, and colours of the timeline.
 function swatch(colour, shape = "") {
   const mark = make("i", shape);
   mark.style.setProperty("--c", colour);
@@ -48,12 +48,12 @@ for (const [layer, [words, colour]] of Object.entries(LAYERS)) {
   label.id = `layer-${layer}`;
   element("layers").append(label);
 }
-// A log has neither boxes nor cells, and a learner on a grid no laser.
+// Layers by task; a log has no boxes or cells, and a learner on a grid no laser.
 const LAYERS_OF = { map: ["laser", "trail"], localize: ["laser", "particles", "trail"], learn: ["cells"] };
-// [words, colour, shape] of what else is drawn.
+// [text, colour, shape] of the other symbols.
 function symbolsOf({ task }) {
   if (task === "deliver") return SYMBOLS;
-  if (task !== "learn") return [["Robot", "--robot", "fork"], ...SYMBOLS.slice(1)]; // a log does not say what it looks like
+  if (task !== "learn") return [["Robot", "--robot", "fork"], ...SYMBOLS.slice(1)]; // the shape of a log's robot is unknown
   const kinds = new Set((trace.records.Perceived[0]?.things ?? []).map(({ kind }) => kind));
   if (trace.records.CellsLaid[0]?.warehouse.length) kinds.add("Warehouse");
   const things = [...kinds].map((kind) => {
@@ -62,15 +62,15 @@ function symbolsOf({ task }) {
   });
   return [...things, SYMBOLS.find(([words]) => words === "Wall")];
 }
-let legendOf = "";
+let legendKey = "";
 function updateLegend() {
   const began = trace.records.Began[0];
   if (!began) return;
   const phases = [...new Set(trace.phases().map(({ phase }) => phase))];
   const boxes = trace.records.Stepped.at(-1)?.delivered;
   const key = JSON.stringify([began, phases, Boolean(boxes), trace.records.Perceived.length > 0]);
-  if (key === legendOf) return;
-  legendOf = key;
+  if (key === legendKey) return;
+  legendKey = key;
   const layers = LAYERS_OF[began.task] ?? Object.keys(LAYERS);
   for (const layer of Object.keys(LAYERS)) element(`layer-${layer}`).hidden = !layers.includes(layer);
   element("scale").hidden = began.task === "learn";
@@ -83,35 +83,35 @@ function updateLegend() {
 if (matchMedia("(max-width: 720px)").matches) element("legend").open = false;
 
 // Connection.
-function say(state, hasReport = false) {
+function showConnection(state, hasReport = false) {
   const link = element("link");
-  const words = { live: "live", over: "run over", lost: "no server", file: "recording" };
-  link.textContent = words[state];
+  const labels = { live: "live", over: "run over", lost: "no server", file: "recording" };
+  link.textContent = labels[state];
   link.dataset.state = state;
   const notice = element("notice");
   notice.hidden = state !== "lost";
   notice.textContent = trace.over
-    ? "The run is over and its server has stopped. This page keeps all of it until you close it."
-    : "The server does not answer: the run was stopped, or is gone. What came until now can still be played.";
+    ? "The run is over and its server has stopped. It can be replayed until you close this page."
+    : "The server does not answer: the run was stopped. What was received can still be replayed.";
   element("report").hidden = !hasReport;
   element("report").search = location.search;
   element("live").hidden = state === "file" || (state === "over" && !player.following);
 }
-function beginAnew() {
+function resetTrace() {
   const fresh = new Trace();
   trace.records = fresh.records;
   Object.assign(trace, { moments: [], end: 0, begin: null, over: false });
-  trace.phasesOf = undefined;
-  scene.map.forget();
+  trace.phaseCache = undefined;
+  scene.map.clear();
   scene.selected = null;
-  panels.forget();
+  panels.clear();
   player.time = 0;
 }
-if (settings.source === "socket") readSocket(trace, beginAnew, say);
+if (settings.source === "socket") readSocket(trace, resetTrace, showConnection);
 else
-  readCarriedTrace(element("trace").textContent, trace).then(() => {
+  readEmbeddedTrace(element("trace").textContent, trace).then(() => {
     element("trace").remove();
-    say("file");
+    showConnection("file");
   });
 // Transport.
 const press = (name, action) => element(name).addEventListener("click", action);
@@ -134,11 +134,11 @@ press("follow", follow);
 
 const canvas = element("canvas");
 const pointers = new Map();
-let travelled = 0;
+let dragged = 0;
 canvas.addEventListener("pointerdown", (event) => {
   canvas.setPointerCapture(event.pointerId);
   pointers.set(event.pointerId, [event.offsetX, event.offsetY]);
-  if (pointers.size === 1) travelled = 0;
+  if (pointers.size === 1) dragged = 0;
 });
 canvas.addEventListener("pointermove", (event) => {
   const before = pointers.get(event.pointerId);
@@ -148,11 +148,11 @@ canvas.addEventListener("pointermove", (event) => {
   }
   const now = [event.offsetX, event.offsetY];
   const others = [...pointers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
-  travelled += Math.hypot(now[0] - before[0], now[1] - before[1]);
+  dragged += Math.hypot(now[0] - before[0], now[1] - before[1]);
   if (others.length) {
     const apart = (place) => Math.hypot(place[0] - others[0][0], place[1] - others[0][1]);
     scene.zoom(apart(now) / Math.max(apart(before), 1), (now[0] + others[0][0]) / 2, (now[1] + others[0][1]) / 2);
-  } else if (travelled > CLICK_REACH) {
+  } else if (dragged > CLICK_TOLERANCE) {
     canvas.classList.add("dragging");
     scene.pan(now[0] - before[0], now[1] - before[1]);
   }
@@ -162,7 +162,7 @@ for (const end of ["pointerup", "pointercancel"])
   canvas.addEventListener(end, (event) => {
     pointers.delete(event.pointerId);
     canvas.classList.remove("dragging");
-    if (end === "pointerup" && travelled <= CLICK_REACH) scene.selected = scene.pick(event.offsetX, event.offsetY);
+    if (end === "pointerup" && dragged <= CLICK_TOLERANCE) scene.selected = scene.pick(event.offsetX, event.offsetY);
   });
 canvas.addEventListener(
   "wheel",
@@ -188,11 +188,11 @@ const KEYS = {
 };
 press("help-open", () => element("help").showModal());
 press("help-close", () => element("help").close());
-element("help").addEventListener("click", (event) => event.target === element("help") && element("help").close()); // beside it
+element("help").addEventListener("click", (event) => event.target === element("help") && element("help").close()); // a click on the backdrop
 const PANS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("select, dialog")) return;
-  if (event.key === " " && event.target.closest("button, summary, input:not([type=range])")) return; // space presses what has the focus
+  if (event.key === " " && event.target.closest("button, summary, input:not([type=range])")) return; // space activates the focused control
   const line = event.target === element("log") && { ArrowUp: -1, ArrowDown: 1 }[event.key];
   const pan = event.target === canvas && PANS[event.key];
   const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
@@ -204,7 +204,7 @@ document.addEventListener("keydown", (event) => {
   event.preventDefault();
 });
 
-// What the page shows, told to those who cannot see colours change.
+// Update the controls and their accessible states.
 function updateControls() {
   document.body.toggleAttribute("data-playing", player.playing);
   element("play").setAttribute("aria-label", player.playing ? "Pause" : "Play");
@@ -212,7 +212,7 @@ function updateControls() {
   element("follow").setAttribute("aria-pressed", scene.mode === "follow");
   element("live").setAttribute("aria-pressed", player.following || (player.atEnd && player.playing && !trace.over));
   element("waiting").hidden = trace.begin !== null;
-  const begin = trace.begin ?? 0; // a real robot's clock does not begin at 0
+  const begin = trace.begin ?? 0; // a real robot's clock does not start at 0
   const [now, all] = [clockText(Math.max(player.time - begin, 0)), clockText(trace.end - begin)];
   if (element("clock").textContent !== `${now} / ${all}`) element("clock").replaceChildren(now, make("small", "", ` / ${all}`));
   const seek = element("seek");
@@ -222,21 +222,21 @@ function updateControls() {
   seek.setAttribute("aria-valuetext", now);
 }
 
-// The timeline's bands of phases, and a notch for every box that was delivered.
-let banded = "";
+// The phases on the timeline, and a notch for every delivered box.
+let phasesKey = "";
 function updatePhases() {
   const { Said, Stepped } = trace.records;
   const begin = trace.begin ?? 0;
-  const long = Math.max(trace.end - begin, 1);
-  const key = `${Said.length} ${Stepped.length} ${long.toFixed(0)}`;
-  if (key === banded) return;
-  banded = key;
-  const place = (time) => `${(100 * (time - begin)) / long}%`;
+  const duration = Math.max(trace.end - begin, 1);
+  const key = `${Said.length} ${Stepped.length} ${duration.toFixed(0)}`;
+  if (key === phasesKey) return;
+  phasesKey = key;
+  const place = (time) => `${(100 * (time - begin)) / duration}%`;
   const bands = trace.phases();
   const nodes = bands.map(({ time, phase }, at) => {
     const band = make("i");
     band.style.left = place(time);
-    band.style.right = `${100 - (100 * ((bands[at + 1]?.time ?? trace.end) - begin)) / long}%`;
+    band.style.right = `${100 - (100 * ((bands[at + 1]?.time ?? trace.end) - begin)) / duration}%`;
     band.style.setProperty("--c", `var(--${phase}-phase)`);
     return band;
   });
@@ -260,7 +260,7 @@ let before = performance.now();
 function frame(now) {
   player.advance(Math.min((now - before) / 1000, 0.25));
   before = now;
-  scene.look(player.time);
+  scene.show(player.time);
   scene.draw();
   panels.update(player.time);
   panels.inspect(scene.selected, scene);

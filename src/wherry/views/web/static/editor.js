@@ -1,36 +1,35 @@
 "use strict";
-// Draws a world file. The text is the only model: what is drawn is characters changed in it, and the server, which reads
-// worlds anyway, says what is wrong with it.
+// Edits a world file. The text is the only model: drawing changes its characters, and the server checks it.
 
 const element = (name) => document.getElementById(name);
 const settings = JSON.parse(element("settings").textContent);
 const COLUMNS = 4; // characters from one cell's wall to the next one's
-const ROWS = 2; // lines likewise
-const CHECK_AFTER = 120; // ms
-const LONGEST_HISTORY = 300;
-const SMALLEST_CELL = 14; // px of its side; a plan that is larger then is scrolled
-const WALL_REACH = 0.26; // of a cell, from its edge, where a wall is meant
+const ROWS = 2; // lines from one cell's wall to the next one's
+const CHECK_DELAY = 120; // ms after the last change
+const MAX_HISTORY = 300; // steps that can be undone
+const MIN_CELL_SIZE = 14; // px, side of a cell; larger plans scroll
+const WALL_REACH = 0.26; // distance from an edge within which its wall is drawn, in sides of a cell
 
 const TOOLS = [
-  ["wall", "Wall", "--wall", "Press on a cell's edge, and drag along a row of them; on a wall, that takes it away."],
-  ["obstacle", "Obstacle", "--soft", "Press on a cell, and drag; on an obstacle, that takes it away."],
-  ["w", "Warehouse", "--warehouse", "Press on the cells where boxes are to go."],
-  ["o", "Box", "--box", "Press on the cells where boxes stand; without any, some are put at random places."],
-  ["robot", "Robot", "--accent", "Press on the cell where the robot begins; a second click turns it."],
-  ["erase", "Erase", "--particle", "Press on what is to go, a wall or what is in a cell."],
+  ["wall", "Wall", "--wall", "Click the edge of a cell, or drag along several; on a wall, this removes it."],
+  ["obstacle", "Obstacle", "--soft", "Click a cell, or drag over several; on an obstacle, this removes it."],
+  ["w", "Warehouse", "--warehouse", "Click the cells to which boxes are delivered."],
+  ["o", "Box", "--box", "Click the cells where boxes stand; without any, boxes are placed at random."],
+  ["robot", "Robot", "--accent", "Click the cell where the robot starts; a second click turns it."],
+  ["erase", "Erase", "--particle", "Click a wall or a cell to clear it."],
 ];
 const ARROWS = ">^<v";
 
 let text = settings.text;
-let savedHere = false; // whether this page has saved anything
+let savedHere = false; // whether this page has saved the file
 let saved = settings.new ? null : settings.text;
 let past = [];
 let future = [];
 let tool = "wall";
-let cursor = null; // [x, y] while keys are used
+let cursor = null; // cell [x, y] of the keyboard cursor
 let found = { error: null, unreachable: [] };
 
-// The lines above the drawing, and the drawing as rows of characters; null if it is no rectangle of cells.
+// The fields and the drawing as rows of characters; null if the drawing is no rectangle of cells.
 function parts(of = text) {
   const lines = of.replace(/\s+$/, "").split("\n").map((line) => line.trimEnd());
   const first = lines.findIndex((line) => line.startsWith("+"));
@@ -51,7 +50,7 @@ function setCell(plan, x, y, symbols) {
   [...symbols.padStart(Math.ceil((3 + symbols.length) / 2)).padEnd(3)].forEach((sign, at) => (plan.rows[rowOf(plan, y)][columnOf(x) + at] = sign));
 }
 
-// The characters of the wall on a side of a cell; null on the outer edge.
+// Row, column and characters of the wall on a side of a cell; null on the outer edge.
 function wallPlace(plan, x, y, dx, dy) {
   if (x + dx < 0 || x + dx >= plan.width || y + dy < 0 || y + dy >= plan.height) return null;
   const row = rowOf(plan, y) - dy;
@@ -66,7 +65,7 @@ function setWall(plan, [row, column, wall], stands) {
   [...wall].forEach((sign, at) => (plan.rows[row][column + at] = stands ? sign : " "));
 }
 
-// Use a tool on a cell; `paint` says whether to put or to take, decided where a stroke begins.
+// Apply the tool to a cell; `paint` is whether the stroke adds or removes.
 function drawIn(plan, x, y, paint) {
   const symbols = cellText(plan, x, y).replaceAll(" ", "");
   const without = (sign) => [...symbols].filter((other) => other !== sign).join("");
@@ -88,24 +87,24 @@ function drawIn(plan, x, y, paint) {
   return setCell(plan, x, y, paint ? (rest + tool).slice(0, 3) : rest);
 }
 
-// Whether a stroke of the tool that begins in a cell puts or takes.
-function begins(plan, x, y) {
+// Whether a stroke that starts in a cell adds or removes.
+function startsPainting(plan, x, y) {
   return tool === "obstacle" ? !cellText(plan, x, y).includes("#") : !cellText(plan, x, y).includes(tool);
 }
 
-// Take a new text as the world.
+// Replace the text of the world.
 function change(next, { remember = true } = {}) {
   if (next === text) return;
   if (remember) {
     past.push(text);
-    if (past.length > LONGEST_HISTORY) past.shift();
+    if (past.length > MAX_HISTORY) past.shift();
     future = [];
   }
   text = next;
   if (element("text").value !== text) element("text").value = text;
   show();
   clearTimeout(change.timer);
-  change.timer = setTimeout(check, CHECK_AFTER);
+  change.timer = setTimeout(check, CHECK_DELAY);
 }
 
 function edit(make) {
@@ -129,7 +128,7 @@ async function check() {
     const answer = await (await ask("check", asked)).json();
     if (asked === text) found = answer;
   } catch {
-    return; // the notice says it
+    return; // the notice is shown already
   }
   show();
 }
@@ -150,7 +149,7 @@ function notice(words) {
   element("notice").textContent = words;
 }
 
-// Fields above the drawing.
+// The value of a field above the drawing.
 function field(plan, name) {
   const line = plan.fields.find((one) => one.startsWith(`${name}:`));
   return line?.slice(name.length + 1).trim();
@@ -164,7 +163,7 @@ function setField(name, value) {
   });
 }
 
-// Other numbers of columns and rows; the upper left corner stays where it is.
+// Change the numbers of columns and rows; the upper left corner stays.
 function resize(width, height) {
   const plan = parts();
   if (!plan || !(width >= 1 && height >= 1)) return;
@@ -183,12 +182,12 @@ function resize(width, height) {
   const after = inventory(text);
   const lost = Object.keys(before).filter((kind) => after[kind] < before[kind]);
   const counted = lost.map((kind) => (before[kind] - after[kind] === 1 ? `1 ${kind}` : `${before[kind] - after[kind]} ${PLURALS[kind]}`));
-  if (lost.length) tell(`With the smaller plan went ${counted.join(", ")}. Undo brings it back.`);
+  if (lost.length) showHint(`The smaller plan removed ${counted.join(", ")}. Undo restores the larger one.`);
 }
 
 const PLURALS = { robot: "robots", box: "boxes", "warehouse cell": "warehouse cells", obstacle: "obstacles", wall: "walls" };
 
-// How many things of each kind a text draws; walls on the outer edge do not count.
+// Number of objects of each kind in a text, without the outer walls.
 function inventory(of) {
   const plan = parts(of);
   const counts = { robot: 0, box: 0, "warehouse cell": 0, obstacle: 0, wall: 0 };
@@ -207,12 +206,12 @@ function inventory(of) {
   return counts;
 }
 
-// Words below the tools: how the one that is chosen is used, or what has just happened.
-function tell(words) {
-  element("hint").textContent = words;
+// Show a hint below the tools.
+function showHint(text) {
+  element("hint").textContent = text;
 }
 
-// The picture.
+// The drawing.
 const canvas = element("canvas");
 const context = canvas.getContext("2d");
 let side = 40; // px, of a cell
@@ -228,7 +227,7 @@ function show() {
   element("undo").disabled = !past.length;
   element("redo").disabled = !future.length;
   element("save").disabled = Boolean(found.error);
-  element("save").title = found.error ? "What is wrong with the world stands below the plan" : "Ctrl+S";
+  element("save").title = found.error ? "The error is shown below the plan" : "Ctrl+S";
   element("text").setAttribute("aria-invalid", Boolean(found.error));
   const verdict = element("verdict");
   const unreachable = found.unreachable?.length ?? 0;
@@ -236,10 +235,10 @@ function show() {
   verdict.textContent = found.error
     ? `Cannot be saved: ${found.error}`
     : found.width
-      ? `${found.metres[0]} × ${found.metres[1]} m, ${found.boxes} ${found.boxes === 1 ? "box" : "boxes"}${found.drawn ? "" : " at random places"}` +
+      ? `${found.metres[0]} × ${found.metres[1]} m, ${found.boxes} ${found.boxes === 1 ? "box" : "boxes"}${found.drawn ? "" : " at random positions"}` +
         (unreachable ? `. ${unreachable} of them cannot be reached by the robot` : "") +
         (found.connected ? "." : ". Some cells cannot be reached.") +
-        (savedHere && state === "saved" ? ` Saved; to deliver in it: wherry deliver --world ${settings.path}` : "")
+        (savedHere && state === "saved" ? ` Saved. To deliver in it: wherry deliver --world ${settings.path}` : "")
       : "";
   if (!plan) return;
   const values = { name: field(plan, "name"), cell: field(plan, "cell") ?? 0.6, boxes: field(plan, "boxes") ?? 4, width: plan.width, height: plan.height };
@@ -252,7 +251,7 @@ function draw() {
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(`--${name}`).trim();
   const room = canvas.parentElement;
-  side = Math.max(SMALLEST_CELL, Math.min(64, Math.floor((room.clientWidth - 32) / plan.width), Math.floor((room.clientHeight - 32) / plan.height)));
+  side = Math.max(MIN_CELL_SIZE, Math.min(64, Math.floor((room.clientWidth - 32) / plan.width), Math.floor((room.clientHeight - 32) / plan.height)));
   const ratio = window.devicePixelRatio || 1;
   const [wide, high] = [plan.width * side + 32, plan.height * side + 32];
   canvas.style.width = `${wide}px`;
@@ -288,7 +287,7 @@ function draw() {
   for (let y = 0; y <= plan.height; y++) context.rect(0, y * side, plan.width * side, 0);
   context.stroke();
   for (let y = 0; y < plan.height; y++)
-    for (let x = 0; x < plan.width; x++) if (cellText(plan, x, y).includes("#")) box(x, y, -1, colour("soft")); // over the lines, so that neighbours are one
+    for (let x = 0; x < plan.width; x++) if (cellText(plan, x, y).includes("#")) box(x, y, -1, colour("soft")); // covers the grid lines between neighbours
   context.strokeStyle = colour("wall");
   context.lineWidth = Math.max(4, side * 0.11);
   context.lineCap = "square";
@@ -341,7 +340,7 @@ function mark(plan, x, y, colour) {
   context.strokeRect(x * side + 3, (plan.height - 1 - y) * side + 3, side - 6, side - 6);
 }
 
-// A ring around the character that the server complains about.
+// A ring around the character at which the server found an error.
 function markError(plan, colour) {
   const row = found.line - 1 - plan.fields.length;
   const column = (found.column ?? 1) - 1;
@@ -353,7 +352,7 @@ function markError(plan, colour) {
   context.stroke();
 }
 
-// What lies under the pointer: a cell, and the side of it that is near, if any is.
+// The cell under the pointer, its nearest side, and whether that is near.
 function under(event) {
   const plan = shownPlan;
   const [px, py] = [(event.offsetX - 16) / side, plan.height - (event.offsetY - 16) / side];
@@ -361,8 +360,8 @@ function under(event) {
   if (x < 0 || y < 0 || x >= plan.width || y >= plan.height) return null;
   const near = ([distance]) => distance < WALL_REACH;
   const sides = [[px - x, -1, 0], [x + 1 - px, 1, 0], [py - y, 0, -1], [y + 1 - py, 0, 1]].sort((a, b) => a[0] - b[0]);
-  const meant = sides.find(([, dx]) => stroke?.upright === undefined || Boolean(dx) === stroke.upright); // a stroke keeps its direction
-  return { x, y, dx: meant[1], dy: meant[2], near: near(meant) };
+  const nearest = sides.find(([, dx]) => stroke?.upright === undefined || Boolean(dx) === stroke.upright); // a stroke keeps its direction
+  return { x, y, dx: nearest[1], dy: nearest[2], near: near(nearest) };
 }
 
 let stroke = null; // {paint, last}
@@ -386,7 +385,7 @@ function strokeOn(event) {
     setWall(plan, place, tool === "wall" && stroke.paint);
   } else {
     stroke.kind = "cell";
-    stroke.paint ??= begins(plan, spot.x, spot.y);
+    stroke.paint ??= startsPainting(plan, spot.x, spot.y);
     drawIn(plan, spot.x, spot.y, stroke.paint);
   }
   stroke.last = key;
@@ -399,7 +398,7 @@ function eraseCell(spot, plan) {
   remember(joined(plan));
 }
 
-// All of a stroke is one step to undo.
+// A whole stroke is one step to undo.
 function remember(next) {
   if (next === text) return;
   change(next, { remember: !stroke.changed });
@@ -427,7 +426,7 @@ canvas.addEventListener("keydown", (event) => {
       if (place) setWall(now, place, !hasWall(now, place));
     });
   else if (way) cursor = [Math.min(Math.max(x + way[0], 0), plan.width - 1), Math.min(Math.max(y + way[1], 0), plan.height - 1)];
-  else if (event.key === " ") edit((now) => tool !== "wall" && drawIn(now, x, y, begins(now, x, y)));
+  else if (event.key === " ") edit((now) => tool !== "wall" && drawIn(now, x, y, startsPainting(now, x, y)));
   else return;
   event.preventDefault();
   draw();
@@ -447,7 +446,7 @@ document.addEventListener("keydown", (event) => {
 function choose(name) {
   tool = name;
   element(`tool-${name}`).checked = true;
-  tell(TOOLS.find(([other]) => other === name)[3]);
+  showHint(TOOLS.find(([other]) => other === name)[3]);
 }
 
 for (const [name, words, colour] of TOOLS) {
@@ -478,12 +477,12 @@ element("text").value = text;
 addEventListener("beforeunload", (event) => text !== saved && saved !== null && event.preventDefault());
 new ResizeObserver(draw).observe(canvas.parentElement);
 
-// The server has to be there to save; say so when it is not.
+// Keep a socket to the server open, and show a notice while it cannot save.
 function stay() {
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${location.search}`);
   socket.onopen = () => notice("");
   socket.onclose = () => {
-    notice("The server does not answer: nothing can be saved until it is started again. Copy the text if you need it.");
+    notice("The server does not answer: the file cannot be saved until the editor is started again. Copy the text if you need it.");
     setTimeout(stay, 1500);
   };
 }

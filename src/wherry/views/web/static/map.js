@@ -1,46 +1,46 @@
 "use strict";
-// The map at any time of a trace, kept as one picture of which only what changed is painted anew.
+// The map at any time of a trace, as one image in which only changed tiles are repainted.
 
 const TILE = 64; // grid cells
-const UNKNOWN = 255; // percent that mean: not known
+const UNKNOWN = 255; // value of unknown cells, otherwise percent
 
 class MapPicture {
   constructor() {
     this.canvas = document.createElement("canvas");
     this.palette = new Uint32Array(256);
-    this.knownParts = new WeakMap(); // pixels of a tile → the part of it that is known
-    this.forget();
+    this.knownParts = new WeakMap(); // pixels of a tile → bounds of its known cells
+    this.clear();
   }
 
-  forget() {
-    this.shown = -1; // index of the Explored record that is painted
+  clear() {
+    this.shown = -1; // index of the painted map record
     this.number = 0;
     this.bounds = null; // first and one-past-last tile: x0, y0, x1, y1
     this.tiles = new Map(); // "x,y" → pixels
   }
 
-  // Colours, as [r, g, b], of free, occupied and unknown cells.
+  // Set the colours of free, occupied and unknown cells, as [r, g, b].
   paint(free, wall, unknown) {
     for (let percent = 0; percent <= 100; percent++) {
-      const share = percent / 100;
-      const [r, g, b] = free.map((from, at) => Math.round(from + (wall[at] - from) * share));
+      const fraction = percent / 100;
+      const [r, g, b] = free.map((from, at) => Math.round(from + (wall[at] - from) * fraction));
       this.palette[percent] = (255 << 24) | (b << 16) | (g << 8) | r;
     }
     this.palette[UNKNOWN] = (255 << 24) | (unknown[2] << 16) | (unknown[1] << 8) | unknown[0];
     this.repaint();
   }
 
-  // Show the map of the record with an index; return whether anything changed.
+  // Show the map of a record, given its index; return whether anything changed.
   show(explored, index) {
     if (index === this.shown) return false;
     if (index < 0) {
-      this.forget();
+      this.clear();
       return true;
     }
     const record = explored[index];
     let first = this.shown + 1;
     if (index < this.shown || record.map !== this.number) {
-      this.forget();
+      this.clear();
       first = index;
       while (first > 0 && explored[first - 1].map === record.map) first--;
     }
@@ -60,7 +60,7 @@ class MapPicture {
     return true;
   }
 
-  // Make room for tiles; return whether the picture had to be made anew.
+  // Extend the image to contain tiles; return whether it was extended, which clears it.
   grow(keys) {
     let [x0, y0, x1, y1] = this.bounds ?? [Infinity, Infinity, -Infinity, -Infinity];
     for (const key of keys) {
@@ -81,7 +81,7 @@ class MapPicture {
     for (const [key, pixels] of this.tiles) this.paintTile(key, pixels);
   }
 
-  // Row 0 of a tile is its smallest y, and the picture is drawn mirrored.
+  // Row 0 of a tile is at its smallest y; the scene draws the image mirrored.
   paintTile(key, pixels) {
     const [x, y] = key.split(",").map(Number);
     const image = new ImageData(TILE, TILE);
@@ -90,7 +90,7 @@ class MapPicture {
     this.context.putImageData(image, (x - this.bounds[0]) * TILE, (y - this.bounds[1]) * TILE);
   }
 
-  // Corners of what is known, m, map frame: west, south, east, north; null while nothing is.
+  // Bounds of the known cells, m, map frame, as [west, south, east, north]; null if there are none.
   extent() {
     if (!this.bounds) return null;
     const [ox, oy, theta] = this.origin;
@@ -113,7 +113,7 @@ class MapPicture {
     return box[0] < box[2] ? box : null;
   }
 
-  // P(occupied) in percent at a point of the map frame; null where nothing is known.
+  // P(occupied) in percent at a point of the map frame; null if unknown.
   percentAt(x, y) {
     if (!this.bounds) return null;
     const [ox, oy, theta] = this.origin;
@@ -126,7 +126,7 @@ class MapPicture {
   }
 }
 
-// First and one-past-last column and row of a tile that are known: x0, y0, x1, y1; null if none is.
+// Bounds of the known cells of a tile, as [x0, y0, x1, y1] with exclusive ends; null if there are none.
 function knownPart(pixels) {
   let [x0, y0, x1, y1] = [TILE, TILE, 0, 0];
   for (let at = 0; at < pixels.length; at++) {

@@ -1,9 +1,9 @@
 "use strict";
-// What stands beside the map: condition, rules, unknowns, boxes, log, and the attributes of what was clicked on.
+// The panels beside the map: condition, rules, unknown pairs, boxes, log, and attributes of the selected object.
 
 const element = (name) => document.getElementById(name);
 
-// <tag class="…">…children</tag>; strings become text, so nothing that a trace says is ever read as HTML.
+// An element with a class and children; strings become text nodes, so that text of a trace is never parsed as HTML.
 function make(tag, style, ...children) {
   const made = document.createElement(tag);
   if (style) made.className = style;
@@ -11,24 +11,23 @@ function make(tag, style, ...children) {
   return made;
 }
 
-const MILESTONE = 0.2; // of the area, or of a log, after which it is told how much is mapped
+const MAPPING_STEP = 0.2; // fraction of the area, or of a log, after which progress is logged
 
-// "touch_N(robot, wall)" without the robot, which every term is about.
+// A term without its first argument, the robot or taxi, which all terms share: "touch_N(wall)".
 const shortTerm = (term) => term.replace(/\((robot|taxi), /, "(");
 
-// The terms that hold in a condition.
+// Names of the terms that hold in a condition.
 function holding(condition, terms) {
-  const names = [...condition].flatMap((sign, at) => (sign === "1" ? [shortTerm(terms[at] ?? `term ${at + 1}`)] : []));
+  const names = [...condition].flatMap((bit, at) => (bit === "1" ? [shortTerm(terms[at] ?? `term ${at + 1}`)] : []));
   return names.length ? names.join(", ") : "no term holds";
 }
 
 const PHASES = { explore: "Explores", localize: "Localizes", survey: "Looks for boxes", learn: "Learns", deliver: "Delivers", map: "Maps", done: "Done" };
 const phaseName = (phase, began) => (phase === "deliver" && began.task === "learn" ? "Uses its rules" : PHASES[phase]) ?? phase ?? "";
-const FEW_TERMS = 3; // that a rule's condition may name to be told in words in the log
-const WHYS = {
-  plan: "Part of its plan: it knows what this does.",
-  experiment: "An experiment: it does not know yet what this does here.",
-  way: "On the way to an experiment: it goes where it can find something out.",
+const REASONS = {
+  plan: "Part of its plan: the outcome is known.",
+  experiment: "An experiment: the outcome is unknown under this condition.",
+  way: "On the way to an experiment: the action leads to a condition with an unknown outcome.",
 };
 const TAGS = { plan: "", experiment: " · experiment", way: " · to an experiment" };
 const SVG = "http://www.w3.org/2000/svg";
@@ -39,39 +38,46 @@ function clockText(seconds) {
   return `${minutes}:${String(whole % 60).padStart(2, "0")}`;
 }
 
-// Signs of a condition, those that matter apart from those that do not.
+// The bits of a condition; * (either) is shown paler.
 function pattern(condition) {
   const made = make("code", "pattern");
-  for (const sign of condition) made.append(make(sign === "*" ? "i" : "b", "", sign));
+  for (const bit of condition) made.append(make(bit === "*" ? "i" : "b", "", bit));
   return made;
 }
 
+// A condition as terms: "if touch_N(wall) and not in_bot", or "always".
 function inWords(condition, terms) {
-  const words = [...condition].flatMap((sign, at) => (sign === "*" ? [] : [(sign === "1" ? "" : "not ") + (terms[at] ?? `term ${at + 1}`)]));
+  const words = [...condition].flatMap((bit, at) => (bit === "*" ? [] : [(bit === "1" ? "" : "not ") + (terms[at] ?? `term ${at + 1}`)]));
   return words.length ? "if " + words.join(" and ") : "always";
 }
 
-const covers = (condition, terms) => [...condition].every((sign, at) => sign === "*" || sign === terms[at]);
+// The same in few words: where every bit is given, only the terms that hold are named.
+function inFewWords(condition, terms) {
+  if (condition.includes("*")) return inWords(condition, terms.map(shortTerm));
+  return condition.includes("1") ? `if only ${holding(condition, terms)}` : "if no term holds";
+}
+
+const covers = (condition, terms) => [...condition].every((bit, at) => bit === "*" || bit === terms[at]);
 
 class Panels {
   constructor(trace, seek) {
     this.trace = trace;
     this.seek = seek;
-    this.forget();
+    this.clear();
   }
 
-  forget() {
+  clear() {
     this.logged = { Said: 0, Stepped: 0, Learnt: 0, Explored: 0 };
-    this.milestone = 0; // how much of the map was told last
+    this.mappedSteps = 0; // mapping progress that was logged, in steps of MAPPING_STEP
     this.entries = []; // {time, node}
-    this.chosen = -1; // the entry that was clicked on, of those with its time
-    this.marked = -1; // the last entry that is not later than now
+    this.chosen = -1; // index of the clicked entry, among entries of the same time
+    this.marked = -1; // index of the last entry that is not later than the time shown
     this.shown = {};
     element("log").replaceChildren();
     element("bits").replaceChildren();
   }
 
-  // Whether a value differs from when it was last asked for under a name.
+  // Whether a value differs from that of the last call with the same name.
   changed(name, value) {
     if (this.shown[name] === value) return false;
     this.shown[name] = value;
@@ -98,7 +104,7 @@ class Panels {
   updateTitle(began, time) {
     if (this.changed("title", began)) element("subject").textContent = `${began.task} · ${began.subject}`;
     const phases = this.trace.phases();
-    const phase = phases[lastBefore(phases, time, (band) => band.time)]?.phase;
+    const phase = phases[lastNotAfter(phases, time, (band) => band.time)]?.phase;
     if (this.changed("phase", phase)) {
       element("phase").hidden = !phase;
       element("phase").textContent = phaseName(phase, began);
@@ -106,7 +112,7 @@ class Panels {
     }
   }
 
-  // What it is doing: the action whose end comes next, if that is known already; else what it said last.
+  // The action in progress, which is the next one to end, if it is in the trace already; otherwise the last narration.
   updateNow(time) {
     const { trace } = this;
     const steps = trace.records.Stepped;
@@ -119,16 +125,16 @@ class Panels {
     if (acting) {
       action.textContent = next.action;
       action.dataset.learning = next.learning;
-      element("why").textContent = WHYS[this.reason(next)];
+      element("why").textContent = REASONS[this.reason(next)];
     } else element("why").textContent = said?.text ?? "";
   }
 
-  // Why a step was made: "plan"; "experiment" where no rule and no failure told what it would do; else "way" to one.
+  // Reason of a step: "plan", "experiment" (no rule or failure condition predicts it), or "way" to an experiment.
   reason(step) {
     if (!step.learning) return "plan";
-    const known = this.trace.records.Learnt[lastBefore(this.trace.records.Learnt, step.time - 1e-3, (learnt) => learnt.time)];
-    const told = [...(known?.rules ?? []), ...(known?.failures[step.action] ?? []).map((condition) => [step.action, condition])];
-    return told.some(([action, condition]) => action === step.action && covers(condition, step.condition)) ? "way" : "experiment";
+    const known = this.trace.records.Learnt[lastNotAfter(this.trace.records.Learnt, step.time - 1e-3, (learnt) => learnt.time)];
+    const predictions = [...(known?.rules ?? []), ...(known?.failures[step.action] ?? []).map((condition) => [step.action, condition])];
+    return predictions.some(([action, condition]) => action === step.action && covers(condition, step.condition)) ? "way" : "experiment";
   }
 
   isDone(time) {
@@ -148,10 +154,10 @@ class Panels {
     element("condition").textContent = condition ?? "";
     [...list.children].forEach((item, at) => {
       const on = condition?.[at] === "1";
-      const says = condition?.[at] === undefined ? "not known yet" : on ? "holds" : "does not hold";
+      const state = condition?.[at] === undefined ? "unknown" : on ? "holds" : "does not hold";
       item.classList.toggle("on", on);
       item.firstChild.textContent = condition?.[at] ?? "–";
-      item.setAttribute("aria-label", `${began.terms[at]}: ${says}`);
+      item.setAttribute("aria-label", `${began.terms[at]}: ${state}`);
     });
   }
 
@@ -167,7 +173,7 @@ class Panels {
       item.classList.toggle("applies", applies);
       item.title = applies ? "Applies now: its condition holds" : "Does not apply now";
     }
-    for (const item of element("rules").querySelectorAll(".fails code")) item.classList.toggle("on", item.textContent === condition);
+    for (const item of element("rules").querySelectorAll("[data-failure]")) item.classList.toggle("on", item.dataset.failure === condition);
   }
 
   makeRules(began, learnt, time) {
@@ -185,7 +191,7 @@ class Panels {
         return item;
       });
       const failing = failures[action] ?? [];
-      if (failing.length && !made.length) made.push(make("li", "", make("div", "rule-top", make("b", "", action), make("span", "soft", "no effect known"))));
+      if (failing.length && !made.length) made.push(make("li", "", make("div", "rule-top", make("b", "", action), make("span", "soft", "no known effect"))));
       if (failing.length) made.at(-1).append(this.failureList(action, failing, open.has(action)));
       return made;
     });
@@ -205,14 +211,16 @@ class Panels {
   }
 
   failureList(action, conditions, open) {
-    const summary = make("summary", "", `fails in ${conditions.length}`);
-    summary.title = `The number of conditions in which ${action} is known to do nothing; press to see them`;
-    const codes = conditions.map((condition) => {
-      const code = make("code", "", condition);
-      code.title = inWords(condition, this.trace.records.Began[0].terms);
-      return code;
+    const summary = make("summary", "", `no effect in ${conditions.length}`);
+    summary.title = `Number of conditions in which ${action} is known to have no effect; press to list them`;
+    const items = conditions.map((condition) => {
+      const { terms } = this.trace.records.Began[0];
+      const item = make("span", "", inFewWords(condition, terms));
+      item.title = `${condition}: ${inWords(condition, terms)}`;
+      item.dataset.failure = condition;
+      return item;
     });
-    const details = make("details", "", summary, make("div", "fails", ...codes));
+    const details = make("details", "", summary, make("div", "fails", ...items));
     details.dataset.action = action;
     details.open = open;
     return details;
@@ -238,11 +246,11 @@ class Panels {
     );
   }
 
-  // Unknown pairs after every action as a line of steps, what is still to come faintly.
+  // The number of unknown pairs after every action as a step chart; the future is shown paler.
   drawChart(steps, here) {
     const most = Math.max(1, ...steps.map((step) => step.unknown));
-    const wide = Math.max(steps.length - 1, 1);
-    const point = (at) => [(160 * at) / wide, 53 - (48 * steps[at].unknown) / most];
+    const width = Math.max(steps.length - 1, 1);
+    const point = (at) => [(160 * at) / width, 53 - (48 * steps[at].unknown) / most];
     const line = (from, to) => {
       let text = "";
       for (let at = from; at <= to; at++) {
@@ -270,7 +278,7 @@ class Panels {
     const fraction = explored && !past ? explored.fraction : null;
     if (!this.changed("explored", fraction)) return;
     element("exploring").hidden = fraction === null;
-    element("exploring-name").textContent = this.trace.records.Began[0].task === "map" ? "Of the log" : "Explored";
+    element("exploring-name").textContent = this.trace.records.Began[0].task === "map" ? "Mapped part of the log" : "Explored";
     const percent = Math.round((fraction ?? 0) * 100);
     element("explored").textContent = `${percent} %`;
     element("meter").setAttribute("aria-valuenow", percent);
@@ -279,7 +287,7 @@ class Panels {
 
   updateLog(time) {
     this.extendLog();
-    const last = lastBefore(this.entries, time, (entry) => entry.time);
+    const last = lastNotAfter(this.entries, time, (entry) => entry.time);
     if (this.chosen >= 0 && Math.abs(this.entries[this.chosen].time - time) > 1e-6) this.chosen = -1;
     const here = this.chosen >= 0 ? this.chosen : last;
     if (!this.changed("log", `${here} ${last} ${this.entries.length}`)) return;
@@ -294,7 +302,7 @@ class Panels {
     if (!list.matches(":hover") && document.activeElement !== list) list.scrollTop = node.offsetTop - list.offsetTop - Math.max(0, Math.min(list.clientHeight * 0.7, list.clientHeight - node.offsetHeight));
   }
 
-  // Put what was said, done and learnt since the last time into the log, in the order of time.
+  // Append new narrations, actions and rules to the log, in order of time.
   extendLog() {
     const { records } = this.trace;
     const { terms, task } = records.Began[0];
@@ -307,7 +315,7 @@ class Panels {
       const step = records.Stepped[this.logged.Stepped];
       const outcome = step.moved ? "" : " · no effect";
       const words = `${step.action} · ${holding(step.condition, terms)}${TAGS[this.reason(step)]}${outcome}`;
-      lines.push([step.time, 0, "act", words, `In condition ${step.condition}: ${inWords(step.condition, terms).slice(3)}`]);
+      lines.push([step.time, 0, "act", words, `Condition ${step.condition}: ${inWords(step.condition, terms).slice(3)}`]);
     }
     for (; this.logged.Learnt < records.Learnt.length; this.logged.Learnt++) {
       const now = records.Learnt[this.logged.Learnt];
@@ -315,10 +323,10 @@ class Panels {
     }
     for (; this.logged.Explored < records.Explored.length; this.logged.Explored++) {
       const { time, fraction } = records.Explored[this.logged.Explored];
-      const reached = Math.floor(fraction / MILESTONE + 1e-9);
-      if (task === "localize" || reached <= this.milestone || time >= this.trace.actsFrom) continue;
-      this.milestone = reached;
-      const percent = Math.round(reached * MILESTONE * 100);
+      const reached = Math.floor(fraction / MAPPING_STEP + 1e-9);
+      if (task === "localize" || reached <= this.mappedSteps || time >= this.trace.actsFrom) continue;
+      this.mappedSteps = reached;
+      const percent = Math.round(reached * MAPPING_STEP * 100);
       lines.push([time, 3, "said", task === "map" ? `Mapped ${percent} % of the log.` : `Mapped ${percent} %.`]);
     }
     if (!lines.length) return;
@@ -338,7 +346,7 @@ class Panels {
     element("log").append(made);
   }
 
-  // Go to the line of the log before or after the present one.
+  // Go to the previous or next line of the log.
   stepInLog(by) {
     const here = this.chosen >= 0 ? this.chosen : this.marked;
     const next = Math.min(Math.max(here + by, 0), this.entries.length - 1);
@@ -348,27 +356,27 @@ class Panels {
     this.entries[next].node.scrollIntoView({ block: "nearest" });
   }
 
-  // Where a robot without terms, one of a log, takes itself to be, and how sure it is.
+  // The estimated pose, for a robot of a log, which has no terms.
   updateEstimate(began, seen, pose) {
     element("estimate").hidden = Boolean(began.terms.length) || !seen;
     if (!seen || !this.changed("estimate", `${seen.time} ${pose}`)) return;
     const rows = [["x", metres(pose[0])], ["y", metres(pose[1])], ["heading", degrees(pose[2])]];
     const count = seen.particles.length / 3;
-    if (count) rows.push(["particles", count], ["their spread (rms)", metres(spreadOf(seen.particles))]);
+    if (count) rows.push(["particles", count], ["particle spread (rms)", metres(spreadOf(seen.particles))]);
     element("estimated").replaceChildren(...rows.flatMap(([name, value]) => [make("dt", "", name), make("dd", "", String(value))]));
   }
 
-  // The attributes of what was clicked on.
+  // Show the attributes of the selected object.
   inspect(picked, scene) {
     const panel = element("inspector");
-    const told = picked && scene.instant ? attributesOf(picked, scene) : null;
-    panel.hidden = !told;
-    if (!told) {
+    const details = picked && scene.instant ? attributesOf(picked, scene) : null;
+    panel.hidden = !details;
+    if (!details) {
       this.shown.inspected = null;
       return;
     }
-    const [title, colour, rows] = told;
-    if (!this.changed("inspected", JSON.stringify(told))) return;
+    const [title, colour, rows] = details;
+    if (!this.changed("inspected", JSON.stringify(details))) return;
     const close = make("button", "icon", "×");
     close.setAttribute("aria-label", "Close");
     close.addEventListener("click", () => (scene.selected = null));
@@ -380,21 +388,19 @@ class Panels {
   }
 }
 
-// What is new in one set of rules against the one before: in words where they are few, and all of it.
+// Rules that are new or changed since the model before, as [text, hint].
 function newRules(before, now, terms) {
   const old = new Map((before?.rules ?? []).map(([action, condition, effect]) => [`${action} ${effect}`, condition]));
   return now.rules
     .filter(([action, condition, effect]) => old.get(`${action} ${effect}`) !== condition)
     .map(([action, condition, effect]) => {
       const was = old.get(`${action} ${effect}`);
-      const few = [...condition].filter((sign) => sign !== "*").length <= FEW_TERMS;
-      const when = few ? inWords(condition, terms.map(shortTerm)) : `under ${condition}`;
-      const all = `${condition}${was ? `, was ${was}` : ""}: ${inWords(condition, terms)}`;
-      return [`${action}: ${effect} ${when}`, all];
+      const hint = `${condition}${was ? `, was ${was}` : ""}: ${inWords(condition, terms)}`;
+      return [`${action}: ${effect} ${inFewWords(condition, terms)}`, hint];
     });
 }
 
-// m: how far particles lie from their middle, root mean square.
+// Root mean square distance of the particles from their mean, m.
 function spreadOf(particles) {
   const count = particles.length / 3;
   const mean = [0, 0];
@@ -407,7 +413,7 @@ function spreadOf(particles) {
 const metres = (value) => `${value.toFixed(2)} m`;
 const degrees = (value) => `${((value * 180) / Math.PI).toFixed(0)}°`;
 
-// Title, colour and rows of attributes; null if the thing is gone.
+// Title, colour and attributes of an object; null if it is gone.
 function attributesOf(picked, scene) {
   const { instant } = scene;
   const thing = instant.perceived?.things.find((item) => item.name === (picked.kind === "robot" ? "robot" : picked.name));

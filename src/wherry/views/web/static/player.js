@@ -1,20 +1,20 @@
 "use strict";
-// Plays a trace that may still grow: the run goes as fast as it can, the player as fast as people want.
+// Playback of a trace, which may still grow while it is played.
 
 class Player {
   constructor(trace) {
     this.trace = trace;
     this.time = 0; // s
-    this.speed = 10; // times real time; 0 is as fast as the run
+    this.speed = 10; // times real time; 0 follows the run
     this.playing = true;
-    this.following = false; // the end of a trace that still grows
+    this.following = false; // whether the end of a growing trace is shown
   }
 
   get atEnd() {
     return this.time >= this.trace.end - 1e-6;
   }
 
-  // Let so many real seconds pass.
+  // Advance by a real time, s.
   advance(seconds) {
     if (!this.playing || this.trace.begin === null) return;
     this.time = Math.max(this.time, this.trace.begin);
@@ -33,11 +33,11 @@ class Player {
     this.time = Math.min(Math.max(time, this.trace.begin ?? 0), this.trace.end);
   }
 
-  // Pause, and go to the next thing that happened, or the one before.
+  // Pause at the next or previous event.
   step(by) {
     const { moments } = this.trace;
     this.playing = false;
-    const here = lastBefore(moments, this.time);
+    const here = lastNotAfter(moments, this.time);
     const onIt = here >= 0 && Math.abs(moments[here] - this.time) < 1e-3;
     const next = by > 0 ? here + 1 : onIt ? here - 1 : here;
     this.seek(moments[Math.min(Math.max(next, 0), moments.length - 1)] ?? this.time);

@@ -1,30 +1,30 @@
 "use strict";
-// Draws an instant of a trace: map, cells, warehouse, trail, laser, plan, path, boxes, robot, particles.
+// Draws a trace at one time: map, cells, warehouse, trail, laser, plan, path, boxes, robot, particles.
 
 const LAYERS = {
   laser: ["Laser", "--laser"],
-  particles: ["Particle cloud", "--particle"],
-  path: ["Path ahead", "--path"],
-  plan: ["Plan, cell by cell", "--plan"],
-  trail: ["Way driven", "--trail"],
+  particles: ["Particles", "--particle"],
+  path: ["Path", "--path"],
+  plan: ["Plan (cells)", "--plan"],
+  trail: ["Path driven", "--trail"],
   boxes: ["Boxes", "--box"],
   warehouse: ["Warehouse", "--warehouse"],
   cells: ["Cells", "--soft"],
 };
-// What is drawn without being a layer. Of a world without metres, things are drawn by their class.
-const SYMBOLS = [["Robot, fork ahead", "--robot", "fork"], ["Wall", "--wall", "plain"], ["Free", "--free", "plain"], ["Unknown", "--unknown", "plain"]];
+// Symbols that cannot be hidden. On a grid without a robot, objects are drawn by their class.
+const SYMBOLS = [["Robot, fork at the front", "--robot", "fork"], ["Wall", "--wall", "plain"], ["Free", "--free", "plain"], ["Unknown", "--unknown", "plain"]];
 const KINDS = { Robot: "carrier", Taxi: "carrier", Box: "load", Passenger: "load", Destination: "place", Warehouse: "place" };
 const KIND_COLOURS = { carrier: "robot", load: "box", place: "warehouse" };
-const LABELLED = 70; // px of a cell's side from which on things have their names beside them
-const TRAIL = 90; // s; of a log, all of it is shown
+const LABEL_MIN_CELL = 70; // px, side of a cell from which on objects are labelled
+const TRAIL_DURATION = 90; // s, of a delivery; of a log the whole trail is shown
 const MARGIN = 0.6; // m around the map
-const SMALLEST = 4; // m that are shown across, however little there is
-const COVERED = [156, 56]; // px on the left and on the right that legend and tools take, where there is room for all
-const COVERED_TOP = 50; // px above that they take where there is not
-const CLOSEST = 2000; // px a metre
-const FARTHEST = 1; // px a metre
+const MIN_EXTENT = 4; // m, least extent of the fitted view
+const SIDE_PADDING = [156, 56]; // px for legend and tools on the left and right of a wide view
+const TOP_PADDING = 50; // px for them at the top of a narrow view
+const MAX_SCALE = 2000; // px per metre
+const MIN_SCALE = 1; // px per metre
 
-// Whether something is in what carries things.
+// Whether an object is carried by the robot or taxi.
 const isCarried = ({ values }) => Boolean(values.in_bot || values.in_taxi);
 
 class Scene {
@@ -35,13 +35,13 @@ class Scene {
     this.map = new MapPicture();
     this.mode = "fit"; // "fit", "follow" or "free"
     this.centre = [0, 0]; // m, map frame
-    this.scale = 60; // px a metre
+    this.scale = 60; // px per metre
     this.hidden = new Set();
     this.selected = null;
     this.instant = null;
   }
 
-  // m; our own robot's and boxes', where a trace does not say.
+  // m; that of the simulated robot where the trace gives none.
   get robotRadius() {
     return this.instant.began?.robot_radius || 0.2;
   }
@@ -71,8 +71,8 @@ class Scene {
     if (this.mode === "fit") this.fit();
   }
 
-  // What there is to see at a time; the robot's pose is interpolated between two records.
-  look(time) {
+  // Collect what is drawn at a time, with the pose interpolated between two records.
+  show(time) {
     const { trace } = this;
     const at = trace.indexAt("Seen", time);
     const seen = trace.records.Seen[at];
@@ -81,8 +81,8 @@ class Scene {
       time,
       at,
       seen,
-      pose: seen && between(seen.pose, seen.time, trace.records.Seen[at + 1], "pose", time),
-      lidar: seen && between(seen.lidar, seen.time, trace.records.Seen[at + 1], "lidar", time),
+      pose: seen && interpolated(seen.pose, seen.time, trace.records.Seen[at + 1], "pose", time),
+      lidar: seen && interpolated(seen.lidar, seen.time, trace.records.Seen[at + 1], "lidar", time),
       cells: trace.at("CellsLaid", time),
       step: trace.at("Stepped", time),
       perceived: trace.at("Perceived", time),
@@ -92,14 +92,14 @@ class Scene {
     if (this.mode === "follow" && this.instant.pose) this.centre = [this.instant.pose[0], this.instant.pose[1]];
   }
 
-  // All that there is in the picture: the map, or else the cells or what the laser sees, and where the robot has been.
+  // Fit the view to the map, or else the cells or the scan, and to the path driven.
   fit() {
-    const box = joinedBoxes(this.map.extent() ?? this.cellsExtent() ?? this.laserExtent(), this.instant?.seen?.reach);
+    const box = unionOf(this.map.extent() ?? this.cellsExtent() ?? this.laserExtent(), this.instant?.seen?.reach);
     if (!box || !this.width) return;
     const [west, south, east, north] = box;
-    const [left, right, top] = this.width > 640 ? [...COVERED, 0] : [0, 0, COVERED_TOP];
-    const across = Math.min((this.width - left - right) / Math.max(east - west + 2 * MARGIN, SMALLEST), (this.height - top) / Math.max(north - south + 2 * MARGIN, SMALLEST));
-    this.scale = Math.min(Math.max(across, FARTHEST), CLOSEST);
+    const [left, right, top] = this.width > 640 ? [...SIDE_PADDING, 0] : [0, 0, TOP_PADDING];
+    const across = Math.min((this.width - left - right) / Math.max(east - west + 2 * MARGIN, MIN_EXTENT), (this.height - top) / Math.max(north - south + 2 * MARGIN, MIN_EXTENT));
+    this.scale = Math.min(Math.max(across, MIN_SCALE), MAX_SCALE);
     this.centre = [(west + east) / 2 + (right - left) / 2 / this.scale, (south + north) / 2 + top / 2 / this.scale];
   }
 
@@ -109,7 +109,7 @@ class Scene {
     let box = null;
     for (let n = 0; n < seen.points.length; n += 2) {
       const [x, y] = [seen.pose[0] + seen.points[n] * POSITION_STEP, seen.pose[1] + seen.points[n + 1] * POSITION_STEP];
-      box = joinedBoxes(box, [x, y, x, y]);
+      box = unionOf(box, [x, y, x, y]);
     }
     return box;
   }
@@ -119,7 +119,7 @@ class Scene {
     if (!cells || !cells.walls.length) return null;
     const box = [Infinity, Infinity, -Infinity, -Infinity];
     for (let n = 0; n < cells.walls.length; n += 3) {
-      // A wall stands on the north or the east edge, so that its cell's north-east corner lies on the plan.
+      // Walls are on north and east edges, so that each wall touches the north-east corner of its cell.
       const [x, y] = this.inMap(cells, (cells.walls[n] + 1) * cells.size, (cells.walls[n + 1] + 1) * cells.size);
       [box[0], box[1]] = [Math.min(box[0], x), Math.min(box[1], y)];
       [box[2], box[3]] = [Math.max(box[2], x), Math.max(box[3], y)];
@@ -127,13 +127,13 @@ class Scene {
     return box;
   }
 
-  // A point of the cells' frame, m, in the map frame.
+  // From the frame of the cells to the map frame, m.
   inMap(cells, x, y) {
     const [ox, oy, theta] = cells.origin;
     return [ox + Math.cos(theta) * x - Math.sin(theta) * y, oy + Math.sin(theta) * x + Math.cos(theta) * y];
   }
 
-  // From metres to pixels of the page, and back.
+  // From the map frame, m, to pixels of the canvas, and back.
   project(x, y) {
     return [this.width / 2 + (x - this.centre[0]) * this.scale, this.height / 2 - (y - this.centre[1]) * this.scale];
   }
@@ -144,7 +144,7 @@ class Scene {
 
   zoom(factor, px = this.width / 2, py = this.height / 2) {
     const [x, y] = this.unproject(px, py);
-    this.scale = Math.min(Math.max(this.scale * factor, FARTHEST), CLOSEST);
+    this.scale = Math.min(Math.max(this.scale * factor, MIN_SCALE), MAX_SCALE);
     if (this.mode === "follow") return;
     this.mode = "free";
     this.centre = [x - (px - this.width / 2) / this.scale, y + (py - this.height / 2) / this.scale];
@@ -165,7 +165,7 @@ class Scene {
     context.fillStyle = colours.unknown;
     context.fillRect(0, 0, this.canvas.width, this.canvas.height);
     if (!instant) return;
-    // From here on in metres of the map frame, y upwards; lines are as many pixels wide as `px` times so many.
+    // From here on coordinates are m in the map frame, y upwards; `px` is the size of a pixel.
     const scale = this.scale * this.ratio;
     context.setTransform(scale, 0, 0, -scale, (this.width / 2) * this.ratio - this.centre[0] * scale, (this.height / 2) * this.ratio + this.centre[1] * scale);
     this.px = 1 / this.scale;
@@ -174,7 +174,7 @@ class Scene {
     if (instant.cells) this.drawCells(instant.cells);
     if (this.shows("trail")) this.drawTrail();
     if (!instant.seen) {
-      this.drawThings();
+      this.drawObjects();
       return;
     }
     if (this.shows("laser")) this.drawLaser();
@@ -256,7 +256,7 @@ class Scene {
   drawTrail() {
     const { context, trace, instant, px } = this;
     const seen = trace.records.Seen;
-    const first = instant.began?.task === "deliver" ? Math.max(0, trace.indexAt("Seen", instant.time - TRAIL)) : 0;
+    const first = instant.began?.task === "deliver" ? Math.max(0, trace.indexAt("Seen", instant.time - TRAIL_DURATION)) : 0;
     if (!instant.pose) return;
     context.beginPath();
     const stride = Math.max(1, Math.floor((instant.at - first) / 600));
@@ -315,7 +315,7 @@ class Scene {
     context.stroke();
   }
 
-  // Cells to drive through, dashed, and a disc where they end.
+  // A dashed line through the cells of a plan, with a disc at its end.
   drawPlan(plan, alpha) {
     if (plan.length < 4) return;
     const { context, px, colours } = this;
@@ -344,14 +344,14 @@ class Scene {
     }
   }
 
-  // [x, y] m of every box on the floor.
+  // Positions [x, y] of the boxes on the floor, m.
   boxes() {
     const { seen } = this.instant;
-    const places = [];
+    const positions = [];
     if (seen)
       for (let n = 0; n < seen.boxes.length; n += 2)
-        places.push([seen.pose[0] + seen.boxes[n] * POSITION_STEP, seen.pose[1] + seen.boxes[n + 1] * POSITION_STEP]);
-    return places;
+        positions.push([seen.pose[0] + seen.boxes[n] * POSITION_STEP, seen.pose[1] + seen.boxes[n + 1] * POSITION_STEP]);
+    return positions;
   }
 
   drawBoxes() {
@@ -359,7 +359,7 @@ class Scene {
     for (const [x, y] of this.boxes()) this.disc(x, y, radius, this.colours.box, this.colours["robot-edge"]);
   }
 
-  // From above: two prongs with the wheels, the body with the lidar at the back, and the load between them.
+  // The robot from above: two prongs, the body with the lidar at the back, and the load between the prongs.
   drawRobot() {
     const { context, px, colours, instant } = this;
     const { pose, lidar, seen } = instant;
@@ -412,9 +412,8 @@ class Scene {
     context.globalAlpha = 1;
   }
 
-  // Objects of a world without metres, each in its cell: a frame for where things are to go, a disc for what carries,
-  // a smaller one for what is carried, which is drawn where its carrier is.
-  drawThings() {
+  // Objects of a grid without a robot: a frame for destinations, a disc for the carrier, a smaller one for its load.
+  drawObjects() {
     const { perceived, cells } = this.instant;
     if (!perceived || !cells) return;
     const things = perceived.things.filter(({ values }) => values.x !== undefined);
@@ -427,19 +426,19 @@ class Scene {
       if (role === "place") this.frame(x, y, 0.42 * cells.size, fill);
       else this.disc(x, y, (role === "carrier" ? 0.3 : 0.17) * cells.size, fill, this.colours["robot-edge"]);
       const below = { carrier: -0.34, load: 0.28, place: 0.39 }[role];
-      if (cells.size * this.scale >= LABELLED) this.label(thing.name, x, y - below * cells.size, role === "carrier" ? fill : this.colours.ink);
+      if (cells.size * this.scale >= LABEL_MIN_CELL) this.label(thing.name, x, y - below * cells.size, role === "carrier" ? fill : this.colours.ink);
     }
     this.drawSelection();
   }
 
-  // The cell of a thing; of what is carried, its carrier's, for its own coordinates stay where it was picked up.
+  // The cell of an object. A carried object is in the cell of its carrier; its own x and y stay those of the pickup.
   cellOf(thing) {
     const carrier = isCarried(thing) && this.instant.perceived.things.find(({ kind }) => KINDS[kind] === "carrier");
     const { x, y } = (carrier || thing).values;
     return [x, y];
   }
 
-  // A square around a cell's middle, as warehouses have it.
+  // A square around the centre of a cell, like those of the warehouse.
   frame(x, y, half, colour) {
     const { context, px } = this;
     context.beginPath();
@@ -453,8 +452,8 @@ class Scene {
     context.stroke();
   }
 
-  // Words under a place of the map.
-  label(words, x, y, fill) {
+  // Text below a point of the map.
+  label(text, x, y, fill) {
     const { context } = this;
     const [px, py] = this.project(x, y);
     context.save();
@@ -463,9 +462,9 @@ class Scene {
     context.textAlign = "center";
     context.lineWidth = 4;
     context.strokeStyle = this.colours.free;
-    context.strokeText(words, px, py);
+    context.strokeText(text, px, py);
     context.fillStyle = fill;
-    context.fillText(words, px, py);
+    context.fillText(text, px, py);
     context.restore();
   }
 
@@ -481,13 +480,13 @@ class Scene {
     context.stroke();
   }
 
-  // What lies under a pixel: {kind, …}; null for nothing that is known.
+  // The object at a pixel, as {kind, …}; null where the map is unknown.
   pick(px, py) {
     const { instant } = this;
     if (!instant) return null;
     const [x, y] = this.unproject(px, py);
-    const slack = 6 / this.scale;
-    const near = (ox, oy, radius) => Math.hypot(x - ox, y - oy) <= radius + slack;
+    const tolerance = 6 / this.scale;
+    const near = (ox, oy, radius) => Math.hypot(x - ox, y - oy) <= radius + tolerance;
     if (instant.pose && near(instant.pose[0], instant.pose[1], this.robotRadius)) return { kind: "robot" };
     const box = this.boxes().find(([bx, by]) => near(bx, by, this.boxRadius));
     if (box) return { kind: "box", name: this.nameOfBox(box), x: box[0], y: box[1] };
@@ -502,7 +501,7 @@ class Scene {
     return this.map.percentAt(x, y) === null ? null : { kind: "place", x, y };
   }
 
-  // Everything that can be picked, one after the other, for those who use keys.
+  // All objects that can be selected, in the order of the O key.
   pickable() {
     const { instant } = this;
     const things = instant?.pose ? [{ kind: "robot" }] : (instant?.perceived?.things ?? []).map(({ name }) => ({ kind: "thing", name }));
@@ -528,7 +527,7 @@ class Scene {
     ];
   }
 
-  // The name in the state of the box that stands at a place.
+  // Name of the box at a position, from the perceived state.
   nameOfBox([x, y]) {
     const { cells, perceived } = this.instant;
     if (!cells || !perceived) return null;
@@ -536,7 +535,7 @@ class Scene {
     return perceived.things.find((thing) => thing.kind === "Box" && thing.values.x === cx && thing.values.y === cy)?.name ?? null;
   }
 
-  // Where what was picked is now, m; null if it is gone.
+  // Position of a selected object, m; null if it is gone.
   placeOf(picked) {
     const { instant } = this;
     const { cells, perceived, pose } = instant;
@@ -559,7 +558,7 @@ class Scene {
   }
 }
 
-// A plan without what of its first way between two cells lies behind the robot, if it is on that way.
+// The plan from the robot on: its first segment is cut at the robot, if the robot is on it.
 function aheadOf([x, y], plan) {
   const [x0, y0, x1, y1] = plan;
   const length = Math.hypot(x1 - x0, y1 - y0);
@@ -572,7 +571,7 @@ function aheadOf([x, y], plan) {
   return ahead;
 }
 
-// Where in a plan the present leg ends: where the robot stays in a cell, as it picks up or lets go, after it has moved.
+// Index at which the current leg of a plan ends: the first cell after a move in which the robot stays, to pick up or drop.
 function legEnd(plan) {
   let moved = false;
   for (let n = 2; n < plan.length; n += 2) {
@@ -583,13 +582,13 @@ function legEnd(plan) {
   return plan.length - 2;
 }
 
-// A pose between two records, so that slow playing moves smoothly.
-function between(pose, time, next, name, now) {
+// A pose interpolated between two records, for smooth playback.
+function interpolated(pose, time, next, name, now) {
   if (!next || next.time - time > 3 || now <= time) return pose;
-  const share = Math.min((now - time) / (next.time - time), 1);
+  const fraction = Math.min((now - time) / (next.time - time), 1);
   const [x, y, theta] = next[name];
   const turn = Math.atan2(Math.sin(theta - pose[2]), Math.cos(theta - pose[2]));
-  return [pose[0] + (x - pose[0]) * share, pose[1] + (y - pose[1]) * share, pose[2] + turn * share];
+  return [pose[0] + (x - pose[0]) * fraction, pose[1] + (y - pose[1]) * fraction, pose[2] + turn * fraction];
 }
 
 function rgb(colour) {

@@ -1,5 +1,5 @@
 "use strict";
-// A trace as it comes: frames (see views/frames.py) in, records in the order of time out.
+// Decodes frames (see wherry/trace/framing.py and codec.py) into records in order of time.
 
 const POSITION_STEP = 0.005; // m
 const ANGLE_STEP = 1e-4; // rad
@@ -11,13 +11,13 @@ class Trace {
     this.records = {};
     for (const type of ["Began", "Said", "Seen", "Explored", "CellsLaid", "Stepped", "Perceived", "Learnt"])
       this.records[type] = [];
-    this.moments = []; // s: when something happened that is worth stepping to
+    this.moments = []; // s, times that the step buttons go to
     this.end = 0; // s
     this.begin = null; // s
     this.over = false;
   }
 
-  // Take in whole frames in a row, from a byte of a buffer on that is a multiple of four.
+  // Decode concatenated frames of a buffer, from an offset that is a multiple of 4 bytes.
   add(buffer, from = 0) {
     const view = new DataView(buffer);
     let at = from;
@@ -39,7 +39,7 @@ class Trace {
       place += (count * Type.BYTES_PER_ELEMENT + 3) & ~3;
     }
     delete record.arrays;
-    if (record.type === "Seen") record.reach = joinedBoxes(this.records.Seen.at(-1)?.reach, [record.pose[0], record.pose[1], record.pose[0], record.pose[1]]);
+    if (record.type === "Seen") record.reach = unionOf(this.records.Seen.at(-1)?.reach, [record.pose[0], record.pose[1], record.pose[0], record.pose[1]]);
     this.records[record.type].push(record);
     if (record.time === undefined) return;
     this.begin ??= record.time;
@@ -48,48 +48,48 @@ class Trace {
       this.moments.push(record.time);
   }
 
-  // Index of the last record of a type at a time or before; -1 if there is none.
+  // Index of the last record of a type that is not later than a time; -1 if there is none.
   indexAt(type, time) {
-    return lastBefore(this.records[type], time, (record) => record.time);
+    return lastNotAfter(this.records[type], time, (record) => record.time);
   }
 
   at(type, time) {
     return this.records[type][this.indexAt(type, time)];
   }
 
-  // When it begins to act by rules, or Infinity.
+  // Time at which the robot starts to act by learnt rules, s; Infinity if it does not.
   get actsFrom() {
     const { Learnt, Stepped } = this.records;
     return Stepped.length ? (Learnt[0]?.time ?? Stepped[0].time) : Infinity;
   }
 
-  // {time, phase} wherever another phase begins. While it acts, each action says which one it belongs to, an experiment
-  // or a plan; a step is told when it ends, so that it begins where the one before ended. Else it is what was said.
+  // {time, phase} of each start of a phase. Before the robot acts, phases are those of its narration. Then each action
+  // is in "learn" (an experiment) or "deliver"; it starts when the action before it ended, since records are of ends.
   phases() {
     const { Said, Stepped } = this.records;
     const key = `${Said.length} ${Stepped.length}`;
-    if (this.phasesOf?.key === key) return this.phasesOf.bands;
+    if (this.phaseCache?.key === key) return this.phaseCache.bands;
     const from = this.actsFrom;
     const done = Said.findLast((said) => said.phase === "done");
     const starts = Said.filter((said) => said.time < from);
     Stepped.forEach((step, at) => starts.push({ time: Math.max(from, at ? Stepped[at - 1].time : from), phase: step.learning ? "learn" : "deliver" }));
     if (done && done.time >= from) starts.push(done);
-    // Of those that begin at once, the last one counts.
-    const real = starts.filter(({ time }, at) => at === starts.length - 1 || starts[at + 1].time > time);
-    const bands = real.filter(({ phase }, at) => at === 0 || phase !== real[at - 1].phase);
-    this.phasesOf = { key, bands };
+    // Of phases that start at the same time, the last one counts.
+    const distinct = starts.filter(({ time }, at) => at === starts.length - 1 || starts[at + 1].time > time);
+    const bands = distinct.filter(({ phase }, at) => at === 0 || phase !== distinct[at - 1].phase);
+    this.phaseCache = { key, bands };
     return bands;
   }
 }
 
-// The box around two boxes, each as west, south, east, north, of which one may be missing.
-function joinedBoxes(a, b) {
+// Bounding box of two boxes, as [west, south, east, north]; either may be missing.
+function unionOf(a, b) {
   if (!a || !b) return a ?? b ?? null;
   return [Math.min(a[0], b[0]), Math.min(a[1], b[1]), Math.max(a[2], b[2]), Math.max(a[3], b[3])];
 }
 
-// Index of the last item whose key is not after a time; -1 if there is none.
-function lastBefore(items, time, key = (item) => item) {
+// Index of the last item whose key is not later than a time; -1 if there is none.
+function lastNotAfter(items, time, key = (item) => item) {
   let low = 0;
   let high = items.length;
   while (low < high) {
@@ -100,17 +100,17 @@ function lastBefore(items, time, key = (item) => item) {
   return low - 1;
 }
 
-// The trace that the page carries with it: base64 of a file, that is a line and a zlib stream.
-async function readCarriedTrace(text, trace) {
+// Read the trace file that is embedded in the page as base64: a line, then a zlib stream.
+async function readEmbeddedTrace(text, trace) {
   const file = await (await fetch("data:application/octet-stream;base64," + text)).blob();
   const stream = file.slice(MAGIC_LENGTH).stream().pipeThrough(new DecompressionStream("deflate"));
   trace.add(await new Response(stream).arrayBuffer());
   trace.over = true;
 }
 
-// Take a run's frames from the server; tell `say` how the connection is, "live", "over" or
-// "lost", and whether there is a report.
-function readSocket(trace, reset, say) {
+// Receive a run's frames from the server and reconnect when the connection is lost. Calls `onState` with "live", "over"
+// or "lost", and whether there is a report; calls `reset` when another run is served.
+function readSocket(trace, reset, onState) {
   let run = null;
   let next = 0;
   const connect = () => {
@@ -127,18 +127,18 @@ function readSocket(trace, reset, say) {
         if (run !== null && (hello.run !== run || hello.from !== next)) reset();
         run = hello.run;
         next = hello.from;
-        say("live");
+        onState("live");
         return;
       }
       const view = new DataView(data);
       next = view.getUint32(0, true);
-      const bits = view.getUint32(4, true);
-      trace.over = Boolean(bits & 1);
+      const flags = view.getUint32(4, true);
+      trace.over = Boolean(flags & 1);
       trace.add(data, 8);
-      say(trace.over ? "over" : "live", Boolean(bits & 2));
+      onState(trace.over ? "over" : "live", Boolean(flags & 2));
     };
     socket.onclose = () => {
-      say("lost");
+      onState("lost");
       setTimeout(connect, 1500);
     };
   };
