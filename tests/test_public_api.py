@@ -50,6 +50,11 @@ PUBLIC_API = {
             LOG_PARAMETERS LoadedParameters Localization Localizer LostDetector PRECISE_PARAMETERS
             PoseEstimate PoseMode Relocalization Relocalizer ScanAgreement load_parameters
         """,
+        "wherry.navigation": """
+            Costmap Viewpoint clear_distance drive_line follow_path frontier_cells go_to
+            next_viewpoint safe_velocity shortest_path travel_costs turn_to
+            visible_unknown_area
+        """,
         "wherry.oomdp": """
             Action Attribute AttributeKind Condition ConditionalModel ConditionalOutcome
             ConditionalPrediction DIRECTIONS DeterministicMdp Domain EFFECT_TYPES Effect EffectType
@@ -61,6 +66,13 @@ PUBLIC_API = {
         "wherry.planning": """
             Lrtdp PLANNERS PddlTask Plan Planner PlannerEntry PolicyIteration PredictionCache
             StateSpace Uct ValueIteration a_star cheapest_experiment export_pddl
+        """,
+        "wherry.realization": """
+            BoxTrack CellMap DriveStatus GlobalPoseEstimator MapPoseEstimator Mapper
+            Mission Order Pilot PoseEstimator PoseTracker RobotEnvironment
+            SinglePoseEstimator SlamMapper SlamPoseEstimator SurveyedWorld Surveyor
+            blocked_directions detect_cylinders floor_plan_from_map order_from_plan
+            update_tracks
         """,
         "wherry.robot": """
             Body Odometry Robot Scan Velocity
@@ -76,6 +88,12 @@ PUBLIC_API = {
         """,
         "wherry.ros.transports": """
             Ros1Transport Ros2Transport Transport
+        """,
+        "wherry.simulation": """
+            BODY BoxStatus BoxTruth Collision LidarSpecification Referee SceneRenderer
+            SeededWorld Simulation WheelOdometryErrors blind build cell_pose kidnap
+            random_cell_pose random_pose reachable_cells robot_urdf seed_world slippery
+            true_map
         """,
         "wherry.trace": """
             CellLayout LearntModel LearntRule MapUpdate Narration ObjectSnapshot PerceivedState
