@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from wherry.navigation.controller import (
@@ -49,9 +49,9 @@ def drive(pose: Pose, control: Callable[[Pose], Velocity | None], seconds: float
         assert abs(wanted.linear) <= BODY.max_linear + 1e-9
         assert abs(wanted.angular) <= BODY.max_angular + 1e-9
         velocity = limit_acceleration(wanted, velocity)
-        half_turn = velocity.angular * PERIOD / 2
-        chord = velocity.linear * PERIOD * (math.sin(half_turn) / half_turn if half_turn else 1.0)
-        pose = pose @ Pose(chord * math.cos(half_turn), chord * math.sin(half_turn), 2 * half_turn)
+        turned = velocity.angular * PERIOD
+        chord = velocity.linear * PERIOD * float(np.sinc(turned / math.tau))  # of the arc; sinc is 1 at 0
+        pose = pose @ Pose(chord * math.cos(turned / 2), chord * math.sin(turned / 2), turned)
         poses.append(pose)
     pytest.fail(f"did not arrive, stands at {pose}")
 
@@ -83,6 +83,7 @@ def test_turning_ends_at_the_heading(heading: float, start: float) -> None:
 
 
 @given(x=st.floats(-1, 1), y=st.floats(-1, 1), theta=st.floats(-3.1, 3.1), reverse=st.booleans())
+@example(x=0.5, y=5e-324, theta=0.0, reverse=False)  # half of the turn that this takes rounds to 0
 @settings(max_examples=40, deadline=None)
 def test_going_to_a_pose_ends_within_a_centimetre_and_a_degree(x: float, y: float, theta: float, reverse: bool) -> None:
     goal = Pose(x, y, theta)
@@ -92,10 +93,10 @@ def test_going_to_a_pose_ends_within_a_centimetre_and_a_degree(x: float, y: floa
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-@pytest.mark.parametrize("beside", [-0.08, 0.0, 0.05])
-def test_docking_converges_to_the_line(reverse: bool, beside: float) -> None:
+@pytest.mark.parametrize("offset", [-0.08, 0.0, 0.05])
+def test_docking_converges_to_the_line(reverse: bool, offset: float) -> None:
     goal = Pose(1.0, 2.0, 0.8)
-    start = goal @ Pose(0.7 if reverse else -0.7, beside, 0.1)
+    start = goal @ Pose(0.7 if reverse else -0.7, offset, 0.1)
     end = drive(start, lambda pose: drive_line(pose, goal, BODY, reverse=reverse, speed=0.2))[-1].relative_to(goal)
     assert abs(end.x) <= POSITION_TOLERANCE
     assert abs(end.y) <= POSITION_TOLERANCE

@@ -111,8 +111,8 @@ def test_a_start_in_collision_is_left_by_the_shortest_way() -> None:
 
 def test_the_cell_with_the_largest_clearance_nearby_is_found() -> None:
     costmap = Costmap.from_grid(room(), RADIUS)
-    beside = costmap.centres(np.array([costmap.max_clearance_cell(np.array([0.3, 2.0]), 0.3)]))[0]
-    assert beside[0] == pytest.approx(0.3 + 0.3, abs=0.051)
+    found = costmap.centres(np.array([costmap.max_clearance_cell(np.array([0.3, 2.0]), 0.3)]))[0]
+    assert found[0] == pytest.approx(0.3 + 0.3, abs=0.051)
     row, column = costmap.max_clearance_cell(np.array([0.1, 0.1]), 0.5)
     assert row == column == costmap.cell_at(np.array([0.1, 0.1]))[0] + 10
 

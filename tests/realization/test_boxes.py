@@ -58,7 +58,7 @@ def test_a_box_is_located_to_one_and_a_half_centimetres_in_a_noisy_scan(place: t
     for heading in np.linspace(-3.0, 3.0, 20):
         centres = detections_in(NOISY, Pose(1.2, 0.9, heading), np.array([place]))
         errors += np.hypot(*(centres - place).T).tolist()
-    assert len(errors) >= 12  # noise at the rim hides one now and then
+    assert len(errors) >= 12  # at the rim, noise prevents a detection now and then
     assert np.median(errors) < 0.007
     assert np.quantile(errors, 0.95) < 0.015
 
@@ -101,8 +101,8 @@ def test_missed_opportunities_end_the_confirmation_of_a_walls_end() -> None:
     end = BoxTrack(0, 1.2, 1.5, MIN_DETECTIONS, MIN_DETECTIONS)
     before, far = Pose(1.0, 0.6, 0.0), Pose(3.6, 0.4, 0.0)
     assert end.is_confirmed
-    (unseen,) = update_tracks([end], EXACT.scan(far, np.empty((0, 2))), far, BODY)
-    assert unseen == end, "out of detection range"
+    (unchanged,) = update_tracks([end], EXACT.scan(far, np.empty((0, 2))), far, BODY)
+    assert unchanged == end, "out of detection range"
     hidden = EXACT.scan(before, np.array([[1.1, 1.05]]))
     assert update_tracks([end], hidden, before, BODY)[0] == end, "occluded"
     boxes: tuple[BoxTrack, ...] = (end,)
@@ -123,13 +123,13 @@ def test_an_unoccluded_box_is_detected_in_most_scans(place: tuple[float, float])
 
 def test_a_false_detection_at_a_walls_end_is_not_isolated() -> None:
     grid = perfect_map(HALL)
-    seen = []
+    detections = []
     for cell in HALL.cells():
         x, y = centre(HALL, cell)
-        seen += detections_in(EXACT, Pose(x, y, 0.3), np.empty((0, 2))).tolist()
-    assert len(seen) <= 1
-    alleged = [BoxTrack(number, x, y, 99, 99) for number, (x, y) in enumerate(seen)]
-    assert isolated_boxes(alleged, grid, RADIUS) == ()
+        detections += detections_in(EXACT, Pose(x, y, 0.3), np.empty((0, 2))).tolist()
+    assert len(detections) <= 1
+    false_tracks = [BoxTrack(number, x, y, 99, 99) for number, (x, y) in enumerate(detections)]
+    assert isolated_boxes(false_tracks, grid, RADIUS) == ()
 
 
 def test_nothing_is_detected_in_a_scan_without_returns() -> None:
@@ -185,7 +185,7 @@ def test_an_occluded_box_counts_no_missed_opportunity() -> None:
 def test_a_free_standing_track_is_isolated_and_a_jamb_is_not(theta: float) -> None:
     map_from_world = Pose(3.0, -1.0, theta)
     grid = perfect_map(HALL, map_from_world)
-    free, jamb = (1.5, 0.9), (1.2, 1.2)  # in the middle of a cell; at the end of a wall
+    free, jamb = (1.5, 0.9), (1.2, 1.2)  # in a cell's centre; at a wall's end
     boxes = [
         BoxTrack(number, *map_from_world.transform(np.array([place]))[0].tolist(), MIN_DETECTIONS, MIN_DETECTIONS)
         for number, place in enumerate((free, jamb))
@@ -233,9 +233,9 @@ def test_a_walls_end_is_not_isolated_even_across_an_unknown_gap(turns: int) -> N
         gapped[19:21, unseen] = 0.5
         grid = OccupancyGrid(np.rot90(gapped, turns).copy(), 0.05)
         x, y = np.array([-0.03, 0.0]) @ np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turns) + 1.0
-        alleged = BoxTrack(0, float(x), float(y), 99, 99)
-        assert isolated_boxes([alleged], grid, RADIUS) == ()
-        assert isolated_boxes_on_partial_map([alleged], grid, RADIUS) == ()
+        false_tracks = BoxTrack(0, float(x), float(y), 99, 99)
+        assert isolated_boxes([false_tracks], grid, RADIUS) == ()
+        assert isolated_boxes_on_partial_map([false_tracks], grid, RADIUS) == ()
 
 
 def test_erasing_boxes_restores_the_map_of_the_building() -> None:

@@ -17,9 +17,9 @@ from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
 from wherry_testing.perfect_worlds import Eye, centre, frame_of, perfect_map
 
-NOTHING = np.empty((0, 2))
+NO_BOXES = np.empty((0, 2))
 ROOMS = find_world("rooms").with_boxes(())
-PLACES = [IDENTITY, Pose(0.313, -1.117, 0.0), Pose(-4.2, 2.9, 0.4), Pose(1.0, 7.7, -0.7), Pose(0.3, 0.2, 2.0)]
+POSES = [IDENTITY, Pose(0.313, -1.117, 0.0), Pose(-4.2, 2.9, 0.4), Pose(1.0, 7.7, -0.7), Pose(0.3, 0.2, 2.0)]
 
 
 def nearest_direction(heading: float, frame: CellFrame) -> Direction:
@@ -35,25 +35,28 @@ def cell_in(frame: CellFrame, map_from_world: Pose, plan: FloorPlan, cell: Cell)
 
 def assert_same_passages(read: FloorPlan, frame: CellFrame, plan: FloorPlan, map_from_world: Pose) -> None:
     """Both plans have the same open cells and the same passages between them, up to the frame's rotation."""
-    turned = {way: nearest_direction(map_from_world.theta + math.atan2(way.dy, way.dx), frame) for way in Direction}
+    turned = {
+        direction: nearest_direction(map_from_world.theta + math.atan2(direction.dy, direction.dx), frame)
+        for direction in Direction
+    }
     names = {cell: cell_in(frame, map_from_world, plan, cell) for cell in plan.cells()}
     assert set(read.cells()) == set(names.values())
     differing = [
-        (cell, way)
+        (cell, direction)
         for cell, name in names.items()
-        for way in Direction
-        if read.is_blocked(name, turned[way]) != plan.is_blocked(cell, way)
+        for direction in Direction
+        if read.is_blocked(name, turned[direction]) != plan.is_blocked(cell, direction)
     ]
     assert differing == []
 
 
 @pytest.mark.parametrize("name", built_in_worlds())
-@pytest.mark.parametrize("place", PLACES)
-def test_a_perfect_map_gives_the_true_cells_and_walls(name: str, place: Pose) -> None:
+@pytest.mark.parametrize("pose", POSES)
+def test_a_perfect_map_gives_the_true_cells_and_walls(name: str, pose: Pose) -> None:
     plan = find_world(name)
-    grid = perfect_map(plan, place)
+    grid = perfect_map(plan, pose)
     frame = lay_cells(grid.occupied_points(), plan.cell_size)
-    assert_same_passages(floor_plan_from_map(grid, frame, BODY.radius), frame, plan, place)
+    assert_same_passages(floor_plan_from_map(grid, frame, BODY.radius), frame, plan, pose)
 
 
 @pytest.mark.parametrize("resolution", [0.025, 0.05])
@@ -98,9 +101,9 @@ def test_an_exact_scan_shows_the_blocked_directions_of_every_cell(heading: float
         x, y = centre(ROOMS, cell)
         pose = Pose(x, y, heading)
         scan = mask_load(eye.scan(pose, centre(ROOMS, cell) if with_box else None), BODY)
-        seen = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, NOTHING, BODY.box_radius)
-        assert seen == {way: ROOMS.is_blocked(cell, way) for way in seen}, cell
-        missing += len(Direction) - len(seen)
+        blocked = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, NO_BOXES, BODY.box_radius)
+        assert blocked == {direction: ROOMS.is_blocked(cell, direction) for direction in blocked}, cell
+        missing += len(Direction) - len(blocked)
     # Only the direction behind a box in the fork may be unobserved.
     assert missing <= (len(cells) if with_box else 0)
 
@@ -114,22 +117,22 @@ def test_blocked_directions_are_robust_to_noise_and_pose_errors(with_box: bool) 
         pose = Pose(x, y, rng.choice([0.0, 0.5, 1.0, -0.5]) * math.pi + rng.uniform(-0.02, 0.02))
         scan = mask_load(eye.scan(pose, np.array([x, y]) if with_box else None), BODY)
         estimated = Pose(x + rng.uniform(-0.01, 0.01), y + rng.uniform(-0.01, 0.01), pose.theta)
-        seen = blocked_directions(scan, estimated @ BODY.lidar, cell, frame, BODY.radius, NOTHING, BODY.box_radius)
-        observed += len(seen)
-        wrong += sum(blocked != ROOMS.is_blocked(cell, way) for way, blocked in seen.items())
+        blocked = blocked_directions(scan, estimated @ BODY.lidar, cell, frame, BODY.radius, NO_BOXES, BODY.box_radius)
+        observed += len(blocked)
+        wrong += sum(is_blocked != ROOMS.is_blocked(cell, direction) for direction, is_blocked in blocked.items())
     assert observed > 800
     assert wrong == 0
 
 
 def test_a_known_box_in_the_next_cell_is_not_a_wall() -> None:
     plan, cell = find_world("small").with_boxes(()), Cell(2, 3)
-    assert not any(plan.is_blocked(cell, way) for way in Direction)
+    assert not any(plan.is_blocked(cell, direction) for direction in Direction)
     eye, frame = Eye(plan), frame_of(plan)
     pose = Pose(*centre(plan, cell), 0.0)
     boxes = np.array([centre(plan, cell.neighbour(Direction.NORTH))])
     scan = eye.scan(pose, boxes)
     with_boxes = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, boxes, BODY.box_radius)
-    without_boxes = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, NOTHING, BODY.box_radius)
+    without_boxes = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, NO_BOXES, BODY.box_radius)
     assert True not in with_boxes.values()
     assert without_boxes[Direction.NORTH] is True
 
@@ -139,4 +142,4 @@ def test_a_scan_without_returns_shows_no_direction() -> None:
     pose = Pose(*centre(ROOMS, ROOMS.start), 0.0)
     scan = eye.scan(pose)
     scan.ranges[:] = math.nan
-    assert blocked_directions(scan, pose, ROOMS.start, frame_of(ROOMS), BODY.radius, NOTHING, BODY.box_radius) == {}
+    assert blocked_directions(scan, pose, ROOMS.start, frame_of(ROOMS), BODY.radius, NO_BOXES, BODY.box_radius) == {}

@@ -37,8 +37,8 @@ def execute(environment: RobotEnvironment, actions: str) -> list[bool]:
 
 def off_centre(simulation: Simulation, cell: Cell) -> float:
     """True distance of base_link from a cell's centre, m."""
-    middle, pose = centre(simulation.plan, cell), simulation.referee.pose
-    return math.hypot(pose.x - middle[0], pose.y - middle[1])
+    target, pose = centre(simulation.plan, cell), simulation.referee.pose
+    return math.hypot(pose.x - target[0], pose.y - target[1])
 
 
 class TestContract(EnvironmentContract):
@@ -72,30 +72,30 @@ def test_condition_bits_of_a_whole_delivery() -> None:
 
 
 @pytest.mark.parametrize(
-    ("way", "cell", "expected"),
+    ("moves", "cell", "expected"),
     [
         ("N", Cell(1, 3), "1000000"),
         ("NW", Cell(0, 3), "1001000"),
-        ("NEEE", Cell(4, 3), "1010000"),  # beside an inner wall
+        ("NEEE", Cell(4, 3), "1010000"),  # next to an inner wall
         ("SS", Cell(1, 0), "0100010"),
         ("SEEEEEEN", Cell(7, 2), "1010000"),  # under an obstacle
     ],
 )
-def test_touch_holds_beside_walls_and_obstacles(way: str, cell: Cell, expected: str) -> None:
+def test_touch_holds_beside_walls_and_obstacles(moves: str, cell: Cell, expected: str) -> None:
     environment, simulation = stand_ready(hall())
-    assert all(execute(environment, way))
+    assert all(execute(environment, moves))
     assert environment.cell == cell
     assert bits(environment) == expected
     assert off_centre(simulation, cell) < 0.04
 
 
 @pytest.mark.parametrize(
-    ("way", "blocked", "cell"), [("N", "N", Cell(1, 3)), ("W", "W", Cell(0, 2)), ("NEEE", "E", Cell(4, 3))]
+    ("moves", "blocked", "cell"), [("N", "N", Cell(1, 3)), ("W", "W", Cell(0, 2)), ("NEEE", "E", Cell(4, 3))]
 )
-def test_a_blocked_move_ends_in_the_centre_of_its_cell_without_collision(way: str, blocked: str, cell: Cell) -> None:
+def test_a_blocked_move_ends_in_the_centre_of_its_cell_without_collision(moves: str, blocked: str, cell: Cell) -> None:
     for seed in range(3):
         environment, simulation = stand_ready(hall(), seed)
-        assert all(execute(environment, way))
+        assert all(execute(environment, moves))
         assert execute(environment, blocked * 2) == [False, False]
         assert environment.cell == cell
         assert off_centre(simulation, cell) < MAX_OFFSET

@@ -26,24 +26,24 @@ def make(beside: str = " ") -> tuple[Pilot, KinematicRobot]:
 
 
 def go(
-    pilot: Pilot, here: Cell, way: Direction, *, docking: bool = False, full: bool = False, held: bool = False
+    pilot: Pilot, here: Cell, direction: Direction, *, docking: bool = False, full: bool = False, held: bool = False
 ) -> bool:
-    home, goal = centre(PLAN, here), centre(PLAN, here.neighbour(way))
+    home, goal = centre(PLAN, here), centre(PLAN, here.neighbour(direction))
     return move_to_cell(pilot, home, goal, docking=docking, fork_full=full, held=held)
 
 
-def off(robot: KinematicRobot, cell: Cell) -> float:
+def offset(robot: KinematicRobot, cell: Cell) -> float:
     """Distance of base_link from a cell's centre, m."""
-    middle = centre(PLAN, cell)
-    return math.hypot(robot.pose.x - middle[0], robot.pose.y - middle[1])
+    target = centre(PLAN, cell)
+    return math.hypot(robot.pose.x - target[0], robot.pose.y - target[1])
 
 
-@pytest.mark.parametrize("way", list(Direction))
-def test_a_free_move_ends_in_the_centre_of_the_next_cell(way: Direction) -> None:
+@pytest.mark.parametrize("direction", list(Direction))
+def test_a_free_move_ends_in_the_centre_of_the_next_cell(direction: Direction) -> None:
     pilot, robot = make()
-    assert go(pilot, Cell(1, 2), way) is True
-    assert off(robot, Cell(1, 2).neighbour(way)) < 0.015
-    heading = math.atan2(way.dy, way.dx)  # forwards: the fork leads
+    assert go(pilot, Cell(1, 2), direction) is True
+    assert offset(robot, Cell(1, 2).neighbour(direction)) < 0.015
+    heading = math.atan2(direction.dy, direction.dx)  # forwards: the fork leads
     assert abs(math.remainder(robot.pose.theta - heading, math.tau)) < 0.05
 
 
@@ -51,7 +51,7 @@ def test_a_blocked_move_ends_where_it_began() -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), Direction.WEST) is True
     assert go(pilot, Cell(0, 2), Direction.WEST) is False
-    assert off(robot, Cell(0, 2)) < 0.015
+    assert offset(robot, Cell(0, 2)) < 0.015
     assert robot.nearest_wall > BODY.radius
 
 
@@ -61,7 +61,7 @@ def test_the_robot_docks_forwards_and_leaves_in_reverse_with_the_box() -> None:
     assert go(pilot, Cell(2, 2), Direction.EAST, docking=True) is True
     assert robot.close_latch()
     assert go(pilot, Cell(3, 2), Direction.SOUTH, full=True, held=True) is True
-    assert off(robot, Cell(3, 1)) < 0.015
+    assert offset(robot, Cell(3, 1)) < 0.015
     assert abs(math.remainder(robot.pose.theta - math.pi / 2, math.tau)) < 0.05  # the lidar leads
     assert math.dist(robot.boxes[0], centre(PLAN, Cell(3, 1))) < 0.02
 
@@ -70,7 +70,7 @@ def test_a_box_blocks_a_move_without_docking() -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), Direction.EAST) is True
     assert go(pilot, Cell(2, 2), Direction.EAST) is False
-    assert off(robot, Cell(2, 2)) < 0.015
+    assert offset(robot, Cell(2, 2)) < 0.015
 
 
 @pytest.mark.parametrize("held", [False, True])
@@ -81,6 +81,6 @@ def test_a_blocked_robot_with_a_full_fork_returns_to_its_cell(held: bool) -> Non
     if held:
         assert robot.close_latch()
     assert go(pilot, Cell(3, 2), Direction.EAST, full=True, held=held) is False
-    assert off(robot, Cell(3, 2)) < 0.02
+    assert offset(robot, Cell(3, 2)) < 0.02
     np.testing.assert_allclose(robot.boxes[0], centre(PLAN, Cell(3, 2)), atol=0.02)
     assert robot.close_latch()

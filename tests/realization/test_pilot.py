@@ -41,13 +41,13 @@ def test_the_pose_does_not_depend_on_the_odom_frame() -> None:
 
 def test_scan_callbacks_receive_every_scan_with_its_pose() -> None:
     pilot, _, _ = make()
-    seen: list[tuple[Scan, Pose]] = []
-    pilot.scan_callbacks.append(lambda scan, pose: seen.append((scan, pose)))
+    received: list[tuple[Scan, Pose]] = []
+    pilot.scan_callbacks.append(lambda scan, pose: received.append((scan, pose)))
     first = pilot.wait_for_scan()
     third = pilot.wait_for_scan(2)
-    assert [scan.time for scan, _ in seen] == pytest.approx([0.1, 0.2, 0.3])
-    assert (first, third) == (seen[0][0], seen[2][0])
-    assert all(pose.distance_to(START) < 1e-9 for _, pose in seen)
+    assert [scan.time for scan, _ in received] == pytest.approx([0.1, 0.2, 0.3])
+    assert (first, third) == (received[0][0], received[2][0])
+    assert all(pose.distance_to(START) < 1e-9 for _, pose in received)
 
 
 def test_snapshots_are_recorded_five_times_a_second() -> None:

@@ -27,15 +27,15 @@ CROSS = np.array([0.0, math.pi / 2, math.pi, -math.pi / 2])
 def test_ranges_in_an_empty_room() -> None:
     assert_allclose(exact_ranges(ROOM, Pose(2.0, 1.0, 0.0), CROSS, NO_BOXES, 0.1), [2.97, 2.97, 1.97, 0.97])
     assert_allclose(exact_ranges(ROOM, Pose(2.0, 1.0, math.pi / 2), CROSS, NO_BOXES, 0.1), [2.97, 1.97, 0.97, 2.97])
-    slanting = exact_ranges(ROOM, Pose(2.0, 1.0, 0.0), np.array([math.atan2(3, 4)]), NO_BOXES, 0.1)
-    assert_allclose(slanting, [2.97 * 5 / 4])
+    oblique = exact_ranges(ROOM, Pose(2.0, 1.0, 0.0), np.array([math.atan2(3, 4)]), NO_BOXES, 0.1)
+    assert_allclose(oblique, [2.97 * 5 / 4])
 
 
 def test_a_box_occludes_the_wall_behind_it() -> None:
     boxes = np.array([[4.0, 1.0], [2.0, 3.9]])
     assert_allclose(exact_ranges(ROOM, Pose(2.0, 1.0, 0.0), CROSS, boxes, 0.2), [1.8, 2.7, 1.97, 0.97])
-    beside = exact_ranges(ROOM, Pose(2.0, 1.0, 0.0), np.array([math.asin(0.2 / 2.0) + 1e-6]), boxes[:1], 0.2)
-    assert beside[0] > 2.9
+    passing = exact_ranges(ROOM, Pose(2.0, 1.0, 0.0), np.array([math.asin(0.2 / 2.0) + 1e-6]), boxes[:1], 0.2)
+    assert passing[0] > 2.9
 
 
 def test_rays_that_start_in_a_wall_have_range_zero() -> None:
