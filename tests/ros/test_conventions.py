@@ -12,11 +12,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from wherry.pipelines.delivery.simulator import node_of
 from wherry.ros import messages as ros
 from wherry.ros.decoding import decode_stamp
 from wherry.ros.description import robot_description
 from wherry.ros.names import load_names
+from wherry.ros.nodes.simulator import simulator_node
 from wherry.simulation.model import robot_urdf
 from wherry_testing.bus import Bus
 from wherry_testing.worlds import hall
@@ -29,7 +29,7 @@ FLOAT = np.float32  # type of the numbers in a LaserScan
 def bus() -> Bus:
     """All messages that the robot publishes in a second."""
     bus, simulation = Bus(), hall()
-    node_of(simulation, bus.node(), load_names(), 20.0).run(lambda: simulation.time >= 1.0)
+    simulator_node(simulation, bus.node(), load_names(), 20.0).run(lambda: simulation.time >= 1.0)
     return bus
 
 

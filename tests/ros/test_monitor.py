@@ -15,8 +15,8 @@ from wherry_testing.bus import Bus
 TOPICS = load_names().topics
 
 
-class Wall:
-    """A clock on the wall that a test moves on."""
+class WallClock:
+    """A wall clock that a test advances."""
 
     def __init__(self) -> None:
         self.now = 50.0
@@ -26,17 +26,17 @@ class Wall:
 
 
 @pytest.fixture
-def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
-    wall = Wall()
-    monkeypatch.setattr(monitoring, "time", wall)
-    return wall
+def clock(monkeypatch: pytest.MonkeyPatch) -> WallClock:
+    clock = WallClock()
+    monkeypatch.setattr(monitoring, "time", clock)
+    return clock
 
 
 def scan(time: float) -> ros.LaserScan:
     return encode_laser_scan(Scan(time, np.ones(4), 0.0, 1.0, 0.0, 9.0), "laser")
 
 
-def test_what_is_missing_shows_in_the_stamps(wall: Wall) -> None:
+def test_missing_messages_are_counted_from_stamps(clock: WallClock) -> None:
     bus = Bus()
     monitor = Monitor(bus.node(), load_names())
     for tick in range(40):
@@ -45,33 +45,33 @@ def test_what_is_missing_shows_in_the_stamps(wall: Wall) -> None:
     for tick in range(100):
         odometry = Odometry(tick / 20, Pose(), Velocity())
         bus.say(TOPICS.odom, encode_odometry(odometry, "odom", "base_link", np.zeros(36)))
-    figures = monitor.figures()
-    assert (figures["scans"], figures["scans missing"]) == (37, 3)
-    assert (figures["odometry"], figures["odometry missing"]) == (100, 0)
-    assert figures["scan to velocity, median, ms"] is None
+    statistics = monitor.statistics()
+    assert (statistics["scans"], statistics["scans missing"]) == (37, 3)
+    assert (statistics["odometry"], statistics["odometry missing"]) == (100, 0)
+    assert statistics["scan to velocity, median, ms"] is None
 
 
-def test_a_scan_is_answered_by_the_next_velocity(wall: Wall) -> None:
+def test_scan_is_answered_by_the_next_velocity(clock: WallClock) -> None:
     bus = Bus()
     monitor = Monitor(bus.node(), load_names())
     for tick in range(100):
-        wall.now = 50.0 + tick / 10
+        clock.now = 50.0 + tick / 10
         bus.say(TOPICS.scan, scan(tick / 10))
         if tick % 10 == 9:
-            continue  # not answered: the robot thinks
-        wall.now += 0.002 if tick else 0.040
+            continue  # not answered: the agent is planning
+        clock.now += 0.002 if tick else 0.040
         bus.say(TOPICS.cmd_vel, ros.Twist())
-        wall.now += 0.001
+        clock.now += 0.001
         bus.say(TOPICS.cmd_vel_stamped, ros.TwistStamped())
-    figures = monitor.figures()
-    assert (figures["scans"], figures["scans answered"], figures["velocities"]) == (100, 90, 180)
-    assert figures["scan to velocity, median, ms"] == pytest.approx(2.0)
-    worst = figures["scan to velocity, 99 %, ms"]
+    statistics = monitor.statistics()
+    assert (statistics["scans"], statistics["scans answered"], statistics["velocities"]) == (100, 90, 180)
+    assert statistics["scan to velocity, median, ms"] == pytest.approx(2.0)
+    worst = statistics["scan to velocity, 99 %, ms"]
     assert worst is not None
     assert 2.0 < worst < 40.0
 
 
-def test_nothing_heard_is_no_figure(wall: Wall) -> None:
-    figures = Monitor(Bus().node(1), load_names()).figures()
-    assert figures["scans"] == 0
-    assert figures["scan to velocity, 99 %, ms"] is None
+def test_without_messages_there_is_no_latency(clock: WallClock) -> None:
+    statistics = Monitor(Bus().node(1), load_names()).statistics()
+    assert statistics["scans"] == 0
+    assert statistics["scan to velocity, 99 %, ms"] is None

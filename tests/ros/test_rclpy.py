@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wherry.pipelines.delivery.simulator import WHEEL_JOINTS, node_of
 from wherry.ros import messages as ros
 from wherry.ros.encoding import encode_occupancy_grid, encode_pose_array
 from wherry.ros.names import load_names
+from wherry.ros.nodes.simulator import WHEEL_JOINTS, simulator_node
 from wherry.ros.transports.ros2 import Ros2Transport
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
@@ -100,7 +100,7 @@ def stage(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     over = threading.Event()
     with Ros2Transport() as robot, Ros2Transport() as agent:
         stage = Stage(agent)
-        node = node_of(stage.simulation, robot, load_names(), 1.0)
+        node = simulator_node(stage.simulation, robot, load_names(), 1.0)
         thread = threading.Thread(target=node.run, args=(over.is_set,))
         thread.start()
         agent.publish(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))  # long before rclpy subscribes

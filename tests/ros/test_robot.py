@@ -16,9 +16,11 @@ from wherry.ros import messages as ros
 from wherry.ros.body_files import load_body
 from wherry.ros.encoding import encode_laser_scan, encode_odometry, encode_transform
 from wherry.ros.names import load_names
+from wherry.ros.nodes import latch_client, velocity_commands
 from wherry.ros.nodes import robot as ros_robot
-from wherry.ros.nodes.latch import LatchState, from_latch_command, to_latch_state
-from wherry.ros.nodes.robot import RobotLostError, RosRobot
+from wherry.ros.nodes.errors import RobotLostError
+from wherry.ros.nodes.latch_protocol import LatchState, decode_latch_command, encode_latch_state
+from wherry.ros.nodes.robot import RosRobot
 from wherry.ros.transforms import StampedTransform
 from wherry.space.pose import Pose
 from wherry_testing.bus import Bus, BusTransport, DdsBus, free_domain, wait_for
@@ -31,7 +33,7 @@ DOMAIN = free_domain()
 
 
 class Driver:
-    """A robot's driver software, by hand: it says what it is told to say."""
+    """Driver software of a robot that publishes what a test wants."""
 
     def __init__(self, bus: Bus) -> None:
         self.bus = bus
@@ -49,8 +51,8 @@ class Driver:
         message = encode_laser_scan(Scan(self.time, np.ones(8), -3.0, 0.7, 0.02, 12.0), "laser")
         self.bus.say(TOPICS.scan, replace(message, **changes))
 
-    def latch(self, loaded: bool = False, answered: float = 0.0) -> None:
-        self.bus.say(TOPICS.latch_state, to_latch_state(LatchState(self.time, loaded, answered)))
+    def latch(self, has_load: bool = False, answered: float = 0.0) -> None:
+        self.bus.say(TOPICS.latch_state, encode_latch_state(LatchState(self.time, has_load, answered)))
 
     def tick(self, seconds: float = 0.1) -> None:
         self.time += seconds
@@ -95,15 +97,15 @@ def robot(driver: Driver, node: BusTransport) -> Iterator[RosRobot]:
         yield robot
 
 
-def last_refused(robot: RosRobot) -> str:
+def last_rejection(robot: RosRobot) -> str:
     return next(pair.value for pair in robot.status().values if pair.key == "last refused")
 
 
-def test_its_lidar_is_where_the_transforms_say(robot: RosRobot) -> None:
+def test_lidar_pose_is_taken_from_static_transforms(robot: RosRobot) -> None:
     assert robot.body.lidar == Pose(-0.17)
 
 
-def test_transforms_are_followed_from_the_lidar_to_base_link(bus: Bus, node: BusTransport, driver: Driver) -> None:
+def test_chain_of_static_transforms_is_composed(bus: Bus, node: BusTransport, driver: Driver) -> None:
     robot = RosRobot(node, NAMES, load_body())
     mast = encode_transform(StampedTransform("base_link", "mast", 0.0, Pose(1.0, 0.0, math.pi / 2)))
     bus.say(TOPICS.tf_static, ros.TFMessage((mast,)))
@@ -119,7 +121,7 @@ def test_transforms_are_followed_from_the_lidar_to_base_link(bus: Bus, node: Bus
     assert robot.body.lidar.y == pytest.approx(0.5)
 
 
-def test_a_lidar_that_is_tilted_is_refused(bus: Bus, node: BusTransport, driver: Driver) -> None:
+def test_tilted_lidar_is_rejected(bus: Bus, node: BusTransport, driver: Driver) -> None:
     robot = RosRobot(node, NAMES, load_body())
     link = encode_transform(StampedTransform("base_link", "laser", 0.0, Pose()))
     tilted = replace(link, transform=ros.Transform(rotation=ros.Quaternion(1.0, 0.0, 0.0, 0.0)))
@@ -128,7 +130,7 @@ def test_a_lidar_that_is_tilted_is_refused(bus: Bus, node: BusTransport, driver:
         robot.wait_until_ready(0.1)
 
 
-def test_what_is_missing_is_named(node: BusTransport, driver: Driver) -> None:
+def test_missing_topics_and_transforms_are_named(node: BusTransport, driver: Driver) -> None:
     robot = RosRobot(node, NAMES, load_body())
     driver.odometry()
     driver.scan(header=ros.Header(ros.Time(10), "base_scan"))
@@ -140,14 +142,14 @@ def test_what_is_missing_is_named(node: BusTransport, driver: Driver) -> None:
     assert "'base_scan' instead of 'laser'" in text
 
 
-def test_commands_become_twists_within_the_bodys_limits(robot: RosRobot, driver: Driver) -> None:
+def test_velocities_are_clipped_to_the_limits(robot: RosRobot, driver: Driver) -> None:
     robot.command(DRIVE)
     robot.command(Velocity(9.0, -9.0))
     sent = [(twist.linear.x, twist.angular.z) for twist in driver.commands]
     assert sent == [(0.3, 0.1), (0.6, -2.5)]
 
 
-def test_commands_may_be_stamped(bus: Bus, driver: Driver) -> None:
+def test_velocities_can_be_stamped(bus: Bus, driver: Driver) -> None:
     robot = RosRobot(bus.node(), NAMES, load_body(), stamped=True)
     driver.mount()
     driver.latch()
@@ -162,17 +164,16 @@ def test_commands_may_be_stamped(bus: Bus, driver: Driver) -> None:
     assert sent.header == ros.Header(ros.Time(10, 100_000_000), "base_link")
 
 
-def test_closing_stops_the_robot(bus: Bus, driver: Driver) -> None:
+def test_close_stops_the_robot(bus: Bus, driver: Driver) -> None:
     with RosRobot(bus.node(), NAMES, load_body()):
         pass
     assert driver.commands[-1] == ros.Twist()
 
 
-# ---- what must not be driven on
+# ---- safety
 
 
-def test_no_scan_no_drive(robot: RosRobot, driver: Driver) -> None:
-    """Odometry goes on, the lidar has fallen silent."""
+def test_robot_stops_when_only_odometry_arrives(robot: RosRobot, driver: Driver) -> None:
     robot.command(DRIVE)
     for _ in range(9):
         driver.time += 0.05
@@ -190,7 +191,7 @@ def test_no_scan_no_drive(robot: RosRobot, driver: Driver) -> None:
     assert driver.commands[-1].linear.x == 0.3
 
 
-def test_an_agent_that_fell_behind_does_not_drive(robot: RosRobot, driver: Driver) -> None:
+def test_agent_that_fell_behind_does_not_drive(robot: RosRobot, driver: Driver) -> None:
     for _ in range(6):
         driver.tick()
     robot.command(DRIVE)
@@ -202,7 +203,7 @@ def test_an_agent_that_fell_behind_does_not_drive(robot: RosRobot, driver: Drive
     assert driver.commands[-1].linear.x == 0.3
 
 
-def test_it_stops_while_it_waits_for_a_lidar_that_fell_silent(bus: Bus, driver: Driver) -> None:
+def test_robot_is_stopped_while_receive_waits_for_a_silent_lidar(bus: Bus, driver: Driver) -> None:
     robot = RosRobot(bus.node(), NAMES, load_body())
     driver.mount()
     driver.latch()
@@ -219,7 +220,7 @@ def test_it_stops_while_it_waits_for_a_lidar_that_fell_silent(bus: Bus, driver: 
 
 
 @pytest.mark.realtime
-def test_stop_comes_within_half_a_second(bus: Bus, driver: Driver) -> None:
+def test_robot_is_stopped_within_half_a_second(bus: Bus, driver: Driver) -> None:
     robot = RosRobot(bus.node(), NAMES, load_body())
     driver.mount()
     driver.latch()
@@ -236,7 +237,7 @@ def test_stop_comes_within_half_a_second(bus: Bus, driver: Driver) -> None:
     assert stopped[0] - scanned < 0.5
 
 
-def test_of_many_scans_that_wait_the_agent_gets_the_last(robot: RosRobot, driver: Driver) -> None:
+def test_only_the_latest_of_many_queued_scans_is_kept(robot: RosRobot, driver: Driver) -> None:
     for _ in range(40):
         driver.tick()
     first = robot.receive()
@@ -260,7 +261,7 @@ def test_of_many_scans_that_wait_the_agent_gets_the_last(robot: RosRobot, driver
         {"ranges": np.zeros(0, np.float32)},
     ],
 )
-def test_a_scan_that_cannot_be_is_refused_and_told(changes: dict[str, object], robot: RosRobot, driver: Driver) -> None:
+def test_invalid_scan_is_rejected_and_reported(changes: dict[str, object], robot: RosRobot, driver: Driver) -> None:
     driver.time += 0.1
     driver.odometry()
     driver.scan(**changes)
@@ -268,7 +269,7 @@ def test_a_scan_that_cannot_be_is_refused_and_told(changes: dict[str, object], r
     received = [robot.receive() for _ in range(3)]
     assert [type(item) for item in received] == [Odometry, Odometry, Scan]
     assert received[-1].time == pytest.approx(driver.time)
-    assert last_refused(robot).startswith("/scan: ")
+    assert last_rejection(robot).startswith("/scan: ")
     assert ("refused on /scan", "1") in {(pair.key, pair.value) for pair in robot.status().values}
 
 
@@ -282,76 +283,74 @@ def test_a_scan_that_cannot_be_is_refused_and_told(changes: dict[str, object], r
         {"pose": ros.PoseWithCovariance(ros.Pose(orientation=ros.Quaternion(w=0.0)))},
     ],
 )
-def test_odometry_that_cannot_be_is_refused_and_told(
-    changes: dict[str, object], robot: RosRobot, driver: Driver
-) -> None:
+def test_invalid_odometry_is_rejected_and_reported(changes: dict[str, object], robot: RosRobot, driver: Driver) -> None:
     driver.time += 0.1
     driver.odometry(**changes)
     driver.tick()
     assert robot.receive().time == pytest.approx(driver.time)
-    assert last_refused(robot).startswith("/odom: ")
+    assert last_rejection(robot).startswith("/odom: ")
 
 
-def test_a_clock_that_is_set_back_ends_the_run(robot: RosRobot, driver: Driver) -> None:
+def test_clock_that_is_set_back_ends_the_run(robot: RosRobot, driver: Driver) -> None:
     driver.time = 0.0
     for _ in range(5):
         driver.tick()
-    with pytest.raises(RobotLostError, match="time went back from 10"):
+    with pytest.raises(RobotLostError, match="time moved backwards from 10"):
         robot.receive()
 
 
-def test_a_gap_is_survived(robot: RosRobot, driver: Driver) -> None:
+def test_run_continues_after_a_confirmed_gap(robot: RosRobot, driver: Driver) -> None:
     driver.time += 30.0
     for _ in range(5):
         driver.tick()
     assert robot.receive().time == pytest.approx(40.5)
 
 
-def test_a_robot_that_is_gone_ends_the_run(robot: RosRobot, driver: Driver, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ros_robot, "LOST", 0.2)
-    with pytest.raises(RobotLostError, match="/scan: nothing heard"):
+def test_robot_without_scans_ends_the_run(robot: RosRobot, driver: Driver, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ros_robot, "ROBOT_LOST_TIMEOUT", 0.2)
+    with pytest.raises(RobotLostError, match="/scan: nothing received"):
         robot.receive()
     assert driver.commands[-1] == ros.Twist()
 
 
-def test_it_yields_to_whoever_else_drives(
+def test_nothing_is_sent_while_another_node_drives(
     robot: RosRobot, driver: Driver, bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ros_robot, "YIELDING", 0.3)
+    monkeypatch.setattr(velocity_commands, "YIELD_SECONDS", 0.3)
     robot.command(DRIVE)
     bus.say(TOPICS.cmd_vel, ros.Twist(ros.Vector3(0.11)))
     count = len(driver.commands)
     robot.command(DRIVE)
     assert len(driver.commands) == count
     assert robot.status().level == ros.DiagnosticStatus.ERROR
-    assert "somebody else drives" in robot.status().message
+    assert "another node drives" in robot.status().message
     time.sleep(0.4)
     robot.command(DRIVE)
     assert driver.commands[-1].linear.x == 0.3
 
 
-def test_own_commands_are_nobody_elses(robot: RosRobot, driver: Driver) -> None:
+def test_echoes_of_own_commands_are_recognized(robot: RosRobot, driver: Driver) -> None:
     for step in range(300):
         robot.command(Velocity(step / 1000, -step / 500))
     assert len(driver.commands) == 300
 
 
-def test_nonsense_on_cmd_vel_is_nobodys_command(robot: RosRobot, driver: Driver, bus: Bus) -> None:
+def test_invalid_velocity_of_another_node_is_ignored(robot: RosRobot, driver: Driver, bus: Bus) -> None:
     bus.say(TOPICS.cmd_vel, ros.Twist(ros.Vector3(math.nan)))
     robot.command(DRIVE)
     assert driver.commands[-1].linear.x == 0.3
-    assert last_refused(robot).startswith("/cmd_vel: ")
+    assert last_rejection(robot).startswith("/cmd_vel: ")
 
 
-def test_a_silent_second_publisher_is_told(robot: RosRobot, bus: Bus) -> None:
+def test_second_publisher_is_reported_before_it_drives(robot: RosRobot, bus: Bus) -> None:
     assert robot.status().level == ros.DiagnosticStatus.OK
     bus.node().advertise(TOPICS.cmd_vel)
     wait_for(lambda: robot.status().level != ros.DiagnosticStatus.OK)
     assert robot.status().level == ros.DiagnosticStatus.WARN
-    assert "could drive" in robot.status().message
+    assert "also publishes" in robot.status().message
 
 
-def test_a_master_that_is_gone_is_told(robot: RosRobot, node: BusTransport, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreachable_master_is_reported(robot: RosRobot, node: BusTransport, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(node, "is_connected", lambda: False)
     assert "master" in robot.status().message
 
@@ -359,24 +358,41 @@ def test_a_master_that_is_gone_is_told(robot: RosRobot, node: BusTransport, monk
 # ---- the latch
 
 
-def test_the_latchs_answer_is_that_to_the_own_command(robot: RosRobot, driver: Driver, bus: Bus) -> None:
-    asked: list[float] = []
+def test_latch_command_is_repeated_until_it_is_answered(robot: RosRobot, driver: Driver, bus: Bus) -> None:
+    stamps: list[float] = []
 
     def answer(message: ros.JointState) -> None:
-        command = from_latch_command(message)
-        asked.append(command.number)
-        driver.latch(loaded=False, answered=command.number - 1.0)  # of an earlier command
-        if len(asked) % 2 == 0:  # the first time, the command is lost
-            driver.latch(loaded=command.close, answered=command.number)
+        command = decode_latch_command(message)
+        stamps.append(command.stamp)
+        driver.latch(has_load=False, answered=command.stamp - 1.0)  # the answer to an earlier command
+        if len(stamps) % 2 == 0:  # the first transmission is lost
+            driver.latch(has_load=command.close, answered=command.stamp)
 
     bus.callbacks[TOPICS.latch_command.name, ros.JointState].append(answer)
     assert robot.close_latch() is True
     assert robot.open_latch() is True
-    first, again, second, _ = asked
+    first, again, second, _ = stamps
     assert first == again < second
 
 
-def test_a_latch_that_does_not_answer_ends_the_run(robot: RosRobot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ros_robot, "LATCH_PATIENCE", 0.02)
+def test_latch_that_does_not_answer_ends_the_run(robot: RosRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(latch_client, "ANSWER_TIMEOUT", 0.02)
     with pytest.raises(RobotLostError, match="/latch/state: the latch does not answer"):
         robot.close_latch()
+
+
+# ---- idle callback
+
+
+def test_idle_callback_runs_only_when_no_measurement_is_queued(robot: RosRobot, driver: Driver) -> None:
+    calls: list[float] = []
+
+    def on_idle() -> None:
+        calls.append(driver.time)
+        driver.tick()
+
+    robot.idle_callback = on_idle
+    driver.tick()
+    received = [type(robot.receive()) for _ in range(4)]
+    assert received == [Odometry, Scan, Odometry, Scan]
+    assert calls == [pytest.approx(10.1)]

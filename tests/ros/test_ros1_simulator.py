@@ -12,10 +12,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from wherry.pipelines.delivery.simulator import Settings, prepare
+from wherry.floorplan.world_files import find_world
 from wherry.robot import Scan
 from wherry.ros.transports.ros1_master import Master
+from wherry.simulation import build
 from wherry.simulation.drive import WHEEL_RADIUS
+from wherry.simulation.seeded_worlds import seed_world
 from wherry_testing.robots_clock import STOPPING_RESOLUTION
 from wherry_testing.ros1_system import Peer, Program, Roscore, heading, require, stamp, values_of, wait_until
 
@@ -23,7 +25,7 @@ pytestmark = pytest.mark.realtime
 
 SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--seed", "5")
 TWIST = "geometry_msgs/Twist"
-LISTENED = {
+SUBSCRIBED = {
     "/scan": "sensor_msgs/LaserScan",
     "/odom": "nav_msgs/Odometry",
     "/tf": "tf2_msgs/TFMessage",
@@ -48,16 +50,17 @@ def simulator(roscore: Roscore) -> Iterator[Program]:
 
 @pytest.fixture(scope="module")
 def peer(roscore: Roscore, simulator: Program) -> Iterator[Peer]:
-    """Listens from before the beginning, so that it hears all."""
+    """A node that subscribes before the simulator publishes."""
     with roscore.peer() as peer:
-        for topic, type_name in LISTENED.items():
+        for topic, type_name in SUBSCRIBED.items():
             peer.listen(topic, type_name)
         wait_until(lambda: len(peer.heard["/scan"]) >= 3, 60.0, f"scans\n{simulator.output}")
         yield peer
 
 
-def test_scans_are_the_simulators_own(peer: Peer) -> None:
-    simulation = prepare(Settings(world="small", boxes=2, seed=5))
+def test_scans_equal_those_of_the_simulation(peer: Peer) -> None:
+    world = seed_world(find_world("small"), 2, 5)
+    simulation = build(world.plan, world.physics_rng)
     scans = {round(stamp(scan), 6): scan for scan in peer.wait_for("/scan", 3, 5.0)}
     compared = 0
     while simulation.time < max(scans):
@@ -69,7 +72,7 @@ def test_scans_are_the_simulators_own(peer: Peer) -> None:
     assert compared >= 3
 
 
-def test_messages_follow_the_conventions(peer: Peer) -> None:
+def test_messages_follow_ros_conventions(peer: Peer) -> None:
     scan = peer.last("/scan")
     assert scan["header"]["frame_id"] == "laser"
     assert scan["angle_min"] == pytest.approx(-math.pi)
@@ -83,7 +86,7 @@ def test_messages_follow_the_conventions(peer: Peer) -> None:
     assert peer.parameter("/use_sim_time") is True
 
 
-def test_transforms_are_there_when_a_scan_comes(peer: Peer) -> None:
+def test_transforms_precede_scans(peer: Peer) -> None:
     shift = peer.transform("odom", "laser")
     assert shift == pytest.approx([-0.17, 0.0, 0.15, 0.0, 0.0, 0.0, 1.0], abs=0.01), "real tf2, robot at its start"
     transforms = {stamp(link): news["at"] for news in list(peer.heard["/tf"]) for link in news["message"]["transforms"]}
@@ -93,16 +96,16 @@ def test_transforms_are_there_when_a_scan_comes(peer: Peer) -> None:
     assert np.quantile(lag, 0.9) < 0.05, "two connections may race, but not as long as from one odometry to the next"
 
 
-def test_one_clock_stamps_everything(peer: Peer) -> None:
+def test_all_stamps_are_of_one_clock(peer: Peer) -> None:
     clocks = [news["message"]["clock"] for news in list(peer.heard["/clock"])]
     times = [clock["secs"] + 1e-9 * clock["nsecs"] for clock in clocks]
     assert times == sorted(times)
-    assert np.diff(times).max() < 0.05 + 1e-6, "told with every odometry, and in between if there is time"
+    assert np.diff(times).max() < 0.05 + 1e-6, "published with every odometry and in between"
     for topic in ("/scan", "/odom", "/joint_states"):
         assert stamp(peer.last(topic)) == pytest.approx(times[-1], abs=1.0)
 
 
-def test_it_obeys_and_stops_by_itself(peer: Peer) -> None:
+def test_robot_obeys_velocities_and_stops_without_them(peer: Peer) -> None:
     before = peer.last("/odom")
     wheel = peer.last("/joint_states")["position"][0]
     for _ in range(10):
@@ -117,10 +120,10 @@ def test_it_obeys_and_stops_by_itself(peer: Peer) -> None:
     assert 0.15 < driven < 0.35
     assert heading(after["pose"]["pose"]["orientation"]) == pytest.approx(0.0, abs=0.05)
     turned = peer.last("/joint_states")["position"][0] - wheel
-    assert turned * WHEEL_RADIUS == pytest.approx(driven, rel=0.05), "joints turn as URDF and wheels have it"
+    assert turned * WHEEL_RADIUS == pytest.approx(driven, rel=0.05), "joint angles match the distance driven"
 
 
-def test_it_turns_to_the_left(peer: Peer) -> None:
+def test_positive_angular_velocity_turns_left(peer: Peer) -> None:
     before = heading(peer.last("/odom")["pose"]["pose"]["orientation"])
     for _ in range(5):
         peer.send("/cmd_vel", TWIST, {"angular": {"z": 0.5}})
@@ -130,7 +133,7 @@ def test_it_turns_to_the_left(peer: Peer) -> None:
 
 
 @pytest.mark.parametrize("speed", [math.nan, math.inf, 1e9])
-def test_absurd_velocities_stop_it(peer: Peer, speed: float) -> None:
+def test_invalid_velocities_stop_the_robot(peer: Peer, speed: float) -> None:
     for _ in range(3):
         peer.send("/cmd_vel", TWIST, {"linear": {"x": 0.2}})
         _let_pass(peer, 0.1)
@@ -138,10 +141,10 @@ def test_absurd_velocities_stop_it(peer: Peer, speed: float) -> None:
     peer.send("/cmd_vel", TWIST, {"linear": {"x": speed}})
     _let_pass(peer, 0.35)
     assert _speed(peer.last("/odom")) < 0.01
-    wait_until(lambda: "has the speed" in _simulator(peer).get("last refused", ""), 3.0, "diagnostics tell why")
+    wait_until(lambda: "has the speed" in _simulator(peer).get("last refused", ""), 3.0, "diagnostics give the reason")
 
 
-def test_a_second_publisher_of_velocities_is_told(roscore: Roscore, peer: Peer) -> None:
+def test_second_publisher_of_velocities_is_reported(roscore: Roscore, peer: Peer) -> None:
     peer.send("/cmd_vel", TWIST, {})
     wait_until(lambda: _simulator(peer).get("publishers of velocities") == "1", 5.0, "one publisher")
     with roscore.peer("second") as second:
@@ -151,26 +154,24 @@ def test_a_second_publisher_of_velocities_is_told(roscore: Roscore, peer: Peer) 
     wait_until(lambda: _simulator(peer).get("publishers of velocities") == "1", 5.0, "one again")
 
 
-def test_it_drives_on_without_a_master_and_is_there_for_the_next(
-    roscore: Roscore, simulator: Program, peer: Peer
-) -> None:
+def test_node_survives_the_master_and_registers_with_the_next(roscore: Roscore, simulator: Program, peer: Peer) -> None:
     before = len(peer.heard["/scan"])
     roscore.kill()
     peer.wait_for("/scan", before + 10, 5.0)
     roscore.start()
     with roscore.peer("newcomer") as newcomer:
-        newcomer.listen("/scan", LISTENED["/scan"])
+        newcomer.listen("/scan", SUBSCRIBED["/scan"])
         newcomer.wait_for("/scan", 5, 10.0)
         assert newcomer.parameter("/use_sim_time") is True
         assert newcomer.transform("odom", "laser")[2] == pytest.approx(0.15), "static transforms are latched"
         assert "wherry" in newcomer.parameter("/robot_description")
 
 
-def test_a_robot_in_a_namespace(roscore: Roscore) -> None:
+def test_namespace_and_frame_prefix(roscore: Roscore) -> None:
     options = ("--frame-prefix", "robot2/", "--remap", "odom:=wheels", "--namespace", "robot2")
     with roscore.wherry(*SIMULATE, *options) as simulator, roscore.peer("other") as peer:
-        peer.listen("/robot2/scan", LISTENED["/scan"])
-        peer.listen("/robot2/wheels", LISTENED["/odom"])
+        peer.listen("/robot2/scan", SUBSCRIBED["/scan"])
+        peer.listen("/robot2/wheels", SUBSCRIBED["/odom"])
         wait_until(lambda: peer.heard["/robot2/scan"], 60.0, f"a scan\n{simulator.output}")
         assert peer.last("/robot2/scan")["header"]["frame_id"] == "robot2/laser"
         peer.wait_for("/robot2/wheels", 1, 5.0)
@@ -178,13 +179,13 @@ def test_a_robot_in_a_namespace(roscore: Roscore) -> None:
         assert "wherry" in peer.parameter("/robot2/robot_description")
 
 
-def test_a_node_of_a_launch_file(roscore: Roscore) -> None:
+def test_arguments_of_roslaunch(roscore: Roscore) -> None:
     """roslaunch sets ROS_NAMESPACE, and appends the node's name, its log file and the remappings."""
     appended = ("scan:=front/scan", "__name:=lidar_robot", "__log:=/dev/null")
     environment = {**roscore.environment, "ROS_NAMESPACE": "/robot3"}
     command = [sys.executable, "-m", "wherry", *SIMULATE, *appended]
     with Program(command, environment) as simulator, roscore.peer("launched") as peer:
-        peer.listen("/robot3/front/scan", LISTENED["/scan"])
+        peer.listen("/robot3/front/scan", SUBSCRIBED["/scan"])
         wait_until(lambda: peer.heard["/robot3/front/scan"], 60.0, f"a scan\n{simulator.output}")
         with closing(Master("/test", roscore.environment["ROS_MASTER_URI"])) as master:
             assert master.is_alive("/robot3/lidar_robot")

@@ -1,4 +1,4 @@
-"""`RosRobot` and the simulator as two processes over DDS: the contract of robots, and what happens when one dies."""
+"""`RosRobot` and the simulator as two processes over DDS: the robot contract, and the loss of either process."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from wherry.pipelines.delivery.simulator import node_of
 from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.body_files import load_body
@@ -21,6 +20,7 @@ from wherry.ros.decoding import decode_odometry
 from wherry.ros.encoding import encode_twist
 from wherry.ros.names import load_names
 from wherry.ros.nodes.robot import RosRobot
+from wherry.ros.nodes.simulator import simulator_node
 from wherry.ros.transports.ros2 import Ros2Transport
 from wherry_testing.bus import free_domain
 from wherry_testing.dds import ended, simulator, wait_until
@@ -30,9 +30,9 @@ from wherry_testing.worlds import HALL, hall
 
 NAMES = load_names()
 TOPICS = NAMES.topics
-RATE = 1.5  # × real time; the contract watches the robot for half a minute
+RATE = 1.5  # simulated seconds per second
 EMPTY = HALL.replace("  o  ", "     ")
-CONTRACT, DEATHS = free_domain(), free_domain()
+CONTRACT, PROCESSES = free_domain(), free_domain()
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -61,7 +61,7 @@ class TestRosRobot(RobotContract):
         monkeypatch.setenv("ROS_DOMAIN_ID", str(CONTRACT))
         over = threading.Event()
         with Ros2Transport() as robots, Ros2Transport() as transport, RosRobot(transport, NAMES, load_body()) as robot:
-            node = node_of(hall(EMPTY), robots, NAMES, RATE)
+            node = simulator_node(hall(EMPTY), robots, NAMES, RATE)
             thread = threading.Thread(target=node.run, args=(over.is_set,))
             thread.start()
             try:
@@ -73,14 +73,14 @@ class TestRosRobot(RobotContract):
 
 
 class Watcher:
-    """What the robot does, as an outsider sees it."""
+    """Records the robot's odometry."""
 
     def __init__(self, transport: Ros2Transport) -> None:
         self.odometry: list[Odometry] = []
         self.arrived: list[float] = []
-        transport.subscribe(TOPICS.odom, self._hear)
+        transport.subscribe(TOPICS.odom, self._on_odometry)
 
-    def _hear(self, message: ros.Odometry) -> None:
+    def _on_odometry(self, message: ros.Odometry) -> None:
         self.odometry.append(decode_odometry(message, "odom", "base_link"))
         self.arrived.append(time.monotonic())
 
@@ -89,12 +89,12 @@ class Watcher:
         return self.odometry[-1].velocity.linear if self.odometry else 0.0
 
     def travelled_since(self, when: float) -> float:
-        """m, from the first odometry that is dated after ``when`` on."""
+        """Distance between the first pose since ``when``, s, and the last one, m."""
         poses = [odometry.pose for odometry in self.odometry if odometry.time >= when]
         return poses[0].distance_to(poses[-1])
 
     def stopped_after(self, begin: float) -> float:
-        """s on the robot's clock until it stood, from an instant of the monotonic clock on."""
+        """Time on the robot's clock from an instant of the monotonic clock until the robot stood, s."""
         heard = zip(self.arrived, self.odometry, strict=False)
         return stopping_time(
             [ReceivedOdometry(at, odometry.time, odometry.velocity.linear) for at, odometry in heard], begin
@@ -103,14 +103,14 @@ class Watcher:
 
 @pytest.fixture
 def transport(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros2Transport]:
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(DEATHS))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(PROCESSES))
     with Ros2Transport() as transport:
         yield transport
 
 
-def test_the_robot_stands_half_a_second_after_its_driver_is_killed(world: Path, transport: Ros2Transport) -> None:
+def test_robot_stops_half_a_second_after_its_driver_is_killed(world: Path, transport: Ros2Transport) -> None:
     watcher = Watcher(transport)
-    with simulator(world, DEATHS), subprocess.Popen([sys.executable, "-c", DRIVER], env=os.environ) as driver:
+    with simulator(world, PROCESSES), subprocess.Popen([sys.executable, "-c", DRIVER], env=os.environ) as driver:
         try:
             wait_until(lambda: watcher.speed > 0.25)
         finally:
@@ -124,33 +124,31 @@ def test_the_robot_stands_half_a_second_after_its_driver_is_killed(world: Path, 
         assert watcher.travelled_since(begin) > 0.03  # it was driving
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("is_recorded", [False, True])
-def test_a_simulation_that_is_asked_to_end_still_says_what_its_referee_saw(
-    how: signal.Signals, is_recorded: bool, world: Path, transport: Ros2Transport
+def test_interrupted_simulation_prints_its_summary(
+    number: signal.Signals, is_recorded: bool, world: Path, transport: Ros2Transport
 ) -> None:
     watcher = Watcher(transport)
-    bag = world.with_name(f"{how.name}.bag")
-    with simulator(world, DEATHS, "--rate", "5", *(("--record", str(bag)) if is_recorded else ())) as process:
+    bag = world.with_name(f"{number.name}.bag")
+    with simulator(world, PROCESSES, "--rate", "5", *(("--record", str(bag)) if is_recorded else ())) as process:
         wait_until(lambda: bool(watcher.odometry), 60.0)
-        result = ended(process, how)
+        summary = ended(process, number)
     assert process.returncode == 0
-    assert result["sim_seconds"] > 0.0
+    assert summary["sim_seconds"] > 0.0
     assert bag.is_file() == is_recorded
 
 
-def test_a_simulation_ends_when_it_is_told_to_and_says_what_its_referee_saw(
-    world: Path, transport: Ros2Transport
-) -> None:
+def test_simulation_ends_after_its_duration_and_prints_its_summary(world: Path, transport: Ros2Transport) -> None:
     watcher = Watcher(transport)
-    with simulator(world, DEATHS, "--rate", "5", "--duration", "5") as process:
+    with simulator(world, PROCESSES, "--rate", "5", "--duration", "5") as process:
         wait_until(lambda: bool(watcher.odometry))
         while process.poll() is None and watcher.odometry[-1].time < 2.0:
             transport.publish(TOPICS.cmd_vel, encode_twist(Velocity(0.2)))
             time.sleep(0.02)
-        result = ended(process, timeout=60.0)
-    assert result["sim_seconds"] == pytest.approx(5.0, abs=0.11)
-    assert result["boxes"] == 1
-    assert result["collisions"] == result["delivered"] == 0
+        summary = ended(process, timeout=60.0)
+    assert summary["sim_seconds"] == pytest.approx(5.0, abs=0.11)
+    assert summary["boxes"] == 1
+    assert summary["collisions"] == summary["delivered"] == 0
     assert process.returncode == 0
     assert watcher.odometry[-1].pose.x > 0.1

@@ -48,7 +48,7 @@ def field_names(result: type) -> set[str]:
         (field_names(slam.Result) - {"log"}, MAPPING_METRICS),
         (field_names(localization.LocalizationResult), LOCALIZATION_METRICS),
         (field_names(taxi.Result) - {"settings", "runs"} | {"learner", "seed"}, LEARNING_METRICS),
-        (set(Monitor(cast(Transport, SilentTransport()), load_names()).figures()), ROS_TRAFFIC_METRICS),
+        (set(Monitor(cast(Transport, SilentTransport()), load_names()).statistics()), ROS_TRAFFIC_METRICS),
     ],
 )
 def test_every_metric_has_a_label(names: set[str], labels: MetricLabels) -> None:

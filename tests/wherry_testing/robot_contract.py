@@ -1,6 +1,6 @@
-"""What every `Robot` keeps to; a test file for a robot subclasses this and gives the fixture ``robot``.
+"""Contract of the `Robot` protocol; a test file of an implementation subclasses it and provides the fixture ``robot``.
 
-The robot of the fixture stands on free floor, with a metre free before it and room to turn, and its fork is empty.
+The robot stands still with an empty fork, with 1 m of free floor ahead and enough to turn on the spot.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import pytest
 from wherry.robot import Odometry, Robot, Scan, Velocity
 
 
-def watch(robot: Robot, seconds: float, velocity: Velocity | None = None) -> list[Scan | Odometry]:
-    """Receive for a while, commanding a velocity all along if there is one."""
+def record(robot: Robot, seconds: float, velocity: Velocity | None = None) -> list[Scan | Odometry]:
+    """Receive measurements for a time, s, while commanding a velocity if one is given."""
     measurements = [robot.receive()]
     while measurements[-1].time - measurements[0].time < seconds:
         if velocity is not None:
@@ -25,19 +25,19 @@ def watch(robot: Robot, seconds: float, velocity: Velocity | None = None) -> lis
 
 
 def odometry(measurements: list[Scan | Odometry]) -> list[Odometry]:
-    """The odometry among measurements."""
+    """Only the odometry."""
     return [measurement for measurement in measurements if isinstance(measurement, Odometry)]
 
 
 def scans(measurements: list[Scan | Odometry]) -> list[Scan]:
-    """The scans among measurements."""
+    """Only the scans."""
     return [measurement for measurement in measurements if isinstance(measurement, Scan)]
 
 
 class RobotContract:
-    """The checks."""
+    """Tests that every robot must pass."""
 
-    def test_its_body_makes_sense(self, robot: Robot) -> None:
+    def test_body_is_plausible(self, robot: Robot) -> None:
         body = robot.body
         assert 0 < body.box_radius < body.radius
         assert math.hypot(body.lidar.x, body.lidar.y) <= body.radius
@@ -45,26 +45,26 @@ class RobotContract:
         assert min(body.max_linear_acceleration, body.max_angular_acceleration) > 0
 
     def test_times_never_decrease(self, robot: Robot) -> None:
-        times = [measurement.time for measurement in watch(robot, 2.0)]
+        times = [measurement.time for measurement in record(robot, 2.0)]
         assert all(math.isfinite(time) for time in times)
         assert all(earlier <= later for earlier, later in pairwise(times))
 
     def test_odometry_comes_at_least_as_often_as_scans(self, robot: Robot) -> None:
-        measurements = watch(robot, 3.0)
+        measurements = record(robot, 3.0)
         assert len(odometry(measurements)) >= len(scans(measurements)) >= 3.0 * 5
         assert max(np.diff([reading.time for reading in odometry(measurements)])) <= 0.11
 
     def test_a_scan_follows_odometry_of_the_same_time_or_later(self, robot: Robot) -> None:
         latest = -math.inf
-        measurements = watch(robot, 2.0)
+        measurements = record(robot, 2.0)
         for measurement in measurements[measurements.index(odometry(measurements)[0]) :]:
             if isinstance(measurement, Odometry):
                 latest = measurement.time
             else:
                 assert measurement.time <= latest
 
-    def test_scans_are_full_of_readings(self, robot: Robot) -> None:
-        for scan in scans(watch(robot, 1.0)):
+    def test_scans_are_well_formed(self, robot: Robot) -> None:
+        for scan in scans(record(robot, 1.0)):
             assert scan.ranges.ndim == 1
             assert 0 <= scan.range_min < scan.range_max
             assert scan.angle_increment > 0
@@ -72,61 +72,61 @@ class RobotContract:
             assert not np.any(scan.ranges == -np.inf)
             assert scan.valid.mean() > 0.5
 
-    def test_it_stands_still_without_commands(self, robot: Robot) -> None:
-        readings = odometry(watch(robot, 1.0))
+    def test_robot_stands_still_without_commands(self, robot: Robot) -> None:
+        readings = odometry(record(robot, 1.0))
         assert readings[0].pose.distance_to(readings[-1].pose) < 0.005
         assert abs(readings[-1].velocity.linear) < 0.01
         assert abs(readings[-1].velocity.angular) < 0.02
 
-    def test_it_drives_forwards(self, robot: Robot) -> None:
-        readings = odometry(watch(robot, 2.0, Velocity(0.2)))
+    def test_positive_linear_velocity_drives_forwards(self, robot: Robot) -> None:
+        readings = odometry(record(robot, 2.0, Velocity(0.2)))
         moved = readings[-1].pose.relative_to(readings[0].pose)
         assert moved.x == pytest.approx(0.4, abs=0.08)
         assert abs(moved.y) < 0.05
         assert readings[-1].velocity.linear == pytest.approx(0.2, abs=0.05)
 
-    def test_it_turns_counter_clockwise(self, robot: Robot) -> None:
-        readings = odometry(watch(robot, 2.0, Velocity(0.0, 0.5)))
+    def test_positive_angular_velocity_turns_counter_clockwise(self, robot: Robot) -> None:
+        readings = odometry(record(robot, 2.0, Velocity(0.0, 0.5)))
         moved = readings[-1].pose.relative_to(readings[0].pose)
         assert moved.theta == pytest.approx(1.0, abs=0.15)
         assert math.hypot(moved.x, moved.y) < 0.05
         assert readings[-1].velocity.angular == pytest.approx(0.5, abs=0.1)
 
-    def test_the_lidar_sees_what_the_odometry_tells(self, robot: Robot) -> None:
-        # Driving towards what is straight ahead of the robot brings it nearer by as much as was driven.
-        before, after = watch(robot, 0.5), watch(robot, 2.0, Velocity(0.2))
+    def test_lidar_and_odometry_agree(self, robot: Robot) -> None:
+        # The range ahead decreases by the distance driven.
+        before, after = record(robot, 0.5), record(robot, 2.0, Velocity(0.2))
         driven = odometry(after)[-1].pose.relative_to(odometry(before)[-1].pose).x
         assert _range_ahead(scans(before)[-1]) - _range_ahead(scans(after)[-1]) == pytest.approx(driven, abs=0.06)
 
-    def test_it_stops_by_itself_half_a_second_after_the_last_command(self, robot: Robot) -> None:
-        commanded = watch(robot, 1.5, Velocity(0.3))[-1].time
-        readings = odometry(watch(robot, 1.5))
+    def test_robot_stops_half_a_second_after_the_last_command(self, robot: Robot) -> None:
+        commanded = record(robot, 1.5, Velocity(0.3))[-1].time
+        readings = odometry(record(robot, 1.5))
         stopped = [reading for reading in readings if reading.time >= commanded + 0.55]
         assert all(abs(reading.velocity.linear) < 0.02 for reading in stopped)
         assert stopped[0].pose.distance_to(stopped[-1].pose) < 0.01
 
-    def test_what_is_too_fast_is_cut_off(self, robot: Robot) -> None:
-        turning = odometry(watch(robot, 1.5, Velocity(0.0, 1000.0)))
+    def test_velocity_is_limited(self, robot: Robot) -> None:
+        turning = odometry(record(robot, 1.5, Velocity(0.0, 1000.0)))
         assert max(reading.velocity.angular for reading in turning) < robot.body.max_angular * 1.2
 
-    def test_it_keeps_to_its_acceleration(self, robot: Robot) -> None:
-        readings = odometry(watch(robot, 0.6, Velocity(robot.body.max_linear)))
+    def test_acceleration_is_limited(self, robot: Robot) -> None:
+        readings = odometry(record(robot, 0.6, Velocity(robot.body.max_linear)))
         for earlier, later in pairwise(readings):
             gained = later.velocity.linear - earlier.velocity.linear
             assert gained < robot.body.max_linear_acceleration * (later.time - earlier.time) + 0.05
 
     @pytest.mark.parametrize("velocity", [Velocity(math.nan), Velocity(0.0, math.inf)])
-    def test_a_velocity_that_is_no_number_is_refused(self, robot: Robot, velocity: Velocity) -> None:
+    def test_velocity_that_is_not_finite_is_rejected(self, robot: Robot, velocity: Velocity) -> None:
         with pytest.raises(ValueError, match="finite"):
             robot.command(velocity)
 
-    def test_the_latch_holds_nothing_where_there_is_nothing(self, robot: Robot) -> None:
-        watch(robot, 0.2)
+    def test_latch_without_a_box_holds_nothing(self, robot: Robot) -> None:
+        record(robot, 0.2)
         assert robot.close_latch() is False
         assert robot.open_latch() is True
 
 
 def _range_ahead(scan: Scan) -> float:
-    """The median range within 5° of the robot's front, m."""
+    """Median range within 5° of straight ahead, m."""
     ahead = np.abs(scan.angles) < math.radians(5)
     return float(np.median(scan.ranges[ahead]))

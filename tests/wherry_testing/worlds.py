@@ -1,4 +1,4 @@
-"""A hall for the robot's tests, and its simulation."""
+"""A hall with one box, for tests of robots."""
 
 from __future__ import annotations
 
@@ -24,5 +24,6 @@ name: hall
 
 
 def hall(drawing: str = HALL) -> Simulation:
+    """Simulate a drawing, with each box in the centre of its cell."""
     plan = parse_world(drawing, source="hall")
     return build(plan, np.random.default_rng(0), box_offsets=np.zeros((len(plan.boxes), 2)))

@@ -40,17 +40,17 @@ def gazebo(
 ) -> None:
     """Write a world, the robot, and launch files for Gazebo Sim with ROS 2 and for classic Gazebo with ROS 1."""
     from wherry.floorplan.world_files import find_world
-    from wherry.gazebo import export as exporter
+    from wherry.gazebo.export import GazeboExportSettings, export_world
     from wherry.realization.mission import order_from_plan
 
-    files = exporter.export(
-        exporter.Settings(world=world, folder=folder, generation=generation, boxes=boxes, seed=seed, force=force)
+    files = export_world(
+        GazeboExportSettings(world=world, folder=folder, generation=generation, boxes=boxes, seed=seed, force=force)
     )
     console = console_for(as_json=as_json)
     say(console, f"Written to {folder}: {', '.join(path.name for path in files)}")
     say(console, f"Gazebo Sim and ROS 2: ros2 launch {folder / 'gazebo.launch.py'}")
     say(console, f"Classic Gazebo and ROS 1: roslaunch {folder / 'classic.launch'}")
-    places = " ".join(f"--warehouse {x:g},{y:g}" for x, y in order_from_plan(find_world(world)).warehouse.tolist())
-    say(console, f"The agent: wherry ros2 deliver {places}")
+    cells = " ".join(f"--warehouse {x:g},{y:g}" for x, y in order_from_plan(find_world(world)).warehouse.tolist())
+    say(console, f"The agent: wherry ros2 deliver {cells}")
     if as_json:
         print_json({"folder": str(folder), "files": [path.name for path in files]})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +23,7 @@ from wherry.commands.common import (
     one_of,
     print_json,
 )
+from wherry.commands.option_groups import option_groups
 from wherry.commands.recording import RecordOption, recorded_transport
 from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, ViewOption, trace_sink
 
@@ -30,8 +31,13 @@ if TYPE_CHECKING:
     import threading
     from collections.abc import Iterator
 
+    from rich.console import Console
+
+    from wherry.pipelines.delivery.ros import RosDeliverySettings, RosDeliverySummary
     from wherry.ros.names import RosNames
+    from wherry.ros.nodes.robot import RosRobot
     from wherry.ros.transports.protocol import Transport
+    from wherry.space.occupancy import OccupancyGrid
 
 NamesOption = Annotated[
     Path | None, typer.Option("--names", help="A YAML file with namespace, frame_prefix, topics, frames and rates.")
@@ -47,24 +53,80 @@ InterfaceOption = Annotated[
 ]
 
 
-def ros_app(generation: int) -> typer.Typer:
-    """The commands of one generation of ROS."""
+@dataclass(frozen=True)
+class NodeOptions:
+    """RosNames and network of a node."""
+
+    names: NamesOption = None
+    namespace: NamespaceOption = ""
+    frame_prefix: PrefixOption = ""
+    remap: RemapOption = None
+    interface: InterfaceOption = ""
+
+
+@dataclass(frozen=True)
+class DeliverOptions:
+    """What to deliver, and on which robot."""
+
+    warehouse: Annotated[
+        list[str] | None,
+        typer.Option(help="X,Y of a cell of the warehouse, m, as seen from the start, x ahead; may be repeated."),
+    ] = None
+    cell_size: Annotated[float, typer.Option(help="The cells' side, m.")] = 0.6
+    map_file: MapOption = None
+    rules: RulesOption = None
+    learner: LearnerOption = "bayes"
+    body: Annotated[Path | None, typer.Option(help="A YAML file with the robot's shape and limits.")] = None
+    mapping: Annotated[
+        str, typer.Option(help="Whose map: own, or ros for /map.", autocompletion=one_of(("own", "ros")))
+    ] = "own"
+    localization: Annotated[
+        str,
+        typer.Option(
+            help="Whose pose: own, or ros for map → odom on /tf, or /amcl_pose.",
+            autocompletion=one_of(("own", "ros")),
+        ),
+    ] = "own"
+    wait: Annotated[float, typer.Option(min=0, help="Seconds to wait for the robot, a map, a pose.")] = 30.0
+    use_sim_time: Annotated[
+        bool | None,
+        typer.Option("--use-sim-time/--use-real-time", help="Without it: whether anybody publishes /clock."),
+    ] = None
+    stamped: Annotated[bool, typer.Option("--stamped", help="Send TwistStamped (ROS 2).")] = False
+    seed: SeedOption = 0
+
+
+@dataclass(frozen=True)
+class PageOptions:
+    """The live page."""
+
+    view: ViewOption = False
+    host: HostOption = DEFAULT_HOST
+    port: PortOption = DEFAULT_PORT
+
+
+def ros_app(ros_version: int) -> typer.Typer:
+    """The commands of ROS 1 or ROS 2."""
     app = typer.Typer(
         invoke_without_command=True,
         callback=help_without_command,
         rich_markup_mode=None,
-        help=f"Speak ROS {generation}.",
+        help=f"Speak ROS {ros_version}.",
     )
-    _add_simulate(app, generation)
-    _add_deliver(app, generation)
-    _add_monitor(app, generation)
-    if generation == 2:
+    _add_simulate(app, ros_version)
+    _add_deliver(app, ros_version)
+    _add_monitor(app, ros_version)
+    if ros_version == 2:
         _add_gazebo_latch(app)
     return app
 
 
-def _add_simulate(app: typer.Typer, generation: int) -> None:
+# ---- simulate
+
+
+def _add_simulate(app: typer.Typer, ros_version: int) -> None:
     @app.command()
+    @option_groups
     def simulate(
         world: WorldArgument,
         arguments: LaunchArguments = None,
@@ -72,148 +134,171 @@ def _add_simulate(app: typer.Typer, generation: int) -> None:
         rate: Annotated[float, typer.Option(help="Simulated seconds a second.")] = 1.0,
         duration: Annotated[float | None, typer.Option(min=0, help="Simulated seconds after which to end.")] = None,
         seed: SeedOption = 0,
-        names: NamesOption = None,
-        namespace: NamespaceOption = "",
-        frame_prefix: PrefixOption = "",
-        remap: RemapOption = None,
-        interface: InterfaceOption = "",
+        *,
+        node: NodeOptions,
         record: RecordOption = None,
         as_json: JsonOption = False,
         quiet: QuietOption = False,
     ) -> None:
         """A simulated robot with /scan, /odom, /tf and /clock that obeys /cmd_vel; until Ctrl-C."""
-        from wherry.pipelines.delivery import simulator as ros_simulation
-        from wherry.ros.names import load_names
+        from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation, referee_summary
+        from wherry.ros.nodes.simulator import simulator_node
 
-        name, remappings = from_launch(arguments, "wherry_simulator", remap)
-        settings = ros_simulation.Settings(world=world, boxes=boxes, seed=seed, rate=rate)
-        called = load_names(names, namespace=namespace, frame_prefix=frame_prefix, remappings=remappings)
-        simulation = ros_simulation.prepare(settings)
+        node_name, names = parse_names(arguments, "wherry_simulator", node)
+        simulation = build_simulation(SimulatorSettings(world=world, boxes=boxes, seed=seed, rate=rate))
         console = console_for(as_json=as_json, quiet=quiet)
-
         with (
-            open_transport(generation, name, namespace, interface) as transport,
-            recorded_transport(record, transport, called) as recorded,
-            _asked_to_end() as asked,  # innermost: a recording alone would end with the signal, and say nothing
+            open_transport(ros_version, node_name, node.namespace, node.interface) as transport,
+            recorded_transport(record, transport, names) as recorded,
+            _termination_event() as terminated,  # innermost, so that a recording does not end with the signal
         ):
 
             def is_over() -> bool:
-                return asked.is_set() or (duration is not None and simulation.time >= duration)
+                return terminated.is_set() or (duration is not None and simulation.time >= duration)
 
-            _describe_robot(transport, called)
+            _publish_description(transport, names)
             console.print(f"{simulation.plan.name} at {rate:g} × real time; Ctrl-C ends it.", highlight=False)
-            ros_simulation.node_of(simulation, recorded, called, rate).run(is_over)
-        result = ros_simulation.verdict(simulation)
+            simulator_node(simulation, recorded, names, rate).run(is_over)
+        summary = referee_summary(simulation)
         console.print(
-            f"{result['sim_seconds']:.1f} s, {result['delivered']} of {result['boxes']} boxes delivered, "
-            f"{result['collisions']} collisions",
+            f"{summary['sim_seconds']:.1f} s, {summary['delivered']} of {summary['boxes']} boxes delivered, "
+            f"{summary['collisions']} collisions",
             highlight=False,
         )
         if as_json:
-            print_json(result)
+            print_json(summary)
 
 
-def _add_deliver(app: typer.Typer, generation: int) -> None:
+def _publish_description(transport: Transport, names: RosNames) -> None:
+    """Publish the robot's URDF, and that time is simulated."""
+    from wherry.ros.description import robot_description
+    from wherry.simulation.model import robot_urdf
+
+    transport.announce_sim_time()
+    transport.publish_robot_description(names.topics.robot_description, robot_description(robot_urdf()))
+
+
+# ---- deliver
+
+
+def _add_deliver(app: typer.Typer, ros_version: int) -> None:
     @app.command()
+    @option_groups
     def deliver(
         arguments: LaunchArguments = None,
-        warehouse: Annotated[
-            list[str] | None,
-            typer.Option(help="X,Y of a cell of the warehouse, m, as seen from the start, x ahead; may be repeated."),
-        ] = None,
-        cell_size: Annotated[float, typer.Option(help="The cells' side, m.")] = 0.6,
-        map_file: MapOption = None,
-        rules: RulesOption = None,
-        learner: LearnerOption = "bayes",
-        body: Annotated[Path | None, typer.Option(help="A YAML file with the robot's shape and limits.")] = None,
-        mapping: Annotated[
-            str, typer.Option(help="Whose map: own, or ros for /map.", autocompletion=one_of(("own", "ros")))
-        ] = "own",
-        localization: Annotated[
-            str,
-            typer.Option(
-                help="Whose pose: own, or ros for map → odom on /tf, or /amcl_pose.",
-                autocompletion=one_of(("own", "ros")),
-            ),
-        ] = "own",
-        wait: Annotated[float, typer.Option(min=0, help="Seconds to wait for the robot, a map, a pose.")] = 30.0,
-        use_sim_time: Annotated[
-            bool | None,
-            typer.Option("--use-sim-time/--use-real-time", help="Without it: whether anybody publishes /clock."),
-        ] = None,
-        stamped: Annotated[bool, typer.Option("--stamped", help="Send TwistStamped (ROS 2).")] = False,
-        seed: SeedOption = 0,
-        names: NamesOption = None,
-        namespace: NamespaceOption = "",
-        frame_prefix: PrefixOption = "",
-        remap: RemapOption = None,
-        interface: InterfaceOption = "",
+        *,
+        task: DeliverOptions,
+        node: NodeOptions,
         out: Annotated[Path | None, typer.Option(help="Where to write map and rules.")] = None,
         record: RecordOption = None,
-        view: ViewOption = False,
-        host: HostOption = DEFAULT_HOST,
-        port: PortOption = DEFAULT_PORT,
+        page: PageOptions,
         as_json: JsonOption = False,
         quiet: QuietOption = False,
     ) -> None:
         """The agent on a robot of ROS: it explores, maps, learns what its actions do, and delivers every box."""
         from wherry.files import make_folder
-        from wherry.kernels import are_compiled
-        from wherry.pipelines.delivery import ros as ros_delivery
-        from wherry.pipelines.delivery import simulated as delivery
-        from wherry.pipelines.delivery.agent import delivery_learner
+        from wherry.pipelines.delivery.ros import save
         from wherry.ros.body_files import load_body
-        from wherry.ros.names import load_names
-        from wherry.ros.nodes.agent import AgentNode
-        from wherry.ros.nodes.robot import RobotLostError, RosRobot
-        from wherry.space.map_files import load_map
-        from wherry.trace.records import combine_sinks
-        from wherry.views.terminal import DeliveryProgress, print_rules
+        from wherry.ros.nodes.robot import RosRobot
+        from wherry.views.terminal import print_rules
 
-        name, remappings = from_launch(arguments, "wherry_agent", remap)
-        called = load_names(names, namespace=namespace, frame_prefix=frame_prefix, remappings=remappings)
-        owns_map = ros_delivery.is_own("--mapping", mapping)
-        owns_pose = ros_delivery.is_own("--localization", localization)
-        order = ros_delivery.order_from(warehouse or (), cell_size)
-        knowledge = delivery_learner(learner, rules)
-        grid = None if map_file is None else load_map(map_file)
-        shape = load_body(body)
+        node_name, names = parse_names(arguments, "wherry_agent", node)
+        settings = parse_delivery(task)
+        body = load_body(task.body)
         if out is not None:
             make_folder(out)
         console = console_for(as_json=as_json, quiet=quiet)
-        if not are_compiled():
-            console.print("Compiling the inner loops; that takes half a minute, and is done once.")
-            delivery.warm_up()
+        _compile_kernels(console)
         with (
-            open_transport(generation, name, namespace, interface) as connection,
-            recorded_transport(record, connection, called) as transport,
-            RosRobot(transport, called, shape, stamped=stamped) as robot,
+            open_transport(ros_version, node_name, node.namespace, node.interface) as connection,
+            recorded_transport(record, connection, names) as transport,
+            RosRobot(transport, names, body, stamped=task.stamped) as robot,
         ):
             console.print("Waiting for the robot.")
-            robot.wait_until_ready(wait, use_sim_time=use_sim_time)
-            stack = ros_delivery.Stack(robot, transport, called, wait, owns_map=owns_map, owns_pose=owns_pose)
-            with (
-                AgentNode(robot, transport, called, owns_map=owns_map, owns_pose=owns_pose) as node,
-                trace_sink("wherry: ROS", out, console, view=view, host=host, port=port) as sink,
-                DeliveryProgress(console, 0) as progress,
-            ):
-                if grid is not None:
-                    node.tell_map(grid)
-                told = combine_sinks(node, progress, sink)
-                try:
-                    figures, ready = ros_delivery.run(robot, stack, order, knowledge, grid, told, seed)
-                except RobotLostError as error:
-                    typer.echo(f"wherry: {error}", err=True)
-                    raise typer.Exit(1) from error
+            robot.wait_until_ready(task.wait, use_sim_time=task.use_sim_time)
+            summary, grid = _deliver(robot, transport, names, settings, out, page, console)
         if out is not None:
-            ros_delivery.write(out, ready, knowledge)
-        print_rules(console, knowledge.sentences())
+            save(out, grid, settings.learner)
+        print_rules(console, settings.learner.sentences())
         if as_json:
-            print_json(asdict(figures))
-        raise typer.Exit(1 if figures.remaining else 0)
+            print_json(asdict(summary))
+        raise typer.Exit(1 if summary.remaining else 0)
 
 
-def _add_monitor(app: typer.Typer, generation: int) -> None:
+def parse_delivery(task: DeliverOptions) -> RosDeliverySettings:
+    """Check the options, and read map and rules.
+
+    Raises:
+        InputError: An option or a file is not valid.
+    """
+    from wherry.pipelines.delivery.agent import delivery_learner
+    from wherry.pipelines.delivery.ros import RosDeliverySettings, parse_order, parse_provider
+    from wherry.space.map_files import load_map
+
+    return RosDeliverySettings(
+        mapping=parse_provider("--mapping", task.mapping),
+        localization=parse_provider("--localization", task.localization),
+        order=parse_order(task.warehouse or (), task.cell_size),
+        learner=delivery_learner(task.learner, task.rules),
+        grid=None if task.map_file is None else load_map(task.map_file),
+        timeout=task.wait,
+        seed=task.seed,
+    )
+
+
+def _compile_kernels(console: Console) -> None:
+    from wherry.kernels import are_compiled
+    from wherry.pipelines.delivery.simulated import warm_up
+
+    if not are_compiled():
+        console.print("Compiling the inner loops; that takes half a minute, and is done once.")
+        warm_up()
+
+
+def _deliver(
+    robot: RosRobot,
+    transport: Transport,
+    names: RosNames,
+    settings: RosDeliverySettings,
+    out: Path | None,
+    page: PageOptions,
+    console: Console,
+) -> tuple[RosDeliverySummary, OccupancyGrid]:
+    """Run the agent on a robot that is ready; publish, record and show its trace."""
+    from wherry.pipelines.delivery.ros import NavigationStack, Provider, run
+    from wherry.ros.nodes.agent import AgentNode
+    from wherry.ros.nodes.errors import RobotLostError
+    from wherry.trace.records import combine_sinks
+    from wherry.views.terminal import DeliveryProgress
+
+    mapping, localization = settings.mapping, settings.localization
+    stack = NavigationStack(
+        robot, transport, names, mapping=mapping, localization=localization, timeout=settings.timeout
+    )
+    with (
+        AgentNode(
+            robot,
+            transport,
+            names,
+            publishes_map=mapping is Provider.OWN,
+            publishes_pose=localization is Provider.OWN,
+        ) as node,
+        trace_sink("wherry: ROS", out, console, view=page.view, host=page.host, port=page.port) as sink,
+        DeliveryProgress(console, 0) as progress,
+    ):
+        if settings.grid is not None:
+            node.publish_map(settings.grid)
+        try:
+            return run(robot, stack, settings, combine_sinks(node, progress, sink))
+        except RobotLostError as error:
+            typer.echo(f"wherry: {error}", err=True)
+            raise typer.Exit(1) from error
+
+
+# ---- monitor
+
+
+def _add_monitor(app: typer.Typer, ros_version: int) -> None:
     @app.command()
     def monitor(
         duration: Annotated[float, typer.Option(min=0, help="Seconds to listen.")] = 60.0,
@@ -232,24 +317,29 @@ def _add_monitor(app: typer.Typer, generation: int) -> None:
         from wherry.views.metrics_tables import ROS_TRAFFIC_METRICS
         from wherry.views.terminal import print_metrics
 
-        called = load_names(names, namespace=namespace, remappings=remap or ())
+        resolved = load_names(names, namespace=namespace, remappings=remap or ())
         console = console_for(as_json=as_json, quiet=quiet)
-        with open_transport(generation, "wherry_monitor", namespace, interface) as transport:
-            listener = Monitor(transport, called)
+        with open_transport(ros_version, "wherry_monitor", namespace, interface) as transport:
+            listener = Monitor(transport, resolved)
             console.print(f"Listening for {duration:g} s; Ctrl-C ends it.", highlight=False)
             with contextlib.suppress(KeyboardInterrupt):
                 time.sleep(duration)
-            figures = listener.figures()
-        print_metrics(console, f"ROS {generation}, heard", figures, ROS_TRAFFIC_METRICS)
+            statistics = listener.statistics()
+        print_metrics(console, f"ROS {ros_version}, received", statistics, ROS_TRAFFIC_METRICS)
         if as_json:
-            print_json(figures)
-        raise typer.Exit(0 if figures["scans"] else 1)
+            print_json(statistics)
+        raise typer.Exit(0 if statistics["scans"] else 1)
+
+
+# ---- gazebo-latch
 
 
 def _add_gazebo_latch(app: typer.Typer) -> None:
     @app.command()
     def gazebo_latch(
-        site: Annotated[Path, typer.Argument(metavar="LATCH.YAML", help="Of an export; its launch file starts this.")],
+        settings_file: Annotated[
+            Path, typer.Argument(metavar="LATCH.YAML", help="Of an export; its launch file starts this.")
+        ],
         names: NamesOption = None,
         namespace: NamespaceOption = "",
         remap: RemapOption = None,
@@ -257,61 +347,67 @@ def _add_gazebo_latch(app: typer.Typer) -> None:
         quiet: QuietOption = False,
     ) -> None:
         """Make Gazebo's detachable joints the latch that the agent works; until Ctrl-C."""
-        from wherry.gazebo.latch import GazeboLatch, load_site
+        from wherry.gazebo.latch import GazeboLatch
+        from wherry.gazebo.latch_settings import load_latch_settings
         from wherry.ros.names import load_names
 
-        world = load_site(site)
-        called = load_names(names, namespace=namespace, remappings=remap or ())
+        settings = load_latch_settings(settings_file)
+        resolved = load_names(names, namespace=namespace, remappings=remap or ())
         console = console_for(as_json=False, quiet=quiet)
-        with open_transport(2, "wherry_gazebo_latch", namespace, interface) as transport, _asked_to_end() as asked:
-            console.print(f"A latch for {world.boxes} boxes, once Gazebo runs; Ctrl-C ends it.", highlight=False)
-            GazeboLatch(world, transport, called).run(asked.is_set)
+        with (
+            open_transport(2, "wherry_gazebo_latch", namespace, interface) as transport,
+            _termination_event() as terminated,
+        ):
+            console.print(f"A latch for {settings.boxes} boxes, once Gazebo runs; Ctrl-C ends it.", highlight=False)
+            GazeboLatch(settings, transport, resolved).run(terminated.is_set)
 
 
-def from_launch(arguments: list[str] | None, name: str, remap: list[str] | None) -> tuple[str, list[str]]:
-    """What roslaunch appends to a node's command line: ``__name:=``, which names the node, ``__log:=``, remappings.
+# ---- nodes
 
-    Returns:
-        The node's name, and all remappings.
+
+def parse_names(arguments: list[str] | None, node_name: str, node: NodeOptions) -> tuple[str, RosNames]:
+    """Return a node's name and the names of its topics and frames.
+
+    Args:
+        arguments: What roslaunch appends to a command line: ``__name:=``, ``__log:=``, and remappings.
+        node_name: Name without ``__name:=``.
+        node: The command's options.
+
+    Raises:
+        InputError: A name is not valid.
     """
-    remappings = list(remap or ())
+    from wherry.ros.names import load_names
+
+    remappings = list(node.remap or ())
     for argument in arguments or ():
         key, _, value = argument.partition(":=")
         if key == "__name" and value:
-            name = value
+            node_name = value
         elif not key.startswith("__"):
             remappings.append(argument)
-    return name, remappings
-
-
-def _describe_robot(transport: Transport, names: RosNames) -> None:
-    """Tell the ROS system what the robot looks like, and that time is simulated."""
-    from wherry.ros.description import robot_description
-    from wherry.simulation.model import robot_urdf
-
-    transport.announce_sim_time()
-    transport.publish_robot_description(names.topics.robot_description, robot_description(robot_urdf()))
+    names = load_names(node.names, namespace=node.namespace, frame_prefix=node.frame_prefix, remappings=remappings)
+    return node_name, names
 
 
 @contextlib.contextmanager
-def _asked_to_end() -> Iterator[threading.Event]:
-    """Set once somebody presses Ctrl-C, or a launch file ends the node."""
+def _termination_event() -> Iterator[threading.Event]:
+    """An event that is set by Ctrl-C, and by a launch file that ends the node."""
     import signal
     import threading
 
-    asked = threading.Event()
+    terminated = threading.Event()
     numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, lambda *_: asked.set()) for number in numbers]
+    before = [signal.signal(number, lambda *_: terminated.set()) for number in numbers]
     try:
-        yield asked
+        yield terminated
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
 
 
-def open_transport(generation: int, name: str, namespace: str, interface: str) -> Transport:
-    """Become a node."""
-    if generation == 1:
+def open_transport(ros_version: int, name: str, namespace: str, interface: str) -> Transport:
+    """Connect a node to ROS 1 or ROS 2."""
+    if ros_version == 1:
         from wherry.ros.transports.ros1 import Ros1Transport
 
         return Ros1Transport(name, namespace, interface)

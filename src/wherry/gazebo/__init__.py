@@ -1,1 +1,5 @@
-"""Worlds, robot and latch for Gazebo."""
+"""Gazebo: worlds with the robot for Gazebo Sim and classic Gazebo, and the latch as a node."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

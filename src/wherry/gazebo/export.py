@@ -1,4 +1,4 @@
-"""A folder with a world for Gazebo: the world, the robot, the bridge to ROS 2, and launch files for both ROS."""
+"""A folder with a world for Gazebo: the world, the robot, the bridge to ROS 2, and launch files for ROS 1 and 2."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ from wherry.errors import InputError
 from wherry.files import make_folder, read_text, write_atomically
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import find_world
-from wherry.gazebo.latch import (
+from wherry.gazebo.latch_settings import GazeboLatchSettings, format_latch_settings
+from wherry.gazebo.latch_topics import (
     OPEN,
     ROBOT,
-    Site,
     box_name,
     close_topic,
-    format_site,
     pose_topic,
     state_topic,
     take_in_topic,
 )
 from wherry.gazebo.sdf import (
     GENERATIONS,
-    Gazebo,
+    GazeboGeneration,
     classic_world,
     sim_world,
     world_name,
@@ -43,23 +42,23 @@ from wherry.simulation.simulator import LATCH_REACH
 from wherry.space.pose import Pose
 
 FORMAT_VERSION = 1
-MARK = "wherry-export.json"  # says that a folder is an export, and of what
-LARGEST_MARK = 64_000  # bytes
+MARKER_FILE = "wherry-export.json"  # identifies a folder as an export
+MAX_MARKER_BYTES = 64_000
 LATCH_FILE = "latch.yaml"
 LAUNCH_FILES = ("gazebo.launch.py", "classic.launch")
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class GazeboExportSettings:
     """What to export.
 
     Attributes:
-        world: A built-in world's name, or a world file.
-        folder: Where to.
-        generation: A key of `GENERATIONS`.
-        boxes: How many; None for what the world says.
-        seed: Of the boxes' places; the same ones as in ``wherry deliver`` with that seed.
-        force: Whether to write into a folder that holds something else.
+        world: Name of a built-in world, or path of a world file.
+        folder: Folder to write.
+        generation: Key of `GENERATIONS`.
+        boxes: Number of boxes; None for the world's own.
+        seed: Seed of the boxes' positions, which are those of ``wherry deliver`` with the same seed.
+        force: Whether to write into a folder that holds other files.
     """
 
     world: str
@@ -70,37 +69,35 @@ class Settings:
     force: bool = False
 
 
-def export(settings: Settings) -> tuple[Path, ...]:
+def export_world(settings: GazeboExportSettings) -> tuple[Path, ...]:
     """Write a world for Gazebo into a folder.
 
-    Files of an earlier export are replaced, one by one and each at once; the mark comes last.
+    Files of an earlier export are replaced atomically, one after another; the marker file comes last.
 
     Returns:
-        The files.
+        Paths of the files.
 
     Raises:
-        InputError: There is no such world or generation, or the folder holds something else or cannot be written to.
+        InputError: There is no such world or generation, or the folder holds other files or cannot be written to.
     """
     if settings.generation not in GENERATIONS:
         raise InputError("--generation", settings.generation, f"is none of {', '.join(GENERATIONS)}")
     world = seed_world(find_world(settings.world), settings.boxes, settings.seed)
-    files = contents(world.plan, world.physics_rng, GENERATIONS[settings.generation])
-    _prepare(settings.folder, force=settings.force)
-    what: dict[str, object] = {"wherry-export": FORMAT_VERSION, "world": world.plan.name}
-    what |= {"generation": settings.generation, "seed": settings.seed, "files": sorted(files)}
-    files = {**files, MARK: json.dumps(what, indent=2) + "\n"}
+    files = export_files(world.plan, world.physics_rng, GENERATIONS[settings.generation])
+    _prepare_folder(settings.folder, force=settings.force)
+    files = {**files, MARKER_FILE: _marker(settings, world.plan, files)}
     for name, text in files.items():
         write_atomically(settings.folder / name, text)
     return tuple(settings.folder / name for name in files)
 
 
-def contents(plan: FloorPlan, rng: np.random.Generator, gazebo: Gazebo) -> Mapping[str, str]:
-    """The files of an export, by name.
+def export_files(plan: FloorPlan, rng: np.random.Generator, generation: GazeboGeneration) -> Mapping[str, str]:
+    """The files of an export by name.
 
     Args:
         plan: The building, with a robot and with its boxes placed.
-        rng: Where the boxes' places in their cells come from, as in the simulator.
-        gazebo: For which generation.
+        rng: Source of the boxes' positions in their cells, as in the simulator.
+        generation: Of Gazebo Sim.
 
     Raises:
         InputError: The plan has no robot.
@@ -110,72 +107,90 @@ def contents(plan: FloorPlan, rng: np.random.Generator, gazebo: Gazebo) -> Mappi
     robot = Pose(float(base.pos[0]), float(base.pos[1]), 2.0 * math.atan2(base.quat[3], base.quat[0]))
     boxes = np.array([model.body(f"box {index}").pos[:2] for index in range(len(plan.boxes))]).reshape(-1, 2)
     lidar = LidarSpecification()
+    latch = GazeboLatchSettings(len(plan.boxes), LATCH_REACH, plan.cell_size, plan.warehouse)
     return {
-        "world.sdf": sim_world(plan, robot, boxes, lidar, gazebo),
+        "world.sdf": sim_world(plan, robot, boxes, lidar, generation),
         "classic.world": classic_world(plan, robot, boxes, lidar),
         "robot.urdf": robot_description(robot_urdf()),
-        "bridge.yaml": bridge(plan, gazebo),
-        LATCH_FILE: format_site(Site(len(plan.boxes), LATCH_REACH, plan.cell_size, plan.warehouse)),
-        **{name: _template(name) for name in LAUNCH_FILES},
+        "bridge.yaml": bridge_config(plan, generation),
+        LATCH_FILE: format_latch_settings(latch),
+        **{name: _launch_file(name) for name in LAUNCH_FILES},
     }
 
 
-def bridge(plan: FloorPlan, gazebo: Gazebo) -> str:
-    """The ros_gz_bridge's configuration."""
-    clock = f"/world/{world_name(plan)}/clock"
+def bridge_config(plan: FloorPlan, generation: GazeboGeneration) -> str:
+    """The configuration of ros_gz_bridge as YAML."""
+    package = generation.messages
     entries = [
-        _bridged("/clock", "rosgraph_msgs/msg/Clock", f"{gazebo.messages}.Clock", at=clock),
-        _bridged("/scan", "sensor_msgs/msg/LaserScan", f"{gazebo.messages}.LaserScan"),
-        _bridged("/odom", "nav_msgs/msg/Odometry", f"{gazebo.messages}.Odometry"),
-        _bridged("/tf", "tf2_msgs/msg/TFMessage", f"{gazebo.messages}.Pose_V"),
-        _bridged("/joint_states", "sensor_msgs/msg/JointState", f"{gazebo.messages}.Model"),
-        _bridged("/cmd_vel", "geometry_msgs/msg/Twist", f"{gazebo.messages}.Twist", to_ros=False),
+        _bridged("/clock", "rosgraph_msgs/msg/Clock", f"{package}.Clock", gazebo_topic=_clock_topic(plan)),
+        _bridged("/scan", "sensor_msgs/msg/LaserScan", f"{package}.LaserScan"),
+        _bridged("/odom", "nav_msgs/msg/Odometry", f"{package}.Odometry"),
+        _bridged("/tf", "tf2_msgs/msg/TFMessage", f"{package}.Pose_V"),
+        _bridged("/joint_states", "sensor_msgs/msg/JointState", f"{package}.Model"),
+        _bridged("/cmd_vel", "geometry_msgs/msg/Twist", f"{package}.Twist", to_ros=False),
     ]
     boxes = range(len(plan.boxes))
     for model in (ROBOT, *map(box_name, boxes)):
-        entries.append(_bridged(pose_topic(model).name, "geometry_msgs/msg/PoseStamped", f"{gazebo.messages}.Pose"))
-    empty = ("std_msgs/msg/Empty", f"{gazebo.messages}.Empty")
+        entries.append(_bridged(pose_topic(model).name, "geometry_msgs/msg/PoseStamped", f"{package}.Pose"))
+    empty = ("std_msgs/msg/Empty", f"{package}.Empty")
     entries.append(_bridged(OPEN.name, *empty, to_ros=False))
     for box in boxes:
         entries.append(_bridged(close_topic(box).name, *empty, to_ros=False))
         entries.append(_bridged(take_in_topic(box).name, *empty, to_ros=False))
-        entries.append(_bridged(state_topic(box).name, "std_msgs/msg/String", f"{gazebo.messages}.StringMsg"))
+        entries.append(_bridged(state_topic(box).name, "std_msgs/msg/String", f"{package}.StringMsg"))
     return yaml.safe_dump(entries, sort_keys=False)
 
 
-def _bridged(topic: str, ros: str, gazebo: str, *, to_ros: bool = True, at: str = "") -> dict[str, str]:
-    """One topic on the bridge; ``at`` is its name in Gazebo if that is another."""
+def _clock_topic(plan: FloorPlan) -> str:
+    return f"/world/{world_name(plan)}/clock"
+
+
+def _bridged(
+    topic: str, ros_type: str, gazebo_type: str, *, to_ros: bool = True, gazebo_topic: str = ""
+) -> dict[str, str]:
+    """One topic of the bridge; its name in Gazebo is the same unless ``gazebo_topic`` is given."""
     return {
         "ros_topic_name": topic,
-        "gz_topic_name": at or topic,
-        "ros_type_name": ros,
-        "gz_type_name": gazebo,
+        "gz_topic_name": gazebo_topic or topic,
+        "ros_type_name": ros_type,
+        "gz_type_name": gazebo_type,
         "direction": "GZ_TO_ROS" if to_ros else "ROS_TO_GZ",
     }
 
 
-def _prepare(folder: Path, *, force: bool) -> None:
-    """Make the folder, or see that nothing else is in it.
+def _prepare_folder(folder: Path, *, force: bool) -> None:
+    """Make the folder, or check that it holds an export or nothing.
 
     Raises:
-        InputError: It cannot be made, or holds something else.
+        InputError: The folder cannot be made, or holds other files.
     """
     make_folder(folder)
-    if any(folder.iterdir()) and not force and not _is_export(folder / MARK):
-        raise InputError(folder, "", "holds something that is not an export; give another folder, or --force")
+    if any(folder.iterdir()) and not force and not _is_export(folder / MARKER_FILE):
+        raise InputError(folder, "", "holds files that are not an export; choose another folder, or --force")
 
 
-def _is_export(mark: Path) -> bool:
-    """Whether a mark is there and says so."""
-    if not mark.is_file():
+def _marker(settings: GazeboExportSettings, plan: FloorPlan, files: Mapping[str, str]) -> str:
+    content = {
+        "wherry-export": FORMAT_VERSION,
+        "world": plan.name,
+        "generation": settings.generation,
+        "seed": settings.seed,
+        "files": sorted(files),
+    }
+    return json.dumps(content, indent=2) + "\n"
+
+
+def _is_export(marker: Path) -> bool:
+    """Whether a marker file exists and is valid."""
+    if not marker.is_file():
         return False
     try:
-        found = json.loads(read_text(mark, limit=LARGEST_MARK))
+        content = json.loads(read_text(marker, limit=MAX_MARKER_BYTES))
     except ValueError:
         return False
-    return isinstance(found, dict) and "wherry-export" in found
+    return isinstance(content, dict) and "wherry-export" in content
 
 
-def _template(name: str) -> str:
-    """A file that is the same for every world."""
+def _launch_file(name: str) -> str:
+    """A launch file, which is the same for every world."""
     return (resources.files("wherry.gazebo") / "templates" / name).read_text(encoding="utf-8")

@@ -1,10 +1,11 @@
-"""A delivery on any robot of ROS: the agent loop of `experiments.robot_delivery`, and what an outside stack may do."""
+"""A delivery on any robot of ROS: the agent loop of `pipelines.delivery.agent`, with our own or external navigation."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from wherry.realization.mission import Mission, Order, SurveyedWorld
 from wherry.ros.encoding import encode_header, encode_pose
 from wherry.ros.messages import PoseWithCovariance, PoseWithCovarianceStamped
 from wherry.ros.names import RosNames
-from wherry.ros.nodes.outside import OutsideMap, OutsideMapper, OutsidePose
+from wherry.ros.nodes.external import ExternalMap, ExternalMapper, ExternalPose
 from wherry.ros.nodes.robot import RosRobot
 from wherry.ros.transports.protocol import Transport
 from wherry.space.map_files import save_map
@@ -25,22 +26,52 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import Sink
 
-OWN, OUTSIDE = "own", "ros"
-FARTHEST = 1000.0  # m
-TELL_AGAIN = 1.0  # s until a localization that does not follow is told again
-INITIAL_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.0, 0.0, 0.0, 0.02**2]).ravel()  # m², rad²: the pose is known well
+MAX_COORDINATE = 1000.0  # m, of a warehouse cell
+MIN_CELL_SIZE, MAX_CELL_SIZE = 0.1, 10.0  # m
+INITIAL_POSE_PERIOD = 1.0  # s between two messages on /initialpose
+INITIAL_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.0, 0.0, 0.0, 0.02**2]).ravel()  # m², rad²; SLAM just gave the pose
+
+
+class Provider(StrEnum):
+    """Who maps, or who localizes."""
+
+    OWN = "own"
+    EXTERNAL = "ros"
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
-    """What the robot believes to have done; there is no referee.
+class RosDeliverySettings:
+    """What to deliver, and with which prior knowledge.
 
     Attributes:
-        delivered: Boxes.
-        remaining: Boxes that it knows of.
-        actions: Actions taken.
-        learning_steps: Of which to learn.
-        robot_seconds: s on the robot's clock.
+        order: Where the warehouse is.
+        learner: Learns what the actions do; may know rules already.
+        grid: A map to use instead of exploring; None to explore, or to take an external map.
+        mapping: Who maps.
+        localization: Who localizes.
+        timeout: Waiting limit for an external map or pose, s.
+        seed: Seed of all randomness.
+    """
+
+    order: Order
+    learner: RuleLearner
+    grid: OccupancyGrid | None
+    mapping: Provider
+    localization: Provider
+    timeout: float
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class RosDeliverySummary:
+    """The agent's own account of a delivery; there is no referee.
+
+    Attributes:
+        delivered: Number of boxes delivered.
+        remaining: Number of known boxes not delivered.
+        actions: Number of actions.
+        learning_steps: Number of actions taken in order to learn.
+        robot_seconds: Duration on the robot's clock, s.
     """
 
     delivered: int
@@ -50,50 +81,55 @@ class Figures:
     robot_seconds: float
 
 
-def order_from(warehouse: Sequence[str], cell_size: float) -> Order:
-    """Read an order from "X,Y" of each of the warehouse's cells, m, as seen from where the robot starts.
+def parse_order(warehouse: Sequence[str], cell_size: float) -> Order:
+    """Parse an order.
+
+    Args:
+        warehouse: "X,Y" of each of the warehouse's cells, m, in the frame of the robot's start.
+        cell_size: Side of a cell, m.
 
     Raises:
-        InputError: There is none, or one is no place.
+        InputError: There is no cell, or a coordinate or the size is out of range.
     """
     if not warehouse:
         raise InputError("--warehouse", "", "is missing: X,Y of each of its cells, m, from where the robot starts")
-    if not 0.1 <= cell_size <= 10.0:
-        raise InputError("--cell-size", f"{cell_size}", "is not from 0.1 to 10 m")
-    return Order(np.array([_place(text) for text in warehouse]), cell_size)
+    if not MIN_CELL_SIZE <= cell_size <= MAX_CELL_SIZE:
+        raise InputError("--cell-size", f"{cell_size}", f"is not from {MIN_CELL_SIZE:g} to {MAX_CELL_SIZE:g} m")
+    return Order(np.array([_parse_point(text) for text in warehouse]), cell_size)
 
 
-def _place(text: str) -> Floats:
+def _parse_point(text: str) -> Floats:
     try:
-        place = np.array([float(word) for word in text.split(",")])
+        point = np.array([float(word) for word in text.split(",")])
     except ValueError as error:
         raise InputError("--warehouse", text, "is not X,Y") from error
-    if place.shape != (2,) or not (np.abs(place) <= FARTHEST).all():  # also NaN
-        raise InputError("--warehouse", text, f"is not X,Y, both within {FARTHEST:g} m")
-    return place
+    if point.shape != (2,) or not (np.abs(point) <= MAX_COORDINATE).all():  # also NaN
+        raise InputError("--warehouse", text, f"is not X,Y, both within {MAX_COORDINATE:g} m")
+    return point
 
 
-def is_own(option: str, value: str) -> bool:
-    """Whether something is ours to do: `OWN`, else `OUTSIDE`.
+def parse_provider(option: str, value: str) -> Provider:
+    """Parse the value of ``--mapping`` or ``--localization``.
 
     Raises:
-        InputError: It is neither.
+        InputError: There is no such provider.
     """
-    if value not in (OWN, OUTSIDE):
-        raise InputError(option, value, f"is neither {OWN} nor {OUTSIDE}")
-    return value == OWN
+    try:
+        return Provider(value)
+    except ValueError as error:
+        raise InputError(option, value, f"is neither {Provider.OWN} nor {Provider.EXTERNAL}") from error
 
 
-class Stack:
-    """Who maps and who localizes: we, or an outside stack.
+class NavigationStack:
+    """Mapping and localization by ourselves or by an external stack.
 
     Args:
-        robot: Ready.
+        robot: The robot, which must be ready.
         transport: ROS.
-        names: What everything is called.
-        patience: s to wait for an outside map or pose.
-        owns_map: Whether we map.
-        owns_pose: Whether we localize.
+        names: Topics and frames.
+        mapping: Who maps.
+        localization: Who localizes.
+        timeout: Waiting limit for an external map or pose, s.
     """
 
     def __init__(
@@ -101,122 +137,117 @@ class Stack:
         robot: RosRobot,
         transport: Transport,
         names: RosNames,
-        patience: float,
         *,
-        owns_map: bool,
-        owns_pose: bool,
+        mapping: Provider,
+        localization: Provider,
+        timeout: float,
     ) -> None:
         self._robot = robot
         self._transport = transport
         self._names = names
-        self._patience = patience
-        self._map = None if owns_map else OutsideMap(transport, names)
-        self._pose = None if owns_pose else OutsidePose(transport, names, lambda: robot.odometry)
-        if owns_map and not owns_pose:
+        self._timeout = timeout
+        is_own_map, is_own_pose = mapping is Provider.OWN, localization is Provider.OWN
+        self._map = None if is_own_map else ExternalMap(transport, names)
+        self._pose = None if is_own_pose else ExternalPose(transport, names, lambda: robot.odometry)
+        if is_own_map and not is_own_pose:
             transport.advertise(names.topics.initialpose)
 
     def get_ready(
         self, order: Order, grid: OccupancyGrid | None, sink: Sink, rng: np.random.Generator
     ) -> SurveyedWorld:
-        """Map, or take a map; localize, or be told; find the boxes.
+        """Get a map and a pose, and find the boxes.
 
         Args:
-            order: What is to be done.
-            grid: A finished map; None to make one, or to take that of the outside stack.
-            sink: Told what happens.
-            rng: Where all randomness comes from.
+            order: Where the warehouse is.
+            grid: A finished map; None to explore, or to take the external map.
+            sink: Receives trace records.
+            rng: Source of all randomness.
 
         Raises:
-            InputError: The outside stack does not say what it should.
+            InputError: The external stack does not provide a map or a pose in time.
         """
-        maps = None if grid is None else _always(grid)
-        if self._map is not None:
-            self._map.wait(self._patience)
-            maps = self._map.grid
-        pose = self._pose
-        if pose is None:
+        latest_map = self._latest_map(grid)
+        if self._pose is None:
             mission = Mission(self._robot, order, sink, rng)
-            return mission.explore() if maps is None else mission.localize(maps())
-        if maps is None:
-            return Mission(self._robot, order, sink, rng, localizer=self._hand_over).explore()
-        pose.wait(self._patience)
-        odometry = self._robot.odometry
-        if odometry is None:
+            return mission.explore() if latest_map is None else mission.localize(latest_map())
+        if latest_map is None:
+            return Mission(self._robot, order, sink, rng, localizer=self._initialize_localization).explore()
+        return self._explore_externally(order, latest_map, self._pose, sink, rng)
+
+    def _latest_map(self, grid: OccupancyGrid | None) -> Callable[[], OccupancyGrid] | None:
+        """Returns what provides the map; None if it has to be explored first."""
+        if self._map is not None:
+            self._map.wait(self._timeout)
+            return self._map.grid
+        return None if grid is None else lambda: grid
+
+    def _explore_externally(
+        self,
+        order: Order,
+        latest_map: Callable[[], OccupancyGrid],
+        pose: ExternalPose,
+        sink: Sink,
+        rng: np.random.Generator,
+    ) -> SurveyedWorld:
+        """Explore while the external stack localizes."""
+        pose.wait(self._timeout)
+        if self._robot.odometry is None:
             raise RuntimeError("the robot is not ready")
-        mapper = OutsideMapper(maps, pose, odometry)
+        mapper = ExternalMapper(latest_map, pose, self._robot.odometry)
         return Mission(self._robot, order, sink, rng, mapper=lambda _: mapper, localizer=lambda *_: pose).explore()
 
-    def _hand_over(self, grid: OccupancyGrid, pose: Pose) -> OutsidePose:
-        """Tell the outside localization where the robot is on our map, again and again until it has it there.
+    def _initialize_localization(self, grid: OccupancyGrid, pose: Pose) -> ExternalPose:
+        """Publish ``/initialpose`` until the external localization has accepted it.
 
-        It may have been somewhere else before, it may need time to take the map in, and who comes late hears nothing of
-        what was told on ``/initialpose``.
+        Repetition is needed: the localization may still be receiving the map, and ``/initialpose`` is not latched.
 
         Raises:
-            InputError: It does not take what it is told.
+            InputError: The localization does not accept the pose in time.
         """
         del grid
         odometry, topic = self._robot.odometry, self._names.topics.initialpose
         if self._pose is None or odometry is None:
-            raise RuntimeError("nobody else localizes, or the robot is not ready")
+            raise RuntimeError("there is no external localization, or the robot is not ready")
         estimate = PoseWithCovariance(encode_pose(pose), INITIAL_COVARIANCE)
-        deadline = time.monotonic() + self._patience
+        deadline = time.monotonic() + self._timeout
         while time.monotonic() < deadline:
             header = encode_header(self._robot.time, self._names.frames.map)
             self._transport.publish(topic, PoseWithCovarianceStamped(header, estimate))
-            if self._pose.wait_until_near(pose, odometry, TELL_AGAIN):
+            if self._pose.wait_until_near(pose, odometry, INITIAL_POSE_PERIOD):
                 return self._pose
-        raise InputError(
-            "ROS",
-            topic.name,
-            f"told where the robot is, the localization has not put it there within {self._patience:g} s",
-        )
-
-
-def _always(grid: OccupancyGrid) -> Callable[[], OccupancyGrid]:
-    """A map that does not grow."""
-    return lambda: grid
+        raise InputError("ROS", topic.name, f"the localization has not accepted the pose within {self._timeout:g} s")
 
 
 def run(
-    robot: RosRobot,
-    stack: Stack,
-    order: Order,
-    learner: RuleLearner,
-    grid: OccupancyGrid | None,
-    sink: Sink,
-    seed: int,
-) -> tuple[Figures, SurveyedWorld]:
-    """Deliver every box.
+    robot: RosRobot, stack: NavigationStack, settings: RosDeliverySettings, sink: Sink
+) -> tuple[RosDeliverySummary, OccupancyGrid]:
+    """Deliver every box; returns the summary and the map.
 
     Args:
-        robot: Ready.
+        robot: The robot, which must be ready.
         stack: Maps and localizes.
-        order: What to do.
-        learner: Goes on from what it knows.
-        grid: A map to use instead of exploring.
-        sink: Told what happens.
-        seed: Of everything that is random.
+        settings: What to deliver.
+        sink: Receives trace records.
 
     Raises:
-        InputError: The outside stack does not say what it should, or the map does not fit.
-        RobotLostError: The robot cannot be reached any more.
+        InputError: The external stack does not provide a map or a pose in time, or the map does not fit.
+        RobotLostError: The connection to the robot is lost.
     """
-    rng = np.random.default_rng(seed)
-    sink(run_started("ROS", learner, robot.body))
-    started = robot.time
-    delivery = DeliveryEpisode(stack.get_ready(order, grid, sink, rng), learner, sink, rng)
-    actions = learning = 0
+    rng = np.random.default_rng(settings.seed)
+    sink(run_started("ROS", settings.learner, robot.body))
+    started_at = robot.time
+    delivery = DeliveryEpisode(stack.get_ready(settings.order, settings.grid, sink, rng), settings.learner, sink, rng)
+    actions = learning_steps = 0
     for step in delivery:
         actions += 1
-        learning += step.is_learning
-    ready = delivery.world
-    environment = ready.environment
-    figures = Figures(environment.delivered, environment.remaining, actions, learning, robot.time - started)
-    return figures, ready
+        learning_steps += step.is_learning
+    environment = delivery.world.environment
+    duration = robot.time - started_at
+    summary = RosDeliverySummary(environment.delivered, environment.remaining, actions, learning_steps, duration)
+    return summary, delivery.world.grid
 
 
-def write(out: Path, ready: SurveyedWorld, learner: RuleLearner) -> None:
-    """Map and rules into a folder that exists."""
-    save_map(ready.grid, out / "map.yaml")
+def save(out: Path, grid: OccupancyGrid, learner: RuleLearner) -> None:
+    """Write map and rules into an existing folder."""
+    save_map(grid, out / "map.yaml")
     save_rules(learner, out / "rules.json")

@@ -1,4 +1,4 @@
-"""The simulated robot as a robot of ROS: a world, real time, and the referee's verdict at the end."""
+"""The simulated robot as a robot of ROS: build its world, and summarize what the referee saw."""
 
 from __future__ import annotations
 
@@ -6,28 +6,21 @@ from dataclasses import dataclass
 
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
-from wherry.ros.names import RosNames
-from wherry.ros.nodes.simulator import Hardware, SimulatorNode
-from wherry.ros.transports.protocol import Transport
 from wherry.simulation import Simulation, build
-from wherry.simulation.drive import WHEEL_RADIUS
-from wherry.simulation.model import LASER_HEIGHT
 from wherry.simulation.seeded_worlds import seed_world
-from wherry.simulation.simulator import ODOMETRY_RATE
 
-WHEEL_JOINTS = ("left_wheel_joint", "right_wheel_joint")
-FASTEST = 20.0  # simulated seconds a second
+MAX_RATE = 20.0  # simulated seconds per second
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class SimulatorSettings:
     """What to simulate.
 
     Attributes:
-        world: A built-in world's name, or a world file.
-        boxes: How many; None for what the world says.
-        seed: Of everything that is random.
-        rate: Simulated seconds a second.
+        world: Name of a built-in world, or path of a world file.
+        boxes: Number of boxes; None for the world's own.
+        seed: Seed of all randomness.
+        rate: Simulated seconds per second.
     """
 
     world: str = "rooms"
@@ -36,33 +29,20 @@ class Settings:
     rate: float = 1.0
 
 
-def prepare(settings: Settings) -> Simulation:
-    """Build the world; the same settings give the world that ``wherry deliver`` has with them.
+def build_simulation(settings: SimulatorSettings) -> Simulation:
+    """Build the world that ``wherry deliver`` builds with the same settings.
 
     Raises:
-        InputError: A setting cannot be used.
+        InputError: A setting is not valid.
     """
-    if not 0.0 < settings.rate <= FASTEST:
-        raise InputError("--rate", f"{settings.rate}", f"is not above 0 and at most {FASTEST:g}")
+    if not 0.0 < settings.rate <= MAX_RATE:
+        raise InputError("--rate", f"{settings.rate}", f"is not above 0 and at most {MAX_RATE:g}")
     world = seed_world(find_world(settings.world), settings.boxes, settings.seed)
     return build(world.plan, world.physics_rng)
 
 
-def node_of(simulation: Simulation, transport: Transport, names: RosNames, rate: float) -> SimulatorNode:
-    """The simulation's robot as a robot of ROS."""
-    hardware = Hardware(
-        period=1 / ODOMETRY_RATE,
-        scan_period=1 / simulation.lidar.specification.rate,
-        base_height=WHEEL_RADIUS,
-        laser_height=LASER_HEIGHT,
-        wheel_joints=WHEEL_JOINTS,
-        wheel_angles=lambda: simulation.physics.wheel_angles,
-    )
-    return SimulatorNode(simulation, hardware, transport, names, rate=rate)
-
-
-def verdict(simulation: Simulation) -> dict[str, int | float]:
-    """What the referee saw."""
+def referee_summary(simulation: Simulation) -> dict[str, int | float]:
+    """The referee's counts so far."""
     referee = simulation.referee
     return {
         "sim_seconds": simulation.time,

@@ -23,7 +23,7 @@ from wherry.ros.encoding import (
     encode_twist,
 )
 from wherry.ros.names import load_names
-from wherry.ros.nodes.latch import LatchState, to_latch_state
+from wherry.ros.nodes.latch_protocol import LatchState, encode_latch_state
 from wherry.ros.transforms import StampedTransform
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -90,7 +90,7 @@ class RunRecorder:
 
     def write_latch_state(self, seconds: float, *, loaded: bool) -> None:
         """Record whether the latch holds a box at a time, s."""
-        self._bag.write(self._topics.latch_state, to_latch_state(LatchState(seconds, loaded, 0.0)), seconds)
+        self._bag.write(self._topics.latch_state, encode_latch_state(LatchState(seconds, loaded, 0.0)), seconds)
 
     def write_pose_estimate(self, pose: Pose, particles: Floats, seconds: float) -> None:
         """Record an estimate of the robot's pose.

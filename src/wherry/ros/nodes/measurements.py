@@ -1,8 +1,8 @@
-"""Odometry and scans that arrive on two topics, put into one row: times never decrease, and each scan has odometry.
+"""Odometry and scans of two topics merged into one sequence: times never decrease, and each scan has its odometry.
 
-Real robots' sensors do not share their instants. A scan therefore goes on with odometry interpolated to its time. One
-that comes when later odometry has already gone on gets the last time, with the pose that belongs to it: what moved
-between two scans stays right, and only its time is late by what the lidar's driver took.
+A robot's sensors do not share their instants. A scan is therefore preceded by odometry interpolated to its time. If
+later odometry was returned already, the scan gets the time of that odometry and the pose of its own time: motion
+between scans stays exact, and only the time is late, by the latency of the lidar's driver.
 """
 
 from __future__ import annotations
@@ -13,98 +13,104 @@ from dataclasses import replace
 
 from wherry.robot import Odometry, Scan
 from wherry.ros.decoding import MessageError
+from wherry.ros.nodes.errors import TimeMovedBackwardsError
 from wherry.space.pose import Pose, wrap
 
-SAME_INSTANT = 1e-6  # s
-REMEMBERED = 2.0  # s of odometry
-MOST_WAITING = 10  # scans that wait for odometry
-LONGEST_GAP = 1.0  # s, after which a message has to be confirmed by others
-CONFIRMATIONS = 5  # messages in a row that must agree that time has jumped
+SAME_INSTANT_TOLERANCE = 1e-6  # s
+ODOMETRY_BUFFER_SECONDS = 2.0  # s of odometry kept for interpolation
+MAX_WAITING_SCANS = 10  # scans that wait for odometry of their time
+MAX_STAMP_GAP = 1.0  # s between stamps of a topic; a larger gap needs confirmation
+MIN_CONFIRMATIONS = 5  # consecutive stamps that must agree that time has jumped
 
 
-class TimeWentBackError(Exception):
-    """A robot's clock was set back, as when it is started anew; what is known of the past no longer holds."""
-
-
-class StampGuard:
-    """Lets a topic's stamps through as long as they go on; a single one from far off is refused.
+class StampValidator:
+    """Rejects isolated outliers among the stamps of a topic.
 
     Args:
-        topic: For the error's text.
+        topic: Name for error messages.
     """
 
     def __init__(self, topic: str) -> None:
         self._topic = topic
         self._last = -math.inf
-        self._strange: list[float] = []
+        self._outliers: list[float] = []
 
     def check(self, stamp: float) -> None:
         """Accept a stamp, s.
 
         Raises:
-            MessageError: It is before the last one, or far after it, and not confirmed by others yet.
-            TimeWentBackError: Several in a row agree that it is earlier now.
+            MessageError: It is earlier than the last one or more than `MAX_STAMP_GAP` later, and not confirmed yet.
+            TimeMovedBackwardsError: `MIN_CONFIRMATIONS` consecutive stamps agree on an earlier time.
         """
-        if self._last == -math.inf or 0.0 <= stamp - self._last <= LONGEST_GAP:
-            self._last = stamp
-            self._strange.clear()
+        if self._last == -math.inf or 0.0 <= stamp - self._last <= MAX_STAMP_GAP:
+            self._accept(stamp)
             return
-        if self._strange and not 0.0 <= stamp - self._strange[-1] <= LONGEST_GAP:
-            self._strange.clear()
-        self._strange.append(stamp)
-        if len(self._strange) < CONFIRMATIONS:
+        if self._outliers and not 0.0 <= stamp - self._outliers[-1] <= MAX_STAMP_GAP:
+            self._outliers.clear()
+        self._outliers.append(stamp)
+        if len(self._outliers) < MIN_CONFIRMATIONS:
             raise MessageError(f"has the stamp {stamp:.3f} s after {self._last:.3f} s")
         if stamp < self._last:
-            raise TimeWentBackError(f"{self._topic}: time went back from {self._last:.3f} s to {stamp:.3f} s")
+            raise TimeMovedBackwardsError(
+                f"{self._topic}: time moved backwards from {self._last:.3f} s to {stamp:.3f} s"
+            )
+        self._accept(stamp)
+
+    def _accept(self, stamp: float) -> None:
         self._last = stamp
-        self._strange.clear()
+        self._outliers.clear()
 
 
-class Row:
-    """Puts measurements of two sources into one row."""
+class MeasurementSequencer:
+    """Merges odometry and scans into one sequence."""
 
     def __init__(self) -> None:
-        self._past: deque[Odometry] = deque()
-        self._waiting: deque[Scan] = deque(maxlen=MOST_WAITING)
+        self._odometry: deque[Odometry] = deque()
+        self._waiting: deque[Scan] = deque(maxlen=MAX_WAITING_SCANS)
 
-    def hear_odometry(self, odometry: Odometry) -> tuple[Odometry | Scan, ...]:
-        """Take in odometry, later than any before; returns what may go on now."""
-        row: list[Odometry | Scan] = []
-        while self._waiting and self._waiting[0].time < odometry.time - SAME_INSTANT:
+    def add_odometry(self, odometry: Odometry) -> tuple[Odometry | Scan, ...]:
+        """Add odometry, later than any before; returns the measurements that are complete now."""
+        complete: list[Odometry | Scan] = []
+        while self._waiting and self._waiting[0].time < odometry.time - SAME_INSTANT_TOLERANCE:
             scan = self._waiting.popleft()
-            if self._past:
-                row += [_between(self._past[-1], odometry, scan.time), scan]
-        row.append(odometry)
-        while self._waiting and self._waiting[0].time < odometry.time + SAME_INSTANT:
-            row.append(self._waiting.popleft())
-        self._past.append(odometry)
-        while self._past[0].time < odometry.time - REMEMBERED:
-            self._past.popleft()
-        return tuple(row)
+            if self._odometry:
+                complete += [_interpolated(self._odometry[-1], odometry, scan.time), scan]
+        complete.append(odometry)
+        while self._waiting and self._waiting[0].time < odometry.time + SAME_INSTANT_TOLERANCE:
+            complete.append(self._waiting.popleft())
+        self._odometry.append(odometry)
+        while self._odometry[0].time < odometry.time - ODOMETRY_BUFFER_SECONDS:
+            self._odometry.popleft()
+        return tuple(complete)
 
-    def hear_scan(self, scan: Scan) -> tuple[Odometry | Scan, ...]:
-        """Take in a scan, later than any before; returns what may go on now.
+    def add_scan(self, scan: Scan) -> tuple[Odometry | Scan, ...]:
+        """Add a scan, later than any before; returns the measurements that are complete now.
 
         Raises:
-            MessageError: There is no odometry that is old enough.
+            MessageError: The scan is older than all buffered odometry.
         """
-        if not self._past or scan.time > self._past[-1].time + SAME_INSTANT:
+        if not self._odometry or scan.time > self._odometry[-1].time + SAME_INSTANT_TOLERANCE:
             self._waiting.append(scan)
             return ()
-        last = self._past[-1]
-        if abs(scan.time - last.time) <= SAME_INSTANT:
+        last = self._odometry[-1]
+        if abs(scan.time - last.time) <= SAME_INSTANT_TOLERANCE:
             return (scan,)
-        if scan.time < self._past[0].time:
-            raise MessageError(f"is of {scan.time:.3f} s, and odometry begins at {self._past[0].time:.3f} s")
-        after = next(i for i, odometry in enumerate(self._past) if odometry.time >= scan.time)
-        then = self._past[0] if after == 0 else _between(self._past[after - 1], self._past[after], scan.time)
-        return replace(then, time=last.time), replace(scan, time=last.time), last
+        if scan.time < self._odometry[0].time:
+            raise MessageError(f"is of {scan.time:.3f} s, and odometry begins at {self._odometry[0].time:.3f} s")
+        return replace(self._odometry_at(scan.time), time=last.time), replace(scan, time=last.time), last
+
+    def _odometry_at(self, time: float) -> Odometry:
+        """Buffered odometry, interpolated to a time, s, within the buffer."""
+        after = next(i for i, odometry in enumerate(self._odometry) if odometry.time >= time)
+        if after == 0:
+            return self._odometry[0]
+        return _interpolated(self._odometry[after - 1], self._odometry[after], time)
 
 
-def _between(first: Odometry, second: Odometry, time: float) -> Odometry:
-    """Odometry at an instant between two."""
-    share = (time - first.time) / (second.time - first.time)
+def _interpolated(first: Odometry, second: Odometry, time: float) -> Odometry:
+    """Odometry at a time between two readings, s."""
+    fraction = (time - first.time) / (second.time - first.time)
     a, b = first.pose, second.pose
-    turned = wrap(b.theta - a.theta)
-    pose = Pose(a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), wrap(a.theta + share * turned))
-    return Odometry(time, pose, first.velocity if share < 0.5 else second.velocity)
+    rotation = wrap(b.theta - a.theta)
+    pose = Pose(a.x + fraction * (b.x - a.x), a.y + fraction * (b.y - a.y), wrap(a.theta + fraction * rotation))
+    return Odometry(time, pose, first.velocity if fraction < 0.5 else second.velocity)

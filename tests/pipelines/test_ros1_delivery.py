@@ -1,4 +1,4 @@
-"""The agent and the simulator as two processes that have nothing between them but a real roscore."""
+"""The agent and the simulator as two processes that share nothing but a real roscore."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--json")
 DELIVER = ("ros1", "deliver", "--warehouse", "3.6,-0.6", "--warehouse", "3.6,-1.8", "--json")
 SCAN, ODOMETRY, TWIST = "sensor_msgs/LaserScan", "nav_msgs/Odometry", "geometry_msgs/Twist"
 MAP, DIAGNOSTICS = "nav_msgs/OccupancyGrid", "diagnostic_msgs/DiagnosticArray"
-STARTED = 90.0  # s, wall clock, that two processes may take until the robot drives
-WITHIN = 0.5  # s
+START_TIMEOUT = 90.0  # s, wall clock, until the robot drives
+STOP_TIMEOUT = 0.5  # s from an invalid scan to standstill
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -31,7 +31,7 @@ def roscore(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Roscore]:
         yield roscore
 
 
-def test_two_boxes_are_delivered_over_ros1_alone(roscore: Roscore, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_boxes_are_delivered_over_ros1(roscore: Roscore, capsys: pytest.CaptureFixture[str]) -> None:
     with (
         roscore.wherry(*SIMULATE, "--rate", "2") as simulator,
         roscore.wherry(*DELIVER) as agent,
@@ -42,16 +42,16 @@ def test_two_boxes_are_delivered_over_ros1_alone(roscore: Roscore, capsys: pytes
         monitor.finish(20.0)
         simulator.interrupt()
         simulator.finish(20.0)
-    verdict, heard = simulator.result(), monitor.result()
+    result, statistics = simulator.result(), monitor.result()
     with capsys.disabled():
-        print(f"\n{verdict}\n{heard}")  # noqa: T201 - the measured latency belongs into the log
-    assert (verdict["delivered"], verdict["boxes"], verdict["collisions"]) == (2, 2, 0), "the referee's word"
+        print(f"\n{result}\n{statistics}")  # noqa: T201 - the log shows the measured latency
+    assert (result["delivered"], result["boxes"], result["collisions"]) == (2, 2, 0)
     assert agent.result()["delivered"] == 2
-    assert heard["scans missing"] == heard["odometry missing"] == 0
-    assert heard["scan to velocity, median, ms"] <= 10.0
+    assert statistics["scans missing"] == statistics["odometry missing"] == 0
+    assert statistics["scan to velocity, median, ms"] <= 10.0
 
 
-def test_a_map_of_another_size_than_it_says_is_refused(roscore: Roscore) -> None:
+def test_map_of_inconsistent_size_is_rejected(roscore: Roscore) -> None:
     with roscore.wherry(*SIMULATE), roscore.peer("mapper") as mapper:
         info = {"resolution": 0.05, "width": 10, "height": 10, "origin": {"orientation": {"w": 1.0}}}
         mapper.send("/map", MAP, {"header": {"frame_id": "map"}, "info": info, "data": [0] * 99}, latch=True)
@@ -61,13 +61,13 @@ def test_a_map_of_another_size_than_it_says_is_refused(roscore: Roscore) -> None
 
 
 def speed_of(odometry: dict[str, Any]) -> float:
-    """m/s and rad/s."""
+    """Speed from m/s and rad/s."""
     twist = odometry["twist"]["twist"]
     return math.hypot(twist["linear"]["x"], twist["angular"]["z"])
 
 
 class Ride:
-    """An agent that explores on a simulated robot, whose scans a third node passes on, or not."""
+    """An agent that explores with a simulated robot whose scans pass through a third node."""
 
     def __init__(self, roscore: Roscore, stack: ExitStack) -> None:
         self.simulator = stack.enter_context(roscore.wherry(*SIMULATE, "--remap", "scan:=raw_scan"))
@@ -83,7 +83,7 @@ class Ride:
             assert self.agent.process.poll() is None, self.agent.output
             return bool(self.peer.heard["/odom"]) and self.speed() > 0.1
 
-        wait_until(drives, STARTED, f"it drives\n{self.agent.output}")
+        wait_until(drives, START_TIMEOUT, f"it drives\n{self.agent.output}")
 
     def speed(self) -> float:
         return speed_of(self.peer.last("/odom"))
@@ -92,12 +92,12 @@ class Ride:
         return stamp(self.peer.last("/odom"))
 
     def commands(self, begin: float) -> list[tuple[float, float, float]]:
-        """When, s, what was commanded from an instant on: m/s, rad/s."""
+        """Times, s, and velocities, m/s and rad/s, commanded since a time on the monotonic clock."""
         news = [one for one in self.peer.heard["/cmd_vel"] if one["at"] >= begin]
         return [(one["at"], one["message"]["linear"]["x"], one["message"]["angular"]["z"]) for one in news]
 
     def stops_after(self, begin: float) -> float:
-        """s on the robot's clock, which a busy machine does not hurry, until the robot stood, from an instant on."""
+        """Time on the robot's clock from an instant until the robot stood, s; independent of the machine's load."""
         wait_until(lambda: self.speed() < STANDSTILL_SPEED, 10.0, "the robot stands")
         news = list(self.peer.heard["/odom"])
         return stopping_time(
@@ -105,8 +105,8 @@ class Ride:
         )
 
     @contextmanager
-    def spoilt(self, mode: str) -> Iterator[float]:
-        """Scans that are not passed on as they are; since when, s on the monotonic clock."""
+    def disturbed(self, mode: str) -> Iterator[float]:
+        """Change or withhold scans; yields the time on the monotonic clock since when, s."""
         self.peer.relay("/raw_scan", "/scan", mode)
         try:
             yield time.monotonic()
@@ -133,14 +133,14 @@ def ridden(roscore: Roscore) -> Iterator[Ride]:
 
 @pytest.fixture
 def ride(ridden: Ride) -> Ride:
-    """One ride for all tests; the last one ends it."""
+    """One ride for all tests; the last test ends it."""
     ridden.wait_until_it_drives()
     return ridden
 
 
 @pytest.mark.parametrize("mode", ["silent", "nan", "frame"])
-def test_without_a_scan_to_trust_the_agent_commands_standstill(ride: Ride, mode: str) -> None:
-    with ride.spoilt(mode) as begin:
+def test_agent_commands_standstill_without_valid_scans(ride: Ride, mode: str) -> None:
+    with ride.disturbed(mode) as begin:
         check_standstill(ride, mode, begin)
     ride.wait_until_it_drives()
 
@@ -151,24 +151,24 @@ def check_standstill(ride: Ride, mode: str, begin: float) -> None:
     commands = ride.commands(begin)
     last_motion = max((at for at, linear, angular in commands if linear or angular), default=begin)
     first_zero = min((at for at, *_ in commands if at > last_motion), default=math.inf)
-    assert first_zero - begin <= WITHIN, "commanded, not only left to the watchdog"
+    assert first_zero - begin <= STOP_TIMEOUT, "commanded, not only stopped by the watchdog"
     if mode != "silent":
-        words = {"nan": "no number", "frame": "'camera' instead of 'laser'"}[mode]
+        words = {"nan": "not finite", "frame": "'camera' instead of 'laser'"}[mode]
         wait_until(lambda: words in ride.status("wherry: robot").get("last refused", ""), 5.0, "diagnostics say why")
 
 
-def test_the_agent_gives_way_to_whoever_else_drives(roscore: Roscore, ride: Ride) -> None:
+def test_agent_yields_to_another_publisher(roscore: Roscore, ride: Ride) -> None:
     with roscore.peer("joystick") as joystick:
         begin = ride.now()
         while ride.now() < begin + 3.0:
             joystick.send("/cmd_vel", TWIST, {"angular": {"z": 0.3}})
         late = [news["message"]["angular"]["z"] for news in ride.peer.heard["/cmd_vel"]][-20:]
-        assert late == [0.3] * 20, "only one of them commands"
-        wait_until(lambda: "somebody else" in ride.status("wherry: robot").get("message", ""), 5.0, "it is told")
+        assert late == [0.3] * 20, "the agent sends nothing"
+        wait_until(lambda: "another node" in ride.status("wherry: robot").get("message", ""), 5.0, "a warning")
     ride.wait_until_it_drives()
 
 
-def test_a_master_that_dies_does_not_stop_the_ride(roscore: Roscore, ride: Ride) -> None:
+def test_run_continues_without_the_master(roscore: Roscore, ride: Ride) -> None:
     begin, heard = ride.now(), len(ride.peer.heard["/cmd_vel"])
     roscore.kill()
     wait_until(lambda: ride.now() > begin + 4.0, 30.0, "time passes")
@@ -183,8 +183,8 @@ def test_a_master_that_dies_does_not_stop_the_ride(roscore: Roscore, ride: Ride)
     assert ride.agent.process.poll() is None
 
 
-def test_the_robot_stands_when_the_agent_is_killed(ride: Ride) -> None:
+def test_robot_stops_when_the_agent_is_killed(ride: Ride) -> None:
     ride.agent.kill()
     last_command = ride.peer.heard["/cmd_vel"][-1]["at"]
-    assert ride.stops_after(last_command) <= WITHIN + STOPPING_RESOLUTION
+    assert ride.stops_after(last_command) <= STOP_TIMEOUT + STOPPING_RESOLUTION
     ride.stands_for(1.0)

@@ -1,8 +1,7 @@
-"""The exported worlds against the simulator's compiled model, number by number, and before Gazebo's own parser."""
+"""Exported worlds compared with the simulator's compiled model, and checked by Gazebo's own parser."""
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import re
@@ -17,17 +16,14 @@ import numpy as np
 import pytest
 import yaml
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
-from wherry.cli import app
 from wherry.errors import InputError
 from wherry.floorplan.generation import place_boxes
 from wherry.floorplan.plan import Cell
 from wherry.floorplan.world_files import built_in_worlds, find_world, format_world
-from wherry.gazebo.export import MARK, Settings, bridge, contents, export
-from wherry.gazebo.sdf import FORTRESS, GENERATIONS, TREAD
-from wherry.pipelines.delivery.ros import order_from
-from wherry.realization.mission import order_from_plan
+from wherry.gazebo.export import MARKER_FILE, GazeboExportSettings, bridge_config, export_files, export_world
+from wherry.gazebo.robot_model import TREAD_WIDTH
+from wherry.gazebo.sdf import FORTRESS, GENERATIONS
 from wherry.simulation import build
 from wherry.simulation.drive import TRACK, WHEEL_RADIUS
 from wherry.simulation.lidar import LidarSpecification
@@ -40,7 +36,7 @@ EXACT = {"rtol": 0, "atol": 1e-9}
 
 
 def parsed(text: str) -> ET.Element:
-    return ET.fromstring(text)  # noqa: S314 - our own file
+    return ET.fromstring(text)  # noqa: S314 - this package's own file
 
 
 @pytest.fixture(scope="module", params=["rooms", "taxi10"])
@@ -48,7 +44,7 @@ def exported(request: pytest.FixtureRequest) -> tuple[dict[str, ET.Element], muj
     """A world's files, and the simulator's model of it."""
     plan = find_world(request.param)
     plan = place_boxes(plan, 3, np.random.default_rng(2))
-    files = contents(plan, np.random.default_rng(5), FORTRESS)
+    files = export_files(plan, np.random.default_rng(5), FORTRESS)
     worlds = {name: parsed(files[name]).find("world") for name in WORLD_FILES}
     return worlds, build(plan, np.random.default_rng(5)).physics.model
 
@@ -68,7 +64,7 @@ def numbers(element: ET.Element | None, default: str = "0 0 0 0 0 0") -> np.ndar
 
 
 def sizes(shape: ET.Element) -> tuple[str, np.ndarray]:
-    """A shape's kind, and its measures as MuJoCo has them: half lengths."""
+    """A shape's kind, and its half lengths as in MuJoCo, m."""
     geometry = shape.find("geometry")[0]
     if geometry.tag == "box":
         return "box", numbers(geometry.find("size")) / 2
@@ -79,14 +75,14 @@ def sizes(shape: ET.Element) -> tuple[str, np.ndarray]:
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """[3, 3] as SDF means it: about fixed x, then y, then z."""
+    """Rotation matrix [3, 3] about fixed x, then y, then z, rad, as SDF defines it."""
     quaternion, matrix = np.empty(4), np.empty(9)
     mujoco.mju_euler2Quat(quaternion, [roll, pitch, yaw], "XYZ")
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3)
 
 
-def turned(quaternion: np.ndarray) -> np.ndarray:
+def matrix_of(quaternion: np.ndarray) -> np.ndarray:
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, np.array(quaternion, dtype=float))
     return matrix.reshape(3, 3)
@@ -101,7 +97,7 @@ def friction(shape: ET.Element) -> float:
     return float(ode.findtext("mu"))
 
 
-def test_walls_obstacles_and_paint_are_the_simulators(world: ET.Element, model: mujoco.MjModel) -> None:
+def test_walls_obstacles_and_paint_match_the_simulator(world: ET.Element, model: mujoco.MjModel) -> None:
     link = world.find("model[@name='building']/link")
     shapes = {shape.get("name"): shape for shape in link.findall("collision")}
     fixed = [model.geom(index).name for index in range(model.ngeom) if model.geom_bodyid[index] == 0]
@@ -118,7 +114,7 @@ def test_walls_obstacles_and_paint_are_the_simulators(world: ET.Element, model: 
     assert world.findtext("model[@name='building']/static") == "true"
 
 
-def test_the_floor_reaches_beyond_the_building_at_height_zero(world: ET.Element, model: mujoco.MjModel) -> None:
+def test_floor_extends_beyond_the_building_at_height_zero(world: ET.Element, model: mujoco.MjModel) -> None:
     floor = world.find("model[@name='floor']")
     assert floor.findtext("static") == "true"
     pose, size = numbers(floor.find("pose")), numbers(floor.find(".//collision//size"))
@@ -131,7 +127,7 @@ def test_the_floor_reaches_beyond_the_building_at_height_zero(world: ET.Element,
     assert_allclose(numbers(world.find("gravity")), model.opt.gravity, **EXACT)
 
 
-def test_boxes_are_the_simulators(world: ET.Element, model: mujoco.MjModel) -> None:
+def test_boxes_match_the_simulator(world: ET.Element, model: mujoco.MjModel) -> None:
     found = [element for element in world.findall("model") if element.get("name").startswith("box_")]
     assert len(found) == 3
     for index, element in enumerate(found):
@@ -147,7 +143,7 @@ def test_boxes_are_the_simulators(world: ET.Element, model: mujoco.MjModel) -> N
         assert_allclose(inertia, body.inertia, **EXACT)
 
 
-def test_links_stand_where_the_simulators_stand_with_their_masses(world: ET.Element, model: mujoco.MjModel) -> None:
+def test_links_have_the_simulators_poses_and_inertias(world: ET.Element, model: mujoco.MjModel) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     robot = world.find("model[@name='wherry']")
@@ -163,36 +159,36 @@ def test_links_stand_where_the_simulators_stand_with_their_masses(world: ET.Elem
         assert float(link.findtext("inertial/mass")) == body.mass[0]
         assert_allclose(numbers(link.find("inertial/pose"))[:3], body.ipos, **EXACT)
         moments = np.diag([float(link.findtext(f"inertial/inertia/{axis}")) for axis in ("ixx", "iyy", "izz")])
-        axes = turned(body.iquat)
+        axes = matrix_of(body.iquat)
         assert_allclose(axes @ np.diag(body.inertia) @ axes.T, moments, atol=1e-9)
     assert model.body("robot/base_footprint").mass[0] == 0
 
 
-def test_what_the_robot_touches_with_is_the_simulators(world: ET.Element, model: mujoco.MjModel) -> None:
-    seen = set()
+def test_collisions_of_the_robot_match_the_simulator(world: ET.Element, model: mujoco.MjModel) -> None:
+    names = set()
     for link in world.findall("model[@name='wherry']/link"):
         for shape in link.findall("collision"):
             geom = model.geom(f"robot/{shape.get('name')}")
-            seen.add(geom.name)
+            names.add(geom.name)
             pose = numbers(shape.find("pose"))
             assert model.body(int(geom.bodyid[0])).name == f"robot/{link.get('name')}"
             assert_allclose(pose[:3], geom.pos, **EXACT)
             kind, measures = sizes(shape)
-            if geom.type[0] == SHAPES.mjGEOM_ELLIPSOID:  # a tyre with a rounded tread; a thin disc in Gazebo
+            if geom.type[0] == SHAPES.mjGEOM_ELLIPSOID:  # a wheel, which is a thin disc in Gazebo
                 assert_allclose([measures[0]] * 2, geom.size[:2], **EXACT)
-                assert measures[1] == TREAD / 2 < geom.size[2]
+                assert measures[1] == TREAD_WIDTH / 2 < geom.size[2]
             else:
                 assert kind == KINDS[int(geom.type[0])]
                 assert_allclose(measures, geom.size[: len(measures)], **EXACT)
-            assert_allclose(np.abs(rotation(*pose[3:])), np.abs(turned(geom.quat)), atol=1e-9)
+            assert_allclose(np.abs(rotation(*pose[3:])), np.abs(matrix_of(geom.quat)), atol=1e-9)
     touching = {
         geom.name for geom in map(model.geom, range(model.ngeom)) if geom.name.startswith("robot/") and geom.contype
     }
-    assert seen == touching
+    assert names == touching
 
 
-def test_wheels_clear_the_prongs_although_the_robot_may_touch_itself(world: ET.Element) -> None:
-    """Links that are not joined collide where a model's <self_collide> is true; the simulator's do not."""
+def test_wheels_clear_the_prongs(world: ET.Element) -> None:
+    """With <self_collide>, links without a common joint collide in Gazebo, unlike in the simulator."""
     robot = world.find("model[@name='wherry']")
     assert robot.findtext("self_collide") == "true"
     for side, sign in (("left", 1), ("right", -1)):
@@ -202,7 +198,7 @@ def test_wheels_clear_the_prongs_although_the_robot_may_touch_itself(world: ET.E
         assert inner - outer > 0.005
 
 
-def test_what_is_seen_of_the_robot_is_the_simulators(world: ET.Element, model: mujoco.MjModel) -> None:
+def test_visuals_of_the_robot_match_the_simulator(world: ET.Element, model: mujoco.MjModel) -> None:
     shapes = [shape for link in world.findall("model[@name='wherry']/link") for shape in link.findall("visual")]
     assert len(shapes) == sum(
         model.geom(i).name.endswith("_visual") for i in range(model.ngeom) if "robot/" in model.geom(i).name
@@ -215,8 +211,8 @@ def test_what_is_seen_of_the_robot_is_the_simulators(world: ET.Element, model: m
         assert_allclose(numbers(shape.find("material/diffuse")), geom.rgba, atol=1e-6)
 
 
-def test_every_pair_that_matters_has_the_simulators_friction(world: ET.Element, model: mujoco.MjModel) -> None:
-    """Gazebo takes the smaller coefficient of the two, MuJoCo that of the higher priority, or else the larger."""
+def test_friction_of_every_pair_with_the_floor_matches_the_simulator(world: ET.Element, model: mujoco.MjModel) -> None:
+    """Gazebo uses the smaller coefficient of a pair, MuJoCo that of the higher priority, or else the larger."""
     gazebo = {"floor": friction(world.find("model[@name='floor']//collision"))}
     gazebo["box 0"] = friction(world.find("model[@name='box_0']//collision"))
     for name in ("left_wheel", "right_wheel", "caster"):
@@ -229,7 +225,7 @@ def test_every_pair_that_matters_has_the_simulators_friction(world: ET.Element, 
         assert min(gazebo[name], gazebo["floor"]) == used, name
 
 
-def test_joints_turn_about_the_simulators_axes_with_its_torque(world: ET.Element, model: mujoco.MjModel) -> None:
+def test_joints_have_the_simulators_axes_and_torques(world: ET.Element, model: mujoco.MjModel) -> None:
     robot = world.find("model[@name='wherry']")
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}
     moving = {name for name, joint in joints.items() if joint.get("type") == "revolute"}
@@ -245,7 +241,7 @@ def test_joints_turn_about_the_simulators_axes_with_its_torque(world: ET.Element
     assert robot.find("link").get("name") == "base_link"  # the first link is the canonical one
 
 
-def test_the_lidar_is_the_simulators(world: ET.Element) -> None:
+def test_lidar_matches_the_simulator(world: ET.Element) -> None:
     sensor = world.find("model[@name='wherry']/link[@name='laser']/sensor")
     lidar = LidarSpecification()
     scan = sensor.find(".//horizontal")
@@ -263,7 +259,7 @@ def test_the_lidar_is_the_simulators(world: ET.Element) -> None:
     assert float(sensor.findtext("update_rate")) == lidar.rate
 
 
-def test_the_lidar_cannot_see_its_own_housing(exported: tuple[dict[str, ET.Element], Any]) -> None:
+def test_lidar_does_not_see_its_own_housing(exported: tuple[dict[str, ET.Element], Any]) -> None:
     laser = exported[0]["world.sdf"].find("model[@name='wherry']/link[@name='laser']")
     mask = int(laser.findtext("sensor/lidar/visibility_mask"))
     assert not mask & int(laser.findtext("visual/visibility_flags"))
@@ -274,7 +270,7 @@ def plugin(world: ET.Element, name: str) -> ET.Element:
     return next(element for element in world.iter("plugin") if name in element.get("filename"))
 
 
-def test_gazebo_sims_drive_is_the_robots(exported: tuple[dict[str, ET.Element], Any]) -> None:
+def test_drive_of_gazebo_sim_has_the_robots_parameters(exported: tuple[dict[str, ET.Element], Any]) -> None:
     drive = plugin(exported[0]["world.sdf"], "ignition-gazebo-diff-drive-system")
     assert drive.get("name") == "ignition::gazebo::systems::DiffDrive"
     wheels = {"wheel_separation": TRACK, "wheel_radius": WHEEL_RADIUS, "odom_publish_frequency": 20}
@@ -298,7 +294,7 @@ def test_gazebo_sims_drive_is_the_robots(exported: tuple[dict[str, ET.Element], 
     assert {name: drive.findtext(name) for name in names} == names
 
 
-def test_classic_gazebos_drive_is_the_robots(exported: tuple[dict[str, ET.Element], Any]) -> None:
+def test_drive_of_classic_gazebo_has_the_robots_parameters(exported: tuple[dict[str, ET.Element], Any]) -> None:
     drive = plugin(exported[0]["classic.world"], "libgazebo_ros_diff_drive.so")
     assert float(drive.findtext("wheelSeparation")) == TRACK
     assert float(drive.findtext("wheelDiameter")) == 2 * WHEEL_RADIUS
@@ -314,7 +310,7 @@ def test_classic_gazebos_drive_is_the_robots(exported: tuple[dict[str, ET.Elemen
     assert (laser.findtext("topicName"), laser.findtext("frameName")) == ("/scan", "laser")
 
 
-def test_every_box_has_a_latch_that_the_world_opens_at_first(exported: tuple[dict[str, ET.Element], Any]) -> None:
+def test_each_box_has_a_joint_that_the_world_opens_at_first(exported: tuple[dict[str, ET.Element], Any]) -> None:
     world = exported[0]["world.sdf"]
     latches = [element for element in world.iter("plugin") if "detachable-joint" in element.get("filename")]
     assert [latch.findtext("child_model") for latch in latches] == ["box_0", "box_1", "box_2"]
@@ -332,22 +328,22 @@ def test_every_box_has_a_latch_that_the_world_opens_at_first(exported: tuple[dic
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)
-def test_nothing_is_called_as_in_another_generation(generation: str) -> None:
+def test_names_are_those_of_the_generation(generation: str) -> None:
     plan = place_boxes(find_world("small"), 2, np.random.default_rng(0))
-    files = contents(plan, np.random.default_rng(0), GENERATIONS[generation])
+    files = export_files(plan, np.random.default_rng(0), GENERATIONS[generation])
     text = files["world.sdf"] + files["bridge.yaml"]
     assert ("ignition" in text) == (generation == "fortress")
     assert ("gz-sim" in text) == (generation == "harmonic")
 
 
-def test_the_bridge_carries_every_topic_that_gazebo_has_and_no_other() -> None:
+def test_bridge_has_exactly_gazebos_topics() -> None:
     plan = place_boxes(find_world("small"), 2, np.random.default_rng(0))
-    entries = yaml.safe_load(bridge(plan, FORTRESS))
-    world = parsed(contents(plan, np.random.default_rng(0), FORTRESS)["world.sdf"])
+    entries = yaml.safe_load(bridge_config(plan, FORTRESS))
+    world = parsed(export_files(plan, np.random.default_rng(0), FORTRESS)["world.sdf"])
     tags = ("topic", "odom_topic", "tf_topic", "attach_topic", "detach_topic", "output_topic")
     topics = {element.text for element in world.find(".//model[@name='wherry']").iter() if element.tag in tags}
-    poses = {f"/model/{model}/pose" for model in tellers(world)}
-    triggers = {element.get("topic") for element in world.iter("input")}  # the clock, and what the warehouse takes in
+    poses = {f"/model/{model}/pose" for model in models_with_pose(world)}
+    triggers = {element.get("topic") for element in world.iter("input")}  # the clock, and removals of boxes
     assert {entry["gz_topic_name"] for entry in entries} == topics | poses | triggers
     assert "/world/small/clock" in triggers
     assert {entry["ros_topic_name"] for entry in entries} >= {
@@ -367,23 +363,23 @@ def test_the_bridge_carries_every_topic_that_gazebo_has_and_no_other() -> None:
     assert ("/latch/take_in/box_1", "std_msgs/msg/Empty", "ignition.msgs.Empty") in types
 
 
-def tellers(world: ET.Element) -> set[str]:
-    """The models that tell their own pose, one message each, and none of their links'."""
-    told = set()
+def models_with_pose(world: ET.Element) -> set[str]:
+    """Models that publish their own pose, and not their links'."""
+    models = set()
     for model in world.iter("model"):
         for element in model.findall("plugin"):
             if "pose-publisher" in element.get("filename"):
-                told.add(model.get("name"))
+                models.add(model.get("name"))
                 assert element.findtext("publish_model_pose") == element.findtext("publish_nested_model_pose") == "true"
                 assert element.findtext("publish_link_pose") == element.findtext("use_pose_vector_msg") == "false"
-    return told
+    return models
 
 
-def test_the_warehouse_puts_what_it_takes_in_down_outside_the_building(
+def test_delivered_boxes_are_moved_out_of_the_building(
     exported: tuple[dict[str, ET.Element], Any],
 ) -> None:
     world = exported[0]["world.sdf"]
-    assert tellers(world) == {"wherry", "box_0", "box_1", "box_2"}
+    assert models_with_pose(world) == {"wherry", "box_0", "box_1", "box_2"}
     walls = [shape for shape in world.findall("model[@name='building']//collision") if "wall" in shape.get("name")]
     south = min(numbers(wall.find("pose"))[1] - sizes(wall)[1][1] for wall in walls)
     places = []
@@ -400,14 +396,14 @@ def test_the_warehouse_puts_what_it_takes_in_down_outside_the_building(
             r"name: '(\w+)', position: \{x: (.+), y: (.+), z: (.+)\}, orientation: \{w: 1\}", service.get("reqMsg")
         ).groups()
         assert name == f"box_{box}"
-        assert float(z) == numbers(world.find(f"model[@name='{name}']/pose"))[2]  # it stands on the floor
+        assert float(z) == numbers(world.find(f"model[@name='{name}']/pose"))[2]  # on the floor
         places.append((float(x), float(y)))
     assert all(y + 2 * BODY.box_radius < south for _, y in places)
     assert all(math.dist(a, b) > 2 * BODY.box_radius for i, a in enumerate(places) for b in places[:i])
 
 
-def test_no_frame_of_the_description_has_two_parents_beside_odometrys() -> None:
-    files = contents(find_world("taxi"), np.random.default_rng(0), FORTRESS)
+def test_each_frame_of_the_description_has_one_parent() -> None:
+    files = export_files(find_world("taxi"), np.random.default_rng(0), FORTRESS)
     urdf = parsed(files["robot.urdf"])
     children = [joint.find("child").get("link") for joint in urdf.iter("joint")]
     assert "base_link" not in children
@@ -417,10 +413,10 @@ def test_no_frame_of_the_description_has_two_parents_beside_odometrys() -> None:
 
 
 @pytest.mark.parametrize("name", WORLD_FILES)
-def test_nothing_stands_in_anything_else_at_first(name: str) -> None:
-    """Robot and boxes clear of walls and of each other; whatever touches the floor just touches it."""
+def test_nothing_overlaps_at_first(name: str) -> None:
+    """Robot and boxes are clear of walls and of each other, and boxes stand on the floor."""
     plan = place_boxes(find_world("rooms"), 4, np.random.default_rng(1))
-    world = parsed(contents(plan, np.random.default_rng(1), FORTRESS)[name]).find("world")
+    world = parsed(export_files(plan, np.random.default_rng(1), FORTRESS)[name]).find("world")
     robot = numbers(world.find("model[@name='wherry']/pose"))
     discs = [(robot[:2], BODY.radius)]
     for element in world.findall("model"):
@@ -439,48 +435,24 @@ def test_nothing_stands_in_anything_else_at_first(name: str) -> None:
 # ---- the folder
 
 
-def run(*arguments: str) -> Any:
-    return CliRunner().invoke(app, ["export", "gazebo", *arguments])
-
-
-def test_the_command_writes_what_deliver_of_the_same_seed_drives_in(tmp_path: Path) -> None:
-    folder = tmp_path / "a" / "b"
-    result = run("rooms", str(folder), "--boxes", "3", "--seed", "4", "--json")
-    assert result.exit_code == 0
-    names = json.loads(result.stdout.splitlines()[-1])["files"]
-    assert sorted(names) == sorted(path.name for path in folder.iterdir())
-    places, physics, _ = np.random.default_rng(4).spawn(3)
-    simulation = build(place_boxes(find_world("rooms"), 3, places), physics)
-    world = parsed((folder / "world.sdf").read_text()).find("world")
-    for index in range(3):
-        pose = numbers(world.find(f"model[@name='box_{index}']/pose"))
-        assert_allclose(pose[:2], simulation.physics.box_positions[index, :2], atol=1e-9)
-    told = result.stderr.splitlines()[-1]
-    assert told.startswith("The agent: wherry ros2 deliver --warehouse ")
-    order = order_from(told.replace("--warehouse", "").split()[5:], simulation.plan.cell_size)
-    assert_allclose(order.warehouse, order_from_plan(simulation.plan).warehouse, atol=1e-5)
-    compile((folder / "gazebo.launch.py").read_text(), "gazebo.launch.py", "exec")
-    parsed((folder / "classic.launch").read_text())
-
-
-def test_the_same_seed_gives_the_same_files_and_an_export_may_be_written_over(tmp_path: Path) -> None:
+def test_same_seed_gives_same_files_and_an_export_is_overwritten(tmp_path: Path) -> None:
     one, two = tmp_path / "one", tmp_path / "two"
-    export(Settings("small", one, seed=1))
-    export(Settings("small", two, seed=2))
-    export(Settings("small", two, seed=1))
+    export_world(GazeboExportSettings("small", one, seed=1))
+    export_world(GazeboExportSettings("small", two, seed=2))
+    export_world(GazeboExportSettings("small", two, seed=1))
     for path in one.iterdir():
         assert path.read_bytes() == (two / path.name).read_bytes()
 
 
-def test_a_folder_with_something_else_is_left_alone_unless_forced(tmp_path: Path) -> None:
+def test_folder_with_other_files_is_refused_unless_forced(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("x")
     with pytest.raises(InputError, match="--force"):
-        export(Settings("small", tmp_path))
-    (tmp_path / MARK).write_text("not an export")
+        export_world(GazeboExportSettings("small", tmp_path))
+    (tmp_path / MARKER_FILE).write_text("not an export")
     with pytest.raises(InputError, match="--force"):
-        export(Settings("small", tmp_path))
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["thesis.txt", MARK]
-    export(Settings("small", tmp_path, force=True))
+        export_world(GazeboExportSettings("small", tmp_path))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["thesis.txt", MARKER_FILE]
+    export_world(GazeboExportSettings("small", tmp_path, force=True))
     assert (tmp_path / "world.sdf").is_file()
     assert (tmp_path / "thesis.txt").read_text() == "x"
 
@@ -493,23 +465,23 @@ def test_a_folder_with_something_else_is_left_alone_unless_forced(tmp_path: Path
         ({"world": "small", "boxes": -1}, "--boxes"),
     ],
 )
-def test_bad_settings_are_named(tmp_path: Path, arguments: dict[str, Any], named: str) -> None:
+def test_invalid_settings_are_named(tmp_path: Path, arguments: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError, match=named):
-        export(Settings(folder=tmp_path / "out", **arguments))
+        export_world(GazeboExportSettings(folder=tmp_path / "out", **arguments))
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+def test_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="file"):
-        export(Settings("small", tmp_path / "file"))
+        export_world(GazeboExportSettings("small", tmp_path / "file"))
 
 
-def test_a_worlds_name_that_no_topic_can_have(tmp_path: Path) -> None:
+def test_world_name_is_made_valid_for_topics(tmp_path: Path) -> None:
     plan = find_world("small")
     path = tmp_path / "w.txt"
     path.write_text(format_world(plan).replace("name: small", "name: Büro 3, Mitte"))
-    export(Settings(str(path), tmp_path / "out"))
+    export_world(GazeboExportSettings(str(path), tmp_path / "out"))
     assert parsed((tmp_path / "out" / "world.sdf").read_text()).find("world").get("name") == "B_ro_3_Mitte"
     assert "/world/B_ro_3_Mitte/clock" in (tmp_path / "out" / "bridge.yaml").read_text()
 
@@ -529,7 +501,7 @@ def check(path: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize("name", built_in_worlds())
 def test_gazebos_parser_accepts_every_built_in_world(tmp_path: Path, name: str) -> None:
-    export(Settings(name, tmp_path, generation="harmonic" if name == "taxi" else "fortress"))
+    export_world(GazeboExportSettings(name, tmp_path, generation="harmonic" if name == "taxi" else "fortress"))
     for file in WORLD_FILES:
         checked = check(tmp_path / file)
         assert (checked.returncode, checked.stdout.strip()) == (0, "Valid."), checked.stdout + checked.stderr
@@ -544,15 +516,15 @@ def test_gazebos_parser_accepts_every_built_in_world(tmp_path: Path, name: str) 
         ("</sdf>", ""),
     ],
 )
-def test_gazebos_parser_refuses_a_broken_world(tmp_path: Path, good: str, bad: str) -> None:
-    export(Settings("small", tmp_path))
+def test_gazebos_parser_rejects_broken_worlds(tmp_path: Path, good: str, bad: str) -> None:
+    export_world(GazeboExportSettings("small", tmp_path))
     text = (tmp_path / "world.sdf").read_text()
     assert good in text
     (tmp_path / "world.sdf").write_text(text.replace(good, bad))
     assert check(tmp_path / "world.sdf").returncode != 0
 
 
-def test_a_cell_of_the_warehouse_is_painted(exported: tuple[dict[str, ET.Element], Any]) -> None:
+def test_warehouse_cells_are_painted(exported: tuple[dict[str, ET.Element], Any]) -> None:
     painted = exported[0]["world.sdf"].findall("model[@name='building']/link/visual")
     cells = {shape.get("name") for shape in painted if shape.get("name").startswith("warehouse")}
     assert cells

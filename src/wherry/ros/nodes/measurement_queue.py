@@ -1,0 +1,113 @@
+"""Scans and odometry of a robot, queued from the transport's thread to the agent's."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+
+from wherry.robot import Odometry, Scan
+from wherry.ros import messages as ros
+from wherry.ros.decoding import decode_laser_scan, decode_odometry
+from wherry.ros.names import RosNames
+from wherry.ros.nodes.errors import TimeMovedBackwardsError
+from wherry.ros.nodes.measurements import MeasurementSequencer, StampValidator
+from wherry.ros.nodes.robot_clock import RobotClock
+from wherry.ros.nodes.subscriptions import Subscriptions
+
+MAX_QUEUED_SCANS = 10  # scans that wait for the agent; beyond that, only the latest one is kept
+SCAN_MAX_AGE = 0.4  # s; with an older scan the robot must not drive
+
+
+class MeasurementQueue:
+    """Validates scans and odometry, and queues them in the order of their times.
+
+    Call its methods with the lock of ``subscriptions`` held.
+
+    Args:
+        subscriptions: The node's.
+        names: Topics and frames.
+        clock: Advanced by each measurement.
+
+    Attributes:
+        odometry: Latest odometry that was popped; before that, the first one received.
+        dropped_scans: Number of scans that were dropped because the agent fell behind.
+        clock_reset: Set once the robot's clock was set back.
+    """
+
+    def __init__(self, subscriptions: Subscriptions, names: RosNames, clock: RobotClock) -> None:
+        topics, self._frames = names.topics, names.frames
+        self._clock = clock
+        self._sequencer = MeasurementSequencer()
+        self._scan_stamps, self._odometry_stamps = StampValidator(topics.scan.name), StampValidator(topics.odom.name)
+        self._queue: deque[Odometry | Scan] = deque()
+        self._scan_received_at = math.inf  # s, monotonic clock
+        self._popped_scan_time = -math.inf  # s, robot's clock
+        self.odometry: Odometry | None = None
+        self.dropped_scans = 0
+        self.clock_reset: TimeMovedBackwardsError | None = None
+        subscriptions.add(topics.odom, self._on_odometry)
+        subscriptions.add(topics.scan, self._on_scan)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no measurement waits."""
+        return not self._queue
+
+    @property
+    def has_received_scan(self) -> bool:
+        """Whether a valid scan was ever received."""
+        return self._scan_received_at < math.inf
+
+    @property
+    def seconds_without_scan(self) -> float:
+        """Time since the last valid scan was received, s; −inf before the first one."""
+        return time.monotonic() - self._scan_received_at
+
+    @property
+    def is_scan_stale(self) -> bool:
+        """Whether the agent's last scan is too old to drive by: the lidar is silent, or the agent fell behind."""
+        age = self._clock.time - self._popped_scan_time
+        silence = 0.0 if self._clock.is_simulated else self.seconds_without_scan
+        return max(age, silence) > SCAN_MAX_AGE
+
+    def pop(self) -> Scan | Odometry:
+        """Remove and return the earliest measurement."""
+        self._drop_outdated_scans()
+        measurement = self._queue.popleft()
+        if isinstance(measurement, Scan):
+            self._popped_scan_time = measurement.time
+        else:
+            self.odometry = measurement
+        return measurement
+
+    def _drop_outdated_scans(self) -> None:
+        scans = [measurement for measurement in self._queue if isinstance(measurement, Scan)]
+        if len(scans) > MAX_QUEUED_SCANS:
+            self.dropped_scans += len(scans) - 1
+            self._queue = deque(item for item in self._queue if isinstance(item, Odometry) or item is scans[-1])
+
+    def _on_odometry(self, message: ros.Odometry) -> None:
+        odometry = decode_odometry(message, self._frames.odom, self._frames.base_link)
+        if not self._accept(odometry.time, self._odometry_stamps):
+            return
+        if self.odometry is None:
+            self.odometry = odometry
+        self._clock.advance_to(odometry.time)
+        self._queue.extend(self._sequencer.add_odometry(odometry))
+
+    def _on_scan(self, message: ros.LaserScan) -> None:
+        scan = decode_laser_scan(message, self._frames.laser)
+        if not self._accept(scan.time, self._scan_stamps):
+            return
+        self._scan_received_at = time.monotonic()
+        self._clock.advance_to(scan.time)
+        self._queue.extend(self._sequencer.add_scan(scan))
+
+    def _accept(self, stamp: float, stamps: StampValidator) -> bool:
+        try:
+            stamps.check(stamp)
+        except TimeMovedBackwardsError as error:
+            self.clock_reset = error
+            return False
+        return True
