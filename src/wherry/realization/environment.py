@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -217,22 +217,8 @@ class RobotEnvironment:
         pilot, body, cell = self.pilot, self.pilot.body, self.cell
         positions = np.array([box.position for box in self.boxes_on_floor]).reshape(-1, 2)
         scan, lidar = mask_load(scan, body), pilot.pose @ body.lidar
-        walls = set(self.site.walls)
-        for direction, is_blocked in blocked_directions(
-            scan, lidar, cell, self.frame, body.radius, positions, body.box_radius
-        ).items():
-            wall = Wall.between(cell, direction)
-            if is_blocked:
-                walls.add(wall)
-            elif self._is_inside(cell.neighbour(direction)):
-                walls.discard(wall)
-        if walls != self.site.walls:
-            self.site = replace(self.site, walls=frozenset(walls))
-
-    def _is_inside(self, cell: Cell) -> bool:
-        """Whether a cell lies within the map's bounds, beyond which there are no states."""
-        (west, east), (south, north) = self.site.x_range, self.site.y_range
-        return west <= cell.x <= east and south <= cell.y <= north
+        blocked = blocked_directions(scan, lidar, cell, self.frame, body.radius, positions, body.box_radius)
+        self.site = _with_walls_around(self.site, cell, blocked)
 
     def _update_boxes(self, scan: Scan, pose: Pose) -> None:
         """Update the tracks of the boxes on the floor, which are more accurate the nearer the robot is."""
@@ -251,3 +237,19 @@ class RobotEnvironment:
         """Tell the pilot where the boxes are."""
         on_floor = [box.position for box in self.boxes_on_floor]
         self.pilot.boxes = KnownBoxes(np.array(on_floor).reshape(-1, 2), is_holding=self.is_holding)
+
+
+def _with_walls_around(site: DeliverySite, cell: Cell, blocked: Mapping[Direction, bool]) -> DeliverySite:
+    """The site with a wall in each blocked direction of a cell, and none in the other observed directions.
+
+    Walls at the map's bounds stay, since there are no states beyond.
+    """
+    (west, east), (south, north) = site.x_range, site.y_range
+    walls = set(site.walls)
+    for direction, is_blocked in blocked.items():
+        neighbour = cell.neighbour(direction)
+        if is_blocked:
+            walls.add(Wall.between(cell, direction))
+        elif west <= neighbour.x <= east and south <= neighbour.y <= north:
+            walls.discard(Wall.between(cell, direction))
+    return site if walls == site.walls else replace(site, walls=frozenset(walls))
