@@ -1,9 +1,14 @@
 """Configuration of Sphinx, which builds the site: `./wherry docs`."""
 
+import ast
+import importlib
+import inspect
 import re
 from importlib.metadata import version as version_of
+from pathlib import Path
 
 from sphinx.application import Sphinx
+from sphinx.pycode import ModuleAnalyzer
 
 project = "wherry"
 author = "The wherry developers"
@@ -49,15 +54,44 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 napoleon_custom_sections = [("Beyond amcl", "Attributes")]
-suppress_warnings = ["ref.python"]  # of types that have the same name in two packages
+suppress_warnings = [
+    "ref.python",  # types that have the same name in two packages
+    "config.cache",  # a function in autosummary_context cannot be pickled
+]
 
 # Docstrings are plain text, in which * and | are symbols of the paper and not markup.
 SYMBOLS_OUTSIDE_CODE = re.compile(r"(``.*?``)|([*|])")
 
 
+def constants_of(package: str) -> list[tuple[str, list[str]]]:
+    """Name and docstring of each constant and type alias that a package exports; autodoc leaves these out."""
+    module = importlib.import_module(package)
+    stub = Path(module.__file__ or "").with_suffix(".pyi")
+    if not stub.exists():
+        return []
+    constants = []
+    for statement in ast.parse(stub.read_text("utf-8")).body:
+        if isinstance(statement, ast.ImportFrom):
+            documented = ModuleAnalyzer.for_module(f"{package}.{statement.module}").find_attr_docs()
+            for alias in statement.names:
+                exported = getattr(module, alias.name)
+                if not inspect.isclass(exported) and not inspect.isroutine(exported):
+                    lines = documented.get(("", alias.name), [])
+                    constants.append((alias.name, [escaped(line) for line in lines]))
+    return sorted(constants)
+
+
+autosummary_context = {"constants_of": constants_of}
+
+
+def escaped(line: str) -> str:
+    """The line with * and | escaped outside code."""
+    return SYMBOLS_OUTSIDE_CODE.sub(lambda match: match[1] or "\\" + match[2], line)
+
+
 def escape_symbols(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
     """Escape * and | outside code."""
-    lines[:] = [SYMBOLS_OUTSIDE_CODE.sub(lambda match: match[1] or "\\" + match[2], line) for line in lines]
+    lines[:] = [escaped(line) for line in lines]
     if what == "property":  # napoleon would take the part of a sentence before a colon for a type
         app.env.temp_data[name] = list(lines)
 

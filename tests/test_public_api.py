@@ -45,6 +45,10 @@ PUBLIC_API = {
             Cell Direction FloorPlan Wall built_in_worlds find_world format_world generate_world
             load_world parse_world place_boxes
         """,
+        "wherry.gazebo": """
+            GENERATIONS GazeboExportSettings GazeboGeneration GazeboLatch GazeboLatchSettings
+            export_world load_latch_settings
+        """,
         "wherry.localization": """
             Amcl AmclParameters EkfLocalization GLOBAL_PARAMETERS GridMarkov Hypothesis
             LOG_PARAMETERS LoadedParameters Localization Localizer LostDetector PRECISE_PARAMETERS
@@ -85,6 +89,10 @@ PUBLIC_API = {
         """,
         "wherry.ros.bags": """
             BagWriter LogRecorder RecordedRobot RecordedTransport RunRecorder is_bag read_bag
+        """,
+        "wherry.ros.nodes": """
+            AgentNode ExternalMap ExternalMapper ExternalPose LatchCommand LatchState Monitor
+            RobotLostError RosRobot SimulatorNode simulator_node
         """,
         "wherry.ros.transports": """
             Ros1Transport Ros2Transport Transport

@@ -250,7 +250,7 @@ class GoalAgent:
         unmet = self.unmet_goals(state)
         if unmet <= 0:
             return None
-        reasons = (f"{unmet:g} left to do, and no way to do it is known or can be found out", *self.learner.violations)
+        reasons = (f"{unmet:g} left to do, and no plan for it is known or can be learnt", *self.learner.violations)
         return "; ".join(reasons)
 
 

@@ -1,4 +1,4 @@
-"""Learners solve Gymnasium's Taxi as it comes; its own table of transitions says what is optimal."""
+"""Learners solve Gymnasium's unmodified Taxi; its table of transitions gives the optimal policy."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 
-from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi, delivered, reward
+from wherry.adapters.gymnasium_taxi import ACTIONS, GymnasiumTaxi, gymnasium_taxi_reward, is_delivered
 from wherry.episodes import PolicyAgent, run_episode
 from wherry.errors import InputError
 from wherry.learning.learners import LEARNERS
@@ -15,11 +15,11 @@ from wherry.oomdp.domain import Action
 from wherry.planning.value_iteration import ValueIteration
 from wherry_testing.environment_contract import EnvironmentContract
 
-TASK = {"reward": reward, "terminated": delivered}
+TASK = {"reward": gymnasium_taxi_reward, "terminated": is_delivered}
 
 
 def optimal_steps(taxi: TaxiEnv) -> np.ndarray:
-    """[500] steps to the end from every number, by Gymnasium's own table."""
+    """[500] fewest steps to the end from every observation, by Gymnasium's table of transitions."""
     after = np.array([[taxi.P[state][action][0][1] for action in range(6)] for state in range(500)])
     end = np.array([[taxi.P[state][action][0][3] for action in range(6)] for state in range(500)])
     steps = np.full(500, np.inf)
@@ -34,7 +34,7 @@ class TestTheContract(EnvironmentContract):
         return GymnasiumTaxi(gymnasium.make("Taxi-v4"))
 
 
-def test_states_say_what_the_numbers_say() -> None:
+def test_states_agree_with_encoded_observations() -> None:
     view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
     taxi = view.environment.unwrapped
     state = view.state(taxi.encode(0, 3, 1, 2))  # row 0 from the top, column 3; passenger at G, destination Y
@@ -46,8 +46,8 @@ def test_states_say_what_the_numbers_say() -> None:
     assert len({view.state(number) for number in range(500)}) == 500
 
 
-def test_conditions_see_the_walls_that_gymnasium_drew() -> None:
-    """touch_D holds exactly where Gymnasium's action mask says that a move would do nothing."""
+def test_touch_holds_at_gymnasiums_walls() -> None:
+    """touch_D holds exactly where Gymnasium's action mask excludes the move."""
     view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
     for number in range(500):
         mask = view.environment.unwrapped.action_mask(number)
@@ -59,10 +59,10 @@ def test_conditions_see_the_walls_that_gymnasium_drew() -> None:
 @pytest.mark.parametrize(
     ("name", "task"),
     [("doormax", {}), ("doormax", TASK), ("bayes", {}), ("bayes", TASK)],
-    ids=["doormax", "doormax told", "bayes", "bayes told"],
+    ids=["doormax", "doormax given rewards", "bayes", "bayes given rewards"],
 )
-def test_learners_solve_it(name: str, task: dict) -> None:
-    """After 20 episodes the greedy policy is optimal from every start; rewards are learnt, or told."""
+def test_learners_become_optimal(name: str, task: dict) -> None:
+    """After 20 episodes the greedy policy is optimal from every first state, with rewards learnt or given."""
     view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
     taxi = view.environment.unwrapped
     learner, rng = LEARNERS[name](view.domain, **task), np.random.default_rng(0)
@@ -83,20 +83,23 @@ def test_learners_solve_it(name: str, task: dict) -> None:
         assert taken == optimal[start]
 
 
-def test_the_task_that_can_be_told_is_gymnasiums() -> None:
-    """On every number and action, reward and end are those of Gymnasium's own table."""
+def test_given_task_is_gymnasiums() -> None:
+    """For every observation and action, reward and termination equal those of Gymnasium's table."""
     view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
     taxi = view.environment.unwrapped
     for number in range(500):
         state = view.state(number)
-        if delivered(state):
-            continue  # Gymnasium never goes on from there
+        if is_delivered(state):
+            continue  # a terminal state
         for at, name in enumerate(ACTIONS):
             _, after, paid, end = taxi.P[number][at][0]
-            assert (reward(state, Action(name), view.state(after)), delivered(view.state(after))) == (paid, end)
+            assert (gymnasium_taxi_reward(state, Action(name), view.state(after)), is_delivered(view.state(after))) == (
+                paid,
+                end,
+            )
 
 
-def test_the_same_seed_gives_the_same_episode() -> None:
+def test_same_seed_gives_the_same_episode() -> None:
     first, second = (GymnasiumTaxi(gymnasium.make("Taxi-v4")) for _ in range(2))
     assert first.reset(np.random.default_rng(3)) == second.reset(np.random.default_rng(3))
     assert first.step(Action("N")) == second.step(Action("N"))
@@ -115,6 +118,6 @@ def test_a_step_before_the_first_reset_is_refused() -> None:
         ("Taxi-v4", {"fickle_passenger": True}, "not deterministic"),
     ],
 )
-def test_other_environments_are_refused(name: str, settings: dict, reason: str) -> None:
+def test_other_environment_is_refused(name: str, settings: dict, reason: str) -> None:
     with pytest.raises(InputError, match=reason):
         GymnasiumTaxi(gymnasium.make(name, **settings))

@@ -1,4 +1,4 @@
-"""Learners solve MiniGrid as it comes; what is optimal is searched for in MiniGrid itself, without models."""
+"""Learners solve unmodified MiniGrid environments; optimal lengths come from a search through MiniGrid itself."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from minigrid.core.world_object import Door
 from minigrid.minigrid_env import MiniGridEnv
 
-from wherry.adapters.minigrid import ACTIONS, EFFECT_TYPES, MiniGrid, at_goal
+from wherry.adapters.minigrid import ACTIONS, MINIGRID_EFFECT_TYPES, MiniGrid, is_at_goal
 from wherry.episodes import PolicyAgent, run_episode
 from wherry.errors import InputError
 from wherry.learning.bayes import BayesianLearner
@@ -22,7 +22,7 @@ from wherry.oomdp.effects import Effect, effects_between
 from wherry.planning.value_iteration import ValueIteration
 from wherry_testing.environment_contract import EnvironmentContract
 
-DOORMAX = {"failure_scope": "attribute", "max_effects": 4}  # the agent looks to four sides
+DOORMAX = {"failure_scope": "attribute", "max_effects": 4}  # the agent has four headings
 SETTINGS = {"doormax": DOORMAX, "bayes": {}}
 
 
@@ -31,7 +31,7 @@ def view_of(name: str) -> MiniGrid:
 
 
 def learner_for(view: MiniGrid, name: str) -> RuleLearner:
-    return LEARNERS[name](view.domain, effect_types=EFFECT_TYPES, **SETTINGS[name])
+    return LEARNERS[name](view.domain, effect_types=MINIGRID_EFFECT_TYPES, **SETTINGS[name])
 
 
 def train(view: MiniGrid, learner: RuleLearner, episodes: int) -> None:
@@ -54,32 +54,32 @@ def steps_of_the_learnt_policy(view: MiniGrid, learner: RuleLearner, seed: int) 
 
 
 def fewest_steps(view: MiniGrid, seed: int) -> int:
-    """Breadth-first through the environment itself, put back before every step; nothing needs to be put down."""
+    """Breadth-first search through the environment, restored before every step, without the action ``drop``."""
     view.reset(np.random.default_rng(seed))
     environment = view.environment.unwrapped
     assert isinstance(environment, MiniGridEnv)
-    doors = [thing for thing in environment.grid.grid if isinstance(thing, Door)]
+    doors = [item for item in environment.grid.grid if isinstance(item, Door)]
 
-    def situation() -> tuple:
+    def snapshot() -> tuple:
         locks = tuple((door.is_open, door.is_locked) for door in doors)
-        things = tuple(environment.grid.grid)
-        return tuple(environment.agent_pos), environment.agent_dir, environment.carrying, things, locks
+        items = tuple(environment.grid.grid)
+        return tuple(environment.agent_pos), environment.agent_dir, environment.carrying, items, locks
 
-    def put_back(kept: tuple) -> None:
-        environment.agent_pos, environment.agent_dir, environment.carrying, things, locks = kept
-        environment.grid.grid = list(things)
+    def restore(kept: tuple) -> None:
+        environment.agent_pos, environment.agent_dir, environment.carrying, items, locks = kept
+        environment.grid.grid = list(items)
         for door, lock in zip(doors, locks, strict=True):
             door.is_open, door.is_locked = lock
 
-    steps, queue = {situation(): 0}, deque([situation()])
+    steps, queue = {snapshot(): 0}, deque([snapshot()])
     while queue:
         before = queue.popleft()
         for action in ("left", "right", "forward", "pickup", "toggle"):
-            put_back(before)
+            restore(before)
             _, reward, terminated, _, _ = environment.step(ACTIONS.index(action))
             if terminated and reward != 0:
                 return steps[before] + 1
-            after = situation()
+            after = snapshot()
             if not terminated and after not in steps:
                 steps[after] = steps[before] + 1
                 queue.append(after)
@@ -92,7 +92,7 @@ class TestTheContract(EnvironmentContract):
         return view_of(request.param)
 
 
-def test_states_show_what_stands_on_the_grid() -> None:
+def test_states_contain_the_objects_of_the_grid() -> None:
     view = view_of("DoorKey-5x5")
     state = view.reset(np.random.default_rng(0))
     grid = view.environment.unwrapped
@@ -108,8 +108,8 @@ def test_states_show_what_stands_on_the_grid() -> None:
 
 
 @pytest.mark.parametrize("name", ["Empty-5x5", "DoorKey-6x6", "Unlock", "FourRooms"])
-def test_states_say_all_that_matters(name: str) -> None:
-    """The same action in the same state always leads to the same one, and every change has an effect for it."""
+def test_states_determine_transitions(name: str) -> None:
+    """An action in a state always has the same result, and every change is explained by an effect."""
     view, rng = view_of(name), np.random.default_rng(2)
     seen = {}
     state = view.reset(rng)
@@ -120,13 +120,13 @@ def test_states_say_all_that_matters(name: str) -> None:
         for item in state.objects:
             after = done.next_state[item.name]
             for attribute, old, new in zip(item.object_class.attributes, item.values, after.values, strict=True):
-                effects = effects_between(attribute, old, new, EFFECT_TYPES)
+                effects = effects_between(attribute, old, new, MINIGRID_EFFECT_TYPES)
                 assert effects
-                assert all(EFFECT_TYPES[effect.type].apply(old, effect.argument) == new for effect in effects)
+                assert all(MINIGRID_EFFECT_TYPES[effect.type].apply(old, effect.argument) == new for effect in effects)
         state = view.reset(rng) if done.terminated else done.next_state
 
 
-def test_a_key_that_is_carried_rides_along() -> None:
+def test_carried_key_moves_with_the_agent() -> None:
     view, rng = view_of("DoorKey-5x5"), np.random.default_rng(0)
     state = view.reset(rng)
     while not state.of_class("Key")[0].held:
@@ -135,13 +135,13 @@ def test_a_key_that_is_carried_rides_along() -> None:
     assert (key.x, key.y) == (agent.x, agent.y)
 
 
-def test_turns_are_an_effect_type_of_their_own() -> None:
+def test_turn_is_an_effect_type() -> None:
     facing = enumeration("facing", "east", "north", "west", "south")
-    assert Effect("turn", 1) in effects_between(facing, "south", "east", EFFECT_TYPES)
-    assert EFFECT_TYPES["turn"].apply("south", 1) == "east"
-    assert EFFECT_TYPES["turn"].describe("agent.facing", 3) == "agent.facing turns right"
+    assert Effect("turn", 1) in effects_between(facing, "south", "east", MINIGRID_EFFECT_TYPES)
+    assert MINIGRID_EFFECT_TYPES["turn"].apply("south", 1) == "east"
+    assert MINIGRID_EFFECT_TYPES["turn"].describe("agent.facing", 3) == "agent.facing turns right"
     colour = enumeration("colour", "red", "green")
-    assert effects_between(colour, "red", "green", EFFECT_TYPES) == (Effect("assignment", "green"),)
+    assert effects_between(colour, "red", "green", MINIGRID_EFFECT_TYPES) == (Effect("assignment", "green"),)
 
 
 @pytest.mark.parametrize("learner_name", ["doormax", "bayes"])
@@ -154,7 +154,7 @@ def test_turns_are_an_effect_type_of_their_own() -> None:
         pytest.param("Unlock", 4, 1, marks=pytest.mark.slow),  # the key may be put down anywhere
     ],
 )
-def test_learners_solve_it_optimally(name: str, episodes: int, seeds: int, learner_name: str) -> None:
+def test_learners_become_optimal(name: str, episodes: int, seeds: int, learner_name: str) -> None:
     view = view_of(name)
     learner = learner_for(view, learner_name)
     train(view, learner, episodes)
@@ -163,17 +163,17 @@ def test_learners_solve_it_optimally(name: str, episodes: int, seeds: int, learn
         assert steps_of_the_learnt_policy(view, learner, seed) == fewest_steps(view, seed)
 
 
-def test_what_was_learnt_in_an_empty_room_solves_four_rooms_at_once() -> None:
+def test_rules_of_an_empty_room_solve_four_rooms() -> None:
     small, large = view_of("Empty-Random-5x5"), view_of("FourRooms")
     learner = BayesianLearner(
         small.domain,
-        effect_types=EFFECT_TYPES,
-        reward=lambda state, action, next_state: float(at_goal(next_state)),
-        terminated=at_goal,
+        effect_types=MINIGRID_EFFECT_TYPES,
+        reward=lambda state, action, next_state: float(is_at_goal(next_state)),
+        terminated=is_at_goal,
     )
     rng = np.random.default_rng(0)
     small.reset(rng)
-    for _ in range(200):  # at random
+    for _ in range(200):  # random actions
         done = small.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
         learner.add_experience(done)
         if done.terminated:
@@ -190,16 +190,16 @@ def test_what_was_learnt_in_an_empty_room_solves_four_rooms_at_once() -> None:
         assert steps_of_the_learnt_policy(large, learner, seed) == fewest_steps(large, seed)
 
 
-def test_things_without_a_class_are_refused() -> None:
+def test_objects_without_a_class_are_refused() -> None:
     with pytest.raises(InputError, match="box: has no class"):
         view_of("UnlockPickup").reset(np.random.default_rng(0))
 
 
-def test_other_environments_are_refused() -> None:
+def test_other_environment_is_refused() -> None:
     with pytest.raises(InputError, match="not one of MiniGrid"):
         MiniGrid(gymnasium.make("Taxi-v4"))
 
 
-def test_a_step_before_the_first_reset_is_refused() -> None:
+def test_step_before_the_first_reset_is_refused() -> None:
     with pytest.raises(RuntimeError, match="reset"):
         view_of("Empty-5x5").step(Action("left"))

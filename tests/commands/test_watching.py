@@ -24,7 +24,7 @@ def test_an_unopened_page_is_served_for_the_announced_timeout(
     monkeypatch.setenv("BROWSER", "a browser that never loads the page")
     monkeypatch.setattr(webbrowser, "open", open_url)
     monkeypatch.setattr(watching, constant, 0.4)
-    with watching.trace_sink("A run", None, Console(width=120), view=True, port=0) as sink:
+    with watching.trace_sink("A run", None, Console(width=120), watching.PageOptions(view=True, port=0)) as sink:
         sink(Narration(0.0, Phase.EXPLORE, "I begin."))
     printed = capsys.readouterr().out.splitlines()
     (url,) = opened_urls

@@ -1,4 +1,4 @@
-"""The delivery on the grid does what the paper says of Taxi, and what bodies make of it."""
+"""Delivery on the grid: the paper's terms, and the dynamics of robots and boxes that have bodies."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def bits(state: State, this: str | None = None) -> str:
     return str(SITE.domain.cond(state, None if this is None else state[this]))
 
 
-def run(state: State, *actions: Action) -> State:
+def after(state: State, *actions: Action) -> State:
     for action in actions:
         state = delivery_transition(state, action).next_state
     return state
 
 
-def test_the_terms_come_in_the_papers_order() -> None:
+def test_terms_are_in_the_papers_order() -> None:
     assert SITE.domain.term_names == (
         "touch_N(robot, wall)",
         "touch_S(robot, wall)",
@@ -47,13 +47,13 @@ def test_the_terms_come_in_the_papers_order() -> None:
     )
 
 
-def test_touch_feels_walls_edges_and_obstacles() -> None:
+def test_touch_holds_at_walls_edges_and_obstacles() -> None:
     expected = {(0, 0): "0111", (1, 0): "0101", (1, 1): "1000", (3, 1): "1010", (2, 2): "1010", (0, 2): "1001"}
     for (x, y), touching in expected.items():
         assert bits(SITE.state(Cell(x, y), []))[:4] == touching, (x, y)
 
 
-def test_moves_stop_at_walls() -> None:
+def test_walls_block_moves() -> None:
     state = SITE.state(Cell(0, 0), [BoxState("b", Cell(3, 0))])
     for action in (S, E, W):
         blocked = delivery_transition(state, action)
@@ -64,19 +64,19 @@ def test_moves_stop_at_walls() -> None:
     assert moved.reward == -1.0
 
 
-def test_a_delivery_from_pickup_to_the_end() -> None:
+def test_delivery_from_pickup_to_dropoff() -> None:
     state = SITE.state(Cell(2, 0), [BoxState("b", Cell(2, 0))])
     assert bits(state) == "0100100"
     assert delivery_transition(state, DROPOFF).reward == -10.0
     taken = delivery_transition(state, PICKUP)
     assert taken.reward == -1.0
     assert taken.next_state["b"].in_bot
-    assert bits(taken.next_state) == "0100001"  # in_bot, and not on it any more
+    assert bits(taken.next_state) == "0100001"  # in_bot, and no longer on(robot, box)
     assert delivery_transition(taken.next_state, PICKUP).reward == -10.0
-    state = run(taken.next_state, W, N)
-    assert (state["b"].x, state["b"].y) == (2, 0)  # does not ride along
-    assert delivery_transition(state, DROPOFF).next_state == state  # the latch opens only over the warehouse
-    state = run(state, W, N)
+    state = after(taken.next_state, W, N)
+    assert (state["b"].x, state["b"].y) == (2, 0)  # a carried box keeps the cell where it stood
+    assert delivery_transition(state, DROPOFF).next_state == state  # DROPOFF fails outside the warehouse
+    state = after(state, W, N)
     assert bits(state) == "1001011"
     done = delivery_transition(state, DROPOFF)
     assert done.next_state == state.without("b")
@@ -84,25 +84,25 @@ def test_a_delivery_from_pickup_to_the_end() -> None:
     assert all_delivered(done.next_state)
 
 
-def test_delivering_one_of_two_does_not_end_the_episode() -> None:
+def test_delivering_one_of_two_boxes_does_not_end_the_episode() -> None:
     state = SITE.state(Cell(0, 2), [BoxState("a", Cell(2, 0), in_bot=True), BoxState("b", Cell(3, 0))])
     done = delivery_transition(state, DROPOFF)
     assert [box.name for box in done.next_state.of_class("Box")] == ["b"]
     assert not done.terminated
 
 
-def test_a_full_fork_cannot_enter_another_boxs_cell() -> None:
+def test_robot_with_a_full_fork_cannot_enter_a_boxs_cell() -> None:
     boxes = [BoxState("a", Cell(1, 0)), BoxState("b", Cell(2, 0))]
     beside = SITE.state(Cell(1, 0), boxes)
-    assert bits(beside)[2] == "1"  # docked on a: b is like a wall
+    assert bits(beside)[2] == "1"  # on box a, so that box b blocks like a wall
     assert delivery_transition(beside, E).next_state == beside
-    carrying = run(beside, PICKUP)
+    carrying = after(beside, PICKUP)
     assert bits(carrying)[2] == "1"
-    assert run(carrying, E) == carrying
+    assert after(carrying, E) == carrying
     empty = SITE.state(Cell(1, 1), [BoxState("b", Cell(2, 1))])
     assert bits(empty)[2] == "0"
-    assert run(empty, E)["robot"].x == 2
-    back = run(carrying, N, S)  # the carried box's own old cell does not stop it
+    assert after(empty, E)["robot"].x == 2
+    back = after(carrying, N, S)  # the cell where the carried box stood is free
     assert (back["robot"].x, back["robot"].y) == (1, 0)
 
 
@@ -111,20 +111,20 @@ def test_box_terms_are_deictic() -> None:
     assert bits(state)[4] == "1"
     assert bits(state, "a")[4] == "1"
     assert bits(state, "b")[4] == "0"
-    carrying = run(state, PICKUP)
+    carrying = after(state, PICKUP)
     assert [bits(carrying, name)[6] for name in ("a", "b", "robot")] == ["1", "0", "1"]
 
 
-def test_sites_may_lie_anywhere() -> None:
+def test_site_can_have_negative_coordinates() -> None:
     site = DeliverySite.of_cells([Cell(-3, -2), Cell(-2, -2)], [], [Cell(-2, -2)])
     state = site.state(Cell(-3, -2), [BoxState("b", Cell(-3, -2))])
     assert str(site.domain.cond(state)) == "1101100"
-    assert run(state, PICKUP, E, DROPOFF) == site.state(Cell(-2, -2), [])
+    assert after(state, PICKUP, E, DROPOFF) == site.state(Cell(-2, -2), [])
     with pytest.raises(ValueError, match="x cannot be 0"):
         site.state(Cell(0, 0), [])
 
 
-def test_episodes_begin_with_random_boxes_of_the_same_seed() -> None:
+def test_first_states_have_random_boxes_determined_by_the_seed() -> None:
     environment = delivery_grid(find_world("rooms"))
     first = environment.reset(np.random.default_rng(3))
     assert first == environment.reset(np.random.default_rng(3))
@@ -133,13 +133,13 @@ def test_episodes_begin_with_random_boxes_of_the_same_seed() -> None:
     assert environment.step(E).next_state["robot"].x == first["robot"].x + 1
 
 
-def test_a_plan_without_warehouse_or_robot_is_refused() -> None:
+def test_plan_without_warehouse_or_robot_is_refused() -> None:
     with pytest.raises(InputError, match="no warehouse"):
         delivery_grid(FloorPlan("bare", 2, 2, start=Cell(0, 0)))
     with pytest.raises(InputError, match="no robot"):
         delivery_grid(FloorPlan("bare", 2, 2, warehouse=frozenset({Cell(0, 0)})))
 
 
-def test_an_unknown_action_is_refused() -> None:
+def test_unknown_action_is_refused() -> None:
     with pytest.raises(ValueError, match="no action JUMP"):
         delivery_transition(SITE.state(Cell(0, 0), []), Action("JUMP"))

@@ -1,4 +1,4 @@
-"""The grids keep to the contract that the robot keeps to."""
+"""The delivery grid fulfils the contract of environments."""
 
 from __future__ import annotations
 

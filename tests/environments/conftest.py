@@ -1,4 +1,4 @@
-"""Tests with Stable-Baselines3 run where it is installed: it brings PyTorch along, which nothing else needs."""
+"""Skip the tests with Stable-Baselines3 where it is not installed; it needs PyTorch, which nothing else does."""
 
 from __future__ import annotations
 

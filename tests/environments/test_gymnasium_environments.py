@@ -1,4 +1,4 @@
-"""Every registered environment is one by Gymnasium's own checks, and tells the truth about its domain."""
+"""Registered environments pass Gymnasium's checks, and agree with their domains."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ def unwrapped(name: str, **settings: object) -> ObjectEnvironment:
 
 
 @pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
-def test_passes_gymnasiums_checks_without_a_warning(name: str, settings: dict) -> None:
+def test_environment_passes_gymnasiums_checks_without_warnings(name: str, settings: dict) -> None:
     check_env(unwrapped(name, **settings))
 
 
-def test_a_module_in_the_name_registers_it() -> None:
+def test_name_with_a_module_registers_the_environments() -> None:
     program = "import gymnasium; print(gymnasium.make('wherry.environments:wherry/Taxi-v0').spec.id)"
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "wherry/Taxi-v0"
 
 
 @pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
-def test_many_at_once(name: str, settings: dict) -> None:
+def test_synchronous_vector_environment(name: str, settings: dict) -> None:
     environments = gymnasium.make_vec(name, num_envs=3, vectorization_mode="sync", **settings)
     observations, info = environments.reset(seed=4)
     assert observations in environments.observation_space
@@ -64,7 +64,7 @@ def test_many_at_once(name: str, settings: dict) -> None:
     environments.close()
 
 
-def test_many_in_processes_of_their_own() -> None:
+def test_vector_environment_in_processes() -> None:
     environments = gymnasium.make_vec("wherry.environments:wherry/Taxi-v0", num_envs=2, vectorization_mode="async")
     observations, _ = environments.reset(seed=4)
     assert observations in environments.observation_space
@@ -72,7 +72,7 @@ def test_many_in_processes_of_their_own() -> None:
 
 
 @pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
-def test_the_mask_and_the_terms_are_true(name: str, settings: dict) -> None:
+def test_action_mask_and_terms_agree_with_the_domain(name: str, settings: dict) -> None:
     environment = unwrapped(name, **settings)
     environment.action_space.seed(1)
     _, info = environment.reset(seed=1)
@@ -89,7 +89,7 @@ def test_the_mask_and_the_terms_are_true(name: str, settings: dict) -> None:
     assert 20 < tried < 280
 
 
-def test_observations_show_the_objects() -> None:
+def test_observation_has_the_objects_attributes() -> None:
     environment = unwrapped("wherry/Taxi-v0")
     observation, _ = environment.reset(seed=2)
     taxi, passenger = environment.state["taxi"], environment.state["passenger"]
@@ -97,7 +97,7 @@ def test_observations_show_the_objects() -> None:
     assert observation["passenger"] == {"x": passenger.x, "y": passenger.y, "in_taxi": 0}
 
 
-def test_a_box_that_has_left_no_longer_exists() -> None:
+def test_delivered_box_does_not_exist_in_the_observation() -> None:
     environment = unwrapped("wherry/Delivery-v0", boxes=2)
     observation, _ = environment.reset(seed=0)
     assert [observation[name]["exists"] for name in ("box1", "box2")] == [1, 1]
@@ -106,7 +106,7 @@ def test_a_box_that_has_left_no_longer_exists() -> None:
     assert left in environment.observation_space
 
 
-def test_enumerations_and_reals_are_observed() -> None:
+def test_enumerations_and_reals_are_encoded() -> None:
     lamp = ObjectClass("Lamp", (enumeration("colour", "red", "green"), real("height", 0, 2)))
     state = State((lamp("lamp", colour="green", height=1.5),))
     encoder = ObservationEncoder(state)
@@ -115,13 +115,13 @@ def test_enumerations_and_reals_are_observed() -> None:
     assert (seen["lamp"]["colour"], seen["lamp"]["height"].tolist()) == (1, [1.5])
 
 
-def test_what_has_no_bounds_cannot_be_observed() -> None:
+def test_attribute_without_bounds_is_refused() -> None:
     item = ObjectClass("Item", (integer("x"),))
     with pytest.raises(ValueError, match="x needs bounds"):
         ObservationEncoder(State((item("item", x=0),)))
 
 
-def test_an_optimal_policy_ends_the_episode_with_the_optimal_return() -> None:
+def test_optimal_policy_obtains_the_optimal_return() -> None:
     environment = unwrapped("wherry/Taxi-v0")
     grid = taxi_grid(5)
     planner = ValueIteration(PerStateModel(grid.domain, grid), discount=0.99)
@@ -140,7 +140,7 @@ def test_an_optimal_policy_ends_the_episode_with_the_optimal_return() -> None:
     assert total == 20 - (steps - 1)
 
 
-def test_text() -> None:
+def test_text_rendering() -> None:
     environment = TaxiEnvironment(render_mode="ansi")
     assert environment.render() is None
     environment.reset(seed=0)
@@ -165,7 +165,7 @@ def test_text() -> None:
     assert " Tp" in environment.render()
 
 
-def test_pictures_change_where_the_robot_moves() -> None:
+def test_images_change_where_the_robot_moves() -> None:
     environment = DeliveryEnvironment("small", render_mode="rgb_array")
     environment.reset(seed=0)
     before = environment.render()
@@ -187,18 +187,18 @@ def test_pictures_change_where_the_robot_moves() -> None:
         ("wherry/Delivery-v0", {"boxes": 10_000}, "boxes"),
     ],
 )
-def test_bad_settings_are_named(name: str, settings: dict, field: str) -> None:
+def test_invalid_setting_is_refused_with_its_name(name: str, settings: dict, field: str) -> None:
     with pytest.raises(InputError, match=field):
         gymnasium.make(name, **settings)
 
 
-def test_a_render_mode_that_does_not_exist() -> None:
+def test_unknown_render_mode_is_refused() -> None:
     with pytest.raises(InputError, match="is not one of ansi, rgb_array"):
         TaxiEnvironment(render_mode="hologram")
 
 
 @pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
-def test_observations_flatten_to_one_number_per_value(name: str, settings: dict) -> None:
+def test_observations_flatten_to_one_hot_vectors(name: str, settings: dict) -> None:
     environment = gymnasium.wrappers.FlattenObservation(gymnasium.make(name, **settings))
     observation, _ = environment.reset(seed=0)
     attributes = sum(len(space) for space in environment.unwrapped.observation_space.values())
@@ -208,8 +208,8 @@ def test_observations_flatten_to_one_number_per_value(name: str, settings: dict)
 
 
 @pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
-def test_what_trainers_of_networks_rely_on(name: str, settings: dict) -> None:
-    """Stable-Baselines3 and its like: vectors of finite numbers, all of one shape and type, through many episodes."""
+def test_flattened_observations_suit_network_trainers(name: str, settings: dict) -> None:
+    """Finite vectors of one shape and type through many episodes, as Stable-Baselines3 needs them."""
     count, steps = 4, 300
     environments = gymnasium.make_vec(
         name, count, vectorization_mode="sync", wrappers=[gymnasium.wrappers.FlattenObservation], **settings

@@ -1,7 +1,9 @@
-"""World files: reading, writing, and what is said about files that are wrong."""
+"""World files: reading, writing, and errors for malformed files."""
 
 from __future__ import annotations
 
+import re
+import textwrap
 from importlib import resources
 from pathlib import Path
 
@@ -11,24 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wherry.errors import InputError
+from wherry.floorplan import world_files
 from wherry.floorplan.generation import generate_world, place_boxes
 from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
 from wherry.floorplan.world_files import built_in_worlds, find_world, format_world, load_world, parse_world
 
-TINY = """\
-wherry-world: 1
-name: tiny
-cell: 0.6
-
-+---+---+---+
-| >     | o |
-+   +---+   +
-| w      ###|
-+---+---+---+
-"""
+TINY = textwrap.dedent(re.findall(r"::\n\n(.*?\+\n)\n``", world_files.__doc__ or "", re.DOTALL)[0])  # the example
 
 
-def test_the_example_of_the_documentation() -> None:
+def test_example_of_the_documentation() -> None:
     plan = parse_world(TINY, source="tiny.txt")
     assert plan == FloorPlan(
         name="tiny",
@@ -54,7 +47,7 @@ def test_built_in_worlds_are_written_back_as_they_are(name: str) -> None:
 
 @pytest.mark.parametrize("name", built_in_worlds())
 @pytest.mark.parametrize("seed", range(10))
-def test_built_in_worlds_can_be_solved(name: str, seed: int) -> None:
+def test_all_boxes_of_built_in_worlds_can_be_delivered(name: str, seed: int) -> None:
     plan = find_world(name)
     assert plan.is_connected()
     if not plan.boxes:
@@ -62,14 +55,14 @@ def test_built_in_worlds_can_be_solved(name: str, seed: int) -> None:
     assert plan.reachable_boxes() == plan.boxes
 
 
-def test_the_default_world_is_a_building_of_ten_by_ten_metres() -> None:
+def test_default_world_is_a_building_of_ten_by_ten_metres() -> None:
     plan = find_world("rooms")
     assert (plan.width, plan.height, plan.cell_size) == (17, 17, 0.6)
     assert len(plan.warehouse) == 4
     assert len(plan.obstacles) >= 10
 
 
-def test_the_taxi_worlds_are_the_published_ones() -> None:
+def test_taxi_worlds_are_the_published_ones() -> None:
     taxi, taxi10 = find_world("taxi"), find_world("taxi10")
     assert taxi.marks == {"R": Cell(0, 4), "G": Cell(4, 4), "Y": Cell(0, 0), "B": Cell(3, 0)}
     assert {wall.cell for wall in taxi.walls} == {Cell(*xy) for xy in ((0, 0), (0, 1), (1, 3), (1, 4), (2, 0), (2, 1))}
@@ -81,7 +74,7 @@ def test_the_taxi_worlds_are_the_published_ones() -> None:
 
 
 @given(seed=st.integers(0, 10_000), width=st.integers(4, 20), height=st.integers(4, 20), boxes=st.integers(0, 2))
-def test_what_is_written_reads_back_as_the_same_plan(seed: int, width: int, height: int, boxes: int) -> None:
+def test_written_world_reads_back_as_the_same_plan(seed: int, width: int, height: int, boxes: int) -> None:
     rng = np.random.default_rng(seed)
     plan = generate_world(width, height, rng, name="a plan", box_count=int(rng.integers(10)))
     if boxes:
@@ -91,7 +84,7 @@ def test_what_is_written_reads_back_as_the_same_plan(seed: int, width: int, heig
     assert format_world(parse_world(text, source="text")) == text
 
 
-def test_comments_windows_line_ends_and_blanks_at_line_ends_do_no_harm() -> None:
+def test_comments_windows_line_ends_and_trailing_blanks_are_ignored() -> None:
     text = "# a comment\n\n" + TINY.replace("\n", "  \r\n") + "\n\n"
     assert parse_world(text, source="tiny.txt") == parse_world(TINY, source="tiny.txt")
 
@@ -140,7 +133,7 @@ def _changed(old: str, new: str) -> str:
         ),
     ],
 )
-def test_a_malformed_world_is_refused_with_its_place_and_reason(text: str, message: str) -> None:
+def test_malformed_world_is_refused_with_its_position_and_reason(text: str, message: str) -> None:
     with pytest.raises(InputError) as error:
         parse_world(text, source="world.txt")
     assert str(error.value).startswith(f"world.txt: {message}")
@@ -171,7 +164,7 @@ def test_worlds_are_found_by_name_and_by_path(tmp_path: Path) -> None:
     assert find_world("taxi").name == "taxi"
 
 
-def test_an_unknown_world_lists_what_there_is(tmp_path: Path) -> None:
+def test_error_for_an_unknown_world_lists_the_built_in_ones(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="attic: is neither a file nor one of the worlds offices, rooms, small, taxi"):
         find_world("attic")
     with pytest.raises(InputError, match="Is a directory"):
@@ -188,7 +181,7 @@ def test_binary_and_huge_files_are_refused(tmp_path: Path) -> None:
         find_world(path)
 
 
-def test_a_plan_without_robot_or_warehouse_cannot_be_written() -> None:
+def test_plan_without_robot_or_warehouse_cannot_be_written() -> None:
     with pytest.raises(InputError, match="has no robot"):
         format_world(FloorPlan("plan", 2, 2))
     with pytest.raises(InputError, match="has no warehouse"):

@@ -1,4 +1,4 @@
-"""The algebra of conditions: ⊕ is a semilattice, covers its order (paper, section 4)."""
+"""The algebra of conditions: ⊕ is the join of a semilattice, whose order is `covers` (paper, section 4)."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ conditions = st.text("01*", min_size=SIZE, max_size=SIZE).map(Condition.parse)
         ("*", "*", "*"),
     ],
 )
-def test_the_papers_table(first: str, second: str, merged: str) -> None:
+def test_merging_signs_follows_the_papers_table(first: str, second: str, merged: str) -> None:
     assert str(Condition.parse(first).merge(Condition.parse(second))) == merged
 
 
 @pytest.mark.parametrize("first", "01*")
 @pytest.mark.parametrize("second", "01*")
-def test_covers_is_the_signs_rule(first: str, second: str) -> None:
+def test_sign_covers_itself_and_everything_is_covered_by_a_star(first: str, second: str) -> None:
     assert Condition.parse(first).covers(Condition.parse(second)) == (first in ("*", second))
 
 
@@ -49,7 +49,7 @@ def test_covers_is_a_partial_order(a: Condition, b: Condition, c: Condition) -> 
 
 
 @given(conditions, conditions, conditions)
-def test_merging_gives_the_least_condition_that_covers_both(a: Condition, b: Condition, c: Condition) -> None:
+def test_merged_condition_is_the_least_that_covers_both(a: Condition, b: Condition, c: Condition) -> None:
     merged = a.merge(b)
     assert merged.covers(a)
     assert merged.covers(b)
@@ -57,22 +57,22 @@ def test_merging_gives_the_least_condition_that_covers_both(a: Condition, b: Con
 
 
 @given(conditions)
-def test_print_and_parse(condition: Condition) -> None:
+def test_parsing_inverts_printing(condition: Condition) -> None:
     assert Condition.parse(str(condition)) == condition
     assert condition.literal_count == SIZE - str(condition).count("*")
 
 
 @given(conditions, st.integers(0, 2**SIZE - 1))
-def test_covering_terms_is_covering_their_condition(condition: Condition, terms: int) -> None:
+def test_covering_terms_equals_covering_their_condition(condition: Condition, terms: int) -> None:
     assert condition.covers_terms(terms) == condition.covers(Condition.of(SIZE, terms))
 
 
-def test_words() -> None:
+def test_description_lists_literals() -> None:
     names = ["dark", "cold", "wet"]
     assert Condition.parse("1*0").describe(names) == "dark and not wet"
     assert Condition.parse("***").describe(names) == "always"
 
 
-def test_other_signs_are_refused() -> None:
+def test_unknown_sign_is_refused() -> None:
     with pytest.raises(ValueError, match="0, 1 and"):
         Condition.parse("1?0")

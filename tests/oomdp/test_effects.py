@@ -1,4 +1,4 @@
-"""What effects_between finds between two values, apply makes of the first (paper, section 4)."""
+"""`effects_between` finds the effects that turn one value into another (paper, section 4)."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def test_every_effect_turns_before_into_after(pair: tuple) -> None:
         (3, 0, {"increment": -3, "assignment": 0}),  # ×0 could not be undone
     ],
 )
-def test_types_that_explain_a_change(before: int, after: int, found: dict[str, object]) -> None:
+def test_effect_types_of_a_change(before: int, after: int, found: dict[str, object]) -> None:
     effects = effects_between(integer("n"), before, after, EFFECT_TYPES)
     assert {effect.type: effect.argument for effect in effects} == found
 
 
 @given(st.integers(-10_000, 10_000), st.integers(1, 1000), st.integers(1, 50))
-def test_equal_steps_of_a_real_number_are_one_increment(start: int, step: int, times: int) -> None:
-    """0.3 - 0.2 is not 0.2 - 0.1 in floating point; a learner has to see one effect all the same."""
+def test_equal_steps_of_a_real_attribute_are_one_increment(start: int, step: int, times: int) -> None:
+    """0.3 - 0.2 differs from 0.2 - 0.1 in floating point, but is the same effect."""
     places = [(start + at * step) / 100 for at in range(times + 1)]
     (increment,) = {effects_between(real("r"), one, other, EFFECT_TYPES)[0] for one, other in pairwise(places)}
     assert increment == Effect("increment", step / 100)
@@ -63,7 +63,7 @@ def test_equal_steps_of_a_real_number_are_one_increment(start: int, step: int, t
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.booleans(), st.booleans()), min_size=1, max_size=4), st.data())
-def test_all_effects_between_two_states_applied_give_the_second(
+def test_effects_between_two_states_turn_the_first_into_the_second(
     balls: list[tuple[int, bool, bool]], data: st.DataObject
 ) -> None:
     before = State(tuple(BALL(f"ball{at}", x=x, lit=lit) for at, (x, lit, _) in enumerate(balls)))
@@ -81,31 +81,26 @@ def test_all_effects_between_two_states_applied_give_the_second(
     assert apply_effects(before, changes, EFFECT_TYPES) == after
 
 
-def test_a_boolean_has_no_increment() -> None:
+def test_boolean_has_no_increment() -> None:
     assert effects_between(boolean("b"), False, True, EFFECT_TYPES) == (Effect("assignment", True),)
 
 
-def test_apply_changes_removes_and_respects_bounds() -> None:
+def test_effects_change_and_remove_objects_within_bounds() -> None:
     state = State((BALL("a", x=1, lit=False), BALL("b", x=5, lit=False)))
     step = Effect("increment", 1)
     moved = apply_effects(state, [(0, "x", step), (0, "lit", Effect("assignment", True))], EFFECT_TYPES)
     assert moved == State((BALL("a", x=2, lit=True), BALL("b", x=5, lit=False)))
-    assert apply_effects(
-        state, [(1, EXISTS, Effect("assignment", False)), (1, "x", step)], EFFECT_TYPES
-    ) == state.without("b")
+    left = apply_effects(state, [(1, EXISTS, Effect("assignment", False)), (1, "x", step)], EFFECT_TYPES)
+    assert left == state.without("b")
     assert apply_effects(state, [(1, "x", step)], EFFECT_TYPES) is None  # 6 is no value of x
     assert apply_effects(state, [(0, EXISTS, Effect("assignment", True))], EFFECT_TYPES) == state
 
 
-def test_of_an_object_that_left_only_that_is_seen() -> None:
+def test_only_the_existence_of_an_object_that_left_is_observed() -> None:
     ball = BALL("a", x=1, lit=False)
-    assert [(attribute.name, before, after) for attribute, before, after in observed_values(ball, None)] == [
-        (EXISTS, True, False)
-    ]
-    assert [
-        (attribute.name, before, after) for attribute, before, after in observed_values(ball, ball.replace(x=2))
-    ] == [
-        ("x", 1, 2),
-        ("lit", False, False),
-        (EXISTS, True, True),
-    ]
+    gone, moved = (
+        [(attribute.name, before, after) for attribute, before, after in observed_values(ball, later)]
+        for later in (None, ball.replace(x=2))
+    )
+    assert gone == [(EXISTS, True, False)]
+    assert moved == [("x", 1, 2), ("lit", False, False), (EXISTS, True, True)]

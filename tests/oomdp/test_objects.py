@@ -1,4 +1,4 @@
-"""States are immutable, equal by content, readable, editable by keyword, and survive JSON."""
+"""States are immutable, equal by content, copied with changes, and read back from JSON."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_attributes_are_read_by_name() -> None:
 @pytest.mark.parametrize(
     "change", [{"x": 10}, {"x": -1}, {"x": 1.5}, {"x": True}, {"open": 1}, {"colour": "green"}, {"width": -0.1}]
 )
-def test_a_value_outside_its_attribute_is_refused(change: dict[str, object]) -> None:
+def test_value_that_the_attribute_does_not_admit_is_refused(change: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=f"{next(iter(change))} cannot be"):
         door(**change)
 
@@ -69,7 +69,7 @@ def test_states_are_frozen() -> None:
         state["d"].values = ()  # type: ignore[misc]
 
 
-def test_equality_is_by_content_whatever_the_order() -> None:
+def test_states_are_equal_by_content_in_any_order() -> None:
     a, b = door("a"), door("b", x=3)
     assert State((a, b)) == State((b, a))
     assert hash(State((a, b))) == hash(State((b, a)))
@@ -77,12 +77,12 @@ def test_equality_is_by_content_whatever_the_order() -> None:
     assert State((a,), Scene((WALL("w", x=1),))) != State((a,), Scene((WALL("w", x=2),)))
 
 
-def test_two_objects_of_one_name_are_refused() -> None:
+def test_two_objects_with_one_name_are_refused() -> None:
     with pytest.raises(ValueError, match="name of its own"):
         State((door("a"), door("a", x=2)))
 
 
-def test_editing_by_keyword_leaves_the_original() -> None:
+def test_changed_copies_leave_the_original() -> None:
     state = State((door("a"), door("b")))
     edited = state.replace("b", x=7, open=True)
     assert (edited["b"].x, edited["b"].open, edited["a"].x) == (7, True, 1)
@@ -92,16 +92,16 @@ def test_editing_by_keyword_leaves_the_original() -> None:
         state.replace("c", x=1)
 
 
-def test_repr_is_readable() -> None:
+def test_repr_shows_attributes_by_name() -> None:
     assert repr(State((door("a"),))) == "State(Door a(x=1, open=False, colour='red', width=0.9))"
 
 
 @given(states)
-def test_json_and_pickle_give_the_state_back(state: State) -> None:
+def test_json_and_pickle_round_trip(state: State) -> None:
     again = state_from_json(json.loads(json.dumps(state.to_json())), CLASSES)
     assert again == state
     assert hash(again) == hash(state)
-    assert pickle.loads(pickle.dumps(state)) == state  # noqa: S301 (worker processes hand states to each other)
+    assert pickle.loads(pickle.dumps(state)) == state  # noqa: S301 - worker processes exchange states
 
 
 @pytest.mark.parametrize(
@@ -117,13 +117,13 @@ def test_json_and_pickle_give_the_state_back(state: State) -> None:
         ({"objects": []}, "scene"),
     ],
 )
-def test_broken_json_is_named(data: object, field: str) -> None:
+def test_broken_json_is_refused_with_its_field(data: object, field: str) -> None:
     with pytest.raises(InputError) as caught:
         state_from_json(data, CLASSES, "file.json")
     assert (caught.value.source, caught.value.field) == ("file.json", field)
 
 
-def test_a_scene_is_indexed_once() -> None:
+def test_scene_index_is_built_once() -> None:
     asked = []
 
     def key(wall: Object) -> int:

@@ -73,7 +73,7 @@ def test_a_complete_delivery_is_announced() -> None:
 
 def test_giving_up_states_the_reason() -> None:
     assert final_words(broken=True) == (
-        "I give up: I cannot deliver 1 box (1 left to do, and no way to do it is known or can be found out)."
+        "I give up: I cannot deliver 1 box (1 left to do, and no plan for it is known or can be learnt)."
     )
 
 

@@ -18,7 +18,7 @@ from wherry.robot import Scan
 from wherry.simulation.model import BODY
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
-from wherry_testing.perfect_worlds import Eye, centre, frame_of, perfect_map
+from wherry_testing.perfect_worlds import MovableLidar, centre, frame_of, perfect_map
 
 RADIUS = BODY.box_radius
 HALL = parse_world(
@@ -34,14 +34,14 @@ HALL = parse_world(
     + "+---+---+---+---+---+---+---+---+\n",
     source="hall",
 )
-EXACT, NOISY = Eye(HALL), Eye(HALL, noise=0.01)
+EXACT, NOISY = MovableLidar(HALL), MovableLidar(HALL, noise=0.01)
 PLACES = [(2.1, 0.35), (2.4, 0.9), (1.9, 0.3), (2.9, 0.6), (0.3, 0.9)]
 HEADINGS = [0.0, 1.0, 2.5, -2.0]
 
 
-def detections_in(eye: Eye, base: Pose, boxes: Floats) -> Floats:
+def detections_in(lidar: MovableLidar, base: Pose, boxes: Floats) -> Floats:
     """[K, 2] centres of the detected cylinders, m, world frame."""
-    return (base @ BODY.lidar).transform(detect_cylinders(eye.scan(base, boxes), RADIUS))
+    return (base @ BODY.lidar).transform(detect_cylinders(lidar.scan(base, boxes), RADIUS))
 
 
 @pytest.mark.parametrize("heading", HEADINGS)
@@ -84,7 +84,7 @@ def test_a_box_hit_by_beam_0_is_detected_as_one_segment() -> None:
 def test_walls_jambs_and_obstacles_never_become_isolated_boxes(name: str) -> None:
     plan = find_world(name)
     plan = plan.with_boxes(())
-    eye, rng = Eye(plan, noise=0.01), np.random.default_rng(1)
+    lidar, rng = MovableLidar(plan, noise=0.01), np.random.default_rng(1)
     grid = perfect_map(plan)
     boxes: tuple[BoxTrack, ...] = ()
     cells = sorted(plan.cells())[:: max(1, len(list(plan.cells())) // 60)]
@@ -92,7 +92,7 @@ def test_walls_jambs_and_obstacles_never_become_isolated_boxes(name: str) -> Non
         for _ in range(4):
             x, y = centre(plan, cell)
             pose = Pose(x, y, rng.uniform(-math.pi, math.pi))
-            boxes = update_tracks(boxes, eye.scan(pose), pose, BODY)
+            boxes = update_tracks(boxes, lidar.scan(pose), pose, BODY)
     assert isolated_boxes(boxes, grid, RADIUS) == ()
 
 
@@ -113,10 +113,10 @@ def test_missed_opportunities_end_the_confirmation_of_a_walls_end() -> None:
 
 @pytest.mark.parametrize("place", PLACES)
 def test_an_unoccluded_box_is_detected_in_most_scans(place: tuple[float, float]) -> None:
-    eye, boxes = Eye(HALL, noise=0.01), tuple[BoxTrack, ...]()
+    lidar, boxes = MovableLidar(HALL, noise=0.01), tuple[BoxTrack, ...]()
     for heading in np.linspace(-3.0, 3.0, 60):
         pose = Pose(1.2, 0.9, heading)
-        boxes = update_tracks(boxes, eye.scan(pose, np.array([place])), pose, BODY)
+        boxes = update_tracks(boxes, lidar.scan(pose, np.array([place])), pose, BODY)
     (box,) = (box for box in boxes if math.hypot(box.x - place[0], box.y - place[1]) < 0.05)
     assert box.detections >= 0.8 * box.opportunities
 
@@ -144,11 +144,11 @@ def test_a_box_out_of_range_is_not_detected() -> None:
 
 
 def tracks_after(
-    eye: Eye, base: Pose, boxes: Floats, times: int, before: tuple[BoxTrack, ...] = ()
+    lidar: MovableLidar, base: Pose, boxes: Floats, times: int, before: tuple[BoxTrack, ...] = ()
 ) -> tuple[BoxTrack, ...]:
     """The tracks after a number of scans."""
     for _ in range(times):
-        before = update_tracks(before, eye.scan(base, boxes), base, BODY)
+        before = update_tracks(before, lidar.scan(base, boxes), base, BODY)
     return before
 
 

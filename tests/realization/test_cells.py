@@ -15,7 +15,7 @@ from wherry.simulation.model import BODY
 from wherry.space.frame import CellFrame, lay_cells
 from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
-from wherry_testing.perfect_worlds import Eye, centre, frame_of, perfect_map
+from wherry_testing.perfect_worlds import MovableLidar, centre, frame_of, perfect_map
 
 NO_BOXES = np.empty((0, 2))
 ROOMS = find_world("rooms").with_boxes(())
@@ -94,13 +94,13 @@ def test_occupied_cells_are_those_occupied_at_the_centre() -> None:
 @pytest.mark.parametrize("heading", [-math.pi / 2, 0.0, math.pi / 2, math.pi])
 @pytest.mark.parametrize("with_box", [False, True], ids=["empty fork", "box in the fork"])
 def test_an_exact_scan_shows_the_blocked_directions_of_every_cell(heading: float, with_box: bool) -> None:
-    eye, frame = Eye(ROOMS), frame_of(ROOMS)
+    lidar, frame = MovableLidar(ROOMS), frame_of(ROOMS)
     cells = sorted(ROOMS.distances(ROOMS.start))
     missing = 0
     for cell in cells:
         x, y = centre(ROOMS, cell)
         pose = Pose(x, y, heading)
-        scan = mask_load(eye.scan(pose, centre(ROOMS, cell) if with_box else None), BODY)
+        scan = mask_load(lidar.scan(pose, centre(ROOMS, cell) if with_box else None), BODY)
         blocked = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, NO_BOXES, BODY.box_radius)
         assert blocked == {direction: ROOMS.is_blocked(cell, direction) for direction in blocked}, cell
         missing += len(Direction) - len(blocked)
@@ -110,12 +110,12 @@ def test_an_exact_scan_shows_the_blocked_directions_of_every_cell(heading: float
 
 @pytest.mark.parametrize("with_box", [False, True], ids=["empty fork", "box in the fork"])
 def test_blocked_directions_are_robust_to_noise_and_pose_errors(with_box: bool) -> None:
-    eye, frame, rng = Eye(ROOMS, noise=0.01), frame_of(ROOMS), np.random.default_rng(11)
+    lidar, frame, rng = MovableLidar(ROOMS, noise=0.01), frame_of(ROOMS), np.random.default_rng(11)
     observed = wrong = 0
     for cell in sorted(ROOMS.distances(ROOMS.start)):
         x, y = centre(ROOMS, cell) + rng.uniform(-0.02, 0.02, 2)
         pose = Pose(x, y, rng.choice([0.0, 0.5, 1.0, -0.5]) * math.pi + rng.uniform(-0.02, 0.02))
-        scan = mask_load(eye.scan(pose, np.array([x, y]) if with_box else None), BODY)
+        scan = mask_load(lidar.scan(pose, np.array([x, y]) if with_box else None), BODY)
         estimated = Pose(x + rng.uniform(-0.01, 0.01), y + rng.uniform(-0.01, 0.01), pose.theta)
         blocked = blocked_directions(scan, estimated @ BODY.lidar, cell, frame, BODY.radius, NO_BOXES, BODY.box_radius)
         observed += len(blocked)
@@ -127,10 +127,10 @@ def test_blocked_directions_are_robust_to_noise_and_pose_errors(with_box: bool) 
 def test_a_known_box_in_the_next_cell_is_not_a_wall() -> None:
     plan, cell = find_world("small").with_boxes(()), Cell(2, 3)
     assert not any(plan.is_blocked(cell, direction) for direction in Direction)
-    eye, frame = Eye(plan), frame_of(plan)
+    lidar, frame = MovableLidar(plan), frame_of(plan)
     pose = Pose(*centre(plan, cell), 0.0)
     boxes = np.array([centre(plan, cell.neighbour(Direction.NORTH))])
-    scan = eye.scan(pose, boxes)
+    scan = lidar.scan(pose, boxes)
     with_boxes = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, boxes, BODY.box_radius)
     without_boxes = blocked_directions(scan, pose @ BODY.lidar, cell, frame, BODY.radius, NO_BOXES, BODY.box_radius)
     assert True not in with_boxes.values()
@@ -138,8 +138,8 @@ def test_a_known_box_in_the_next_cell_is_not_a_wall() -> None:
 
 
 def test_a_scan_without_returns_shows_no_direction() -> None:
-    eye = Eye(ROOMS)
+    lidar = MovableLidar(ROOMS)
     pose = Pose(*centre(ROOMS, ROOMS.start), 0.0)
-    scan = eye.scan(pose)
+    scan = lidar.scan(pose)
     scan.ranges[:] = math.nan
     assert blocked_directions(scan, pose, ROOMS.start, frame_of(ROOMS), BODY.radius, NO_BOXES, BODY.box_radius) == {}

@@ -17,7 +17,7 @@ from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
 from wherry.trace.records import Record, RobotSnapshot
 from wherry_testing.kinematic import KinematicRobot, Odometric
-from wherry_testing.perfect_worlds import Eye
+from wherry_testing.perfect_worlds import MovableLidar
 
 SMALL = find_world("small").with_boxes(())  # 4.8 × 3.6 m, the robot at (0.3, 3.3) looking east
 START = Pose(0.3, 3.3, 0.0)
@@ -168,8 +168,8 @@ def test_a_new_tracker_starts_at_the_pose_given_to_it() -> None:
 
 @pytest.mark.parametrize("offset", [0.0, 0.03])
 def test_readings_of_a_box_in_the_fork_are_masked(offset: float) -> None:
-    eye = Eye(SMALL)
-    empty, loaded = eye.scan(START), eye.scan(START, np.array([[START.x + offset, START.y]]))
+    lidar = MovableLidar(SMALL)
+    empty, loaded = lidar.scan(START), lidar.scan(START, np.array([[START.x + offset, START.y]]))
     assert not detects_load(empty, BODY)
     assert mask_load(empty, BODY) is empty
     assert detects_load(loaded, BODY)

@@ -171,6 +171,16 @@ def test_a_slightly_tilted_mount_is_level(path: Path) -> None:
     assert read_bag(record(path, tilted, SCAN)).lidar == decode_transform(tilted).pose
 
 
+def test_broken_odometry_transforms_are_rejected(path: Path) -> None:
+    broken = replace(BROKEN_MOUNTS["zero quaternion"], header=ros.Header(frame_id="odom"), child_frame_id="base_link")
+    with BagWriter(path) as bag:
+        bag.write(TOPICS.tf, ros.TFMessage((broken,)), 0.0)
+        bag.write(TOPICS.scan, SCAN, 1.0)
+    with pytest.raises(InputError, match="/tf, message 1: has the orientation .0, 0, 0, 0., which is not a unit"):
+        read_bag(path)
+    assert len(read_bag(path, lenient=True).skipped) == 1
+
+
 def test_scans_of_two_frames_on_one_topic_are_rejected(path: Path) -> None:
     record(path, SCAN, replace(SCAN, header=ros.Header(ros.Time(2), "rear_laser")))
     with pytest.raises(InputError, match="/scan, message 2: is in the frame 'rear_laser' instead of 'laser'"):

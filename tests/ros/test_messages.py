@@ -19,7 +19,7 @@ def described(message_type: type[Message]) -> list[tuple[str, str, int | None]]:
     """Name, type and length of the fields of our class."""
 
     def kind(entry: Field) -> str:
-        return entry.kind if isinstance(entry.kind, str) else entry.kind.type_name
+        return entry.type if isinstance(entry.type, str) else entry.type.type_name
 
     return [(entry.name, kind(entry), entry.length) for entry in fields_of(message_type)]
 
@@ -65,5 +65,5 @@ def test_every_message_has_defaults(type_name: str) -> None:
         value = getattr(TYPES[type_name](), entry.name)
         if entry.length is not None:
             assert len(value) == entry.length
-        elif not isinstance(entry.kind, str):
-            assert isinstance(value, entry.kind)
+        elif not isinstance(entry.type, str):
+            assert isinstance(value, entry.type)

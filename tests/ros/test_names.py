@@ -1,3 +1,5 @@
+"""Names of topics and frames, and bodies of robots, read from YAML files and options."""
+
 from __future__ import annotations
 
 from dataclasses import fields
@@ -6,13 +8,14 @@ from pathlib import Path
 import pytest
 
 from wherry.errors import InputError
+from wherry.ros import names as names_module
 from wherry.ros.body_files import default_body_text, load_body
 from wherry.ros.names import Topics, load_names
 from wherry.simulation.model import BODY
 from wherry.space.pose import Pose
 
 
-def test_the_defaults_are_ros_conventions() -> None:
+def test_the_defaults_are_the_conventions_of_ros() -> None:
     names = load_names()
     found = {entry.name: getattr(names.topics, entry.name).name for entry in fields(Topics)}
     for key in ("scan", "odom", "tf", "tf_static", "clock", "joint_states", "cmd_vel", "map", "amcl_pose", "plan"):
@@ -20,7 +23,7 @@ def test_the_defaults_are_ros_conventions() -> None:
     assert (names.frames.map, names.frames.odom, names.frames.base_link) == ("map", "odom", "base_link")
 
 
-def test_a_namespace_goes_before_relative_names_only() -> None:
+def test_a_namespace_prefixes_relative_names_only() -> None:
     topics = load_names(namespace="/robot1/").topics
     assert topics.scan.name == "/robot1/scan"
     assert topics.latch_state.name == "/robot1/latch/state"
@@ -28,20 +31,20 @@ def test_a_namespace_goes_before_relative_names_only() -> None:
     assert topics.clock.name == "/clock"
 
 
-def test_a_prefix_goes_before_every_frame_but_the_map() -> None:
+def test_a_frame_prefix_applies_to_every_frame_but_the_map() -> None:
     frames = load_names(frame_prefix="robot1/").frames
     assert frames.base_link == "robot1/base_link"
     assert frames.odom == "robot1/odom"
     assert frames.map == "map"
 
 
-def test_remapping_is_resolved_like_any_name() -> None:
+def test_remapped_names_are_resolved_like_others() -> None:
     topics = load_names(namespace="a", remappings=["scan:=front/scan", "cmd_vel:=/teleop"]).topics
     assert topics.scan.name == "/a/front/scan"
     assert topics.cmd_vel.name == topics.cmd_vel_stamped.name == "/teleop"
 
 
-def test_options_outrank_the_file(tmp_path: Path) -> None:
+def test_options_take_precedence_over_the_file(tmp_path: Path) -> None:
     path = tmp_path / "names.yaml"
     path.write_text(
         "namespace: file\nframe_prefix: f/\ntopics: {scan: laser_scan, odom: /wheels}\n"
@@ -73,7 +76,7 @@ def test_options_outrank_the_file(tmp_path: Path) -> None:
         ("a: [", "line 1"),
     ],
 )
-def test_bad_files_are_refused(text: str, field: str, tmp_path: Path) -> None:
+def test_invalid_files_are_refused(text: str, field: str, tmp_path: Path) -> None:
     path = tmp_path / "names.yaml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
@@ -82,8 +85,18 @@ def test_bad_files_are_refused(text: str, field: str, tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_the_example_of_the_documentation_is_valid(tmp_path: Path) -> None:
+    assert names_module.__doc__ is not None
+    path = tmp_path / "names.yaml"
+    path.write_text(names_module.__doc__.partition("\n\n")[2])
+    names = load_names(path)
+    assert names.topics.scan.name == "/robot1/front/scan"
+    assert names.frames.laser == "robot1/lidar_link"
+    assert names.rates.diagnostics == 2.0
+
+
 @pytest.mark.parametrize("remapping", ["scan", "scam:=x", "scan:=", "scan:=a b"])
-def test_bad_remappings_are_refused(remapping: str) -> None:
+def test_invalid_remappings_are_refused(remapping: str) -> None:
     with pytest.raises(InputError, match="--remap"):
         load_names(remappings=[remapping])
 
@@ -92,7 +105,7 @@ def test_the_default_body_is_that_of_the_simulator() -> None:
     assert load_body().body(BODY.lidar) == BODY
 
 
-def test_a_body_file_may_say_where_the_lidar_is(tmp_path: Path) -> None:
+def test_a_body_file_may_give_the_pose_of_the_lidar(tmp_path: Path) -> None:
     path = tmp_path / "body.yaml"
     path.write_text(default_body_text() + "lidar: {x: 0.1, y: 0, theta: 3}\n")
     assert load_body(path).body(Pose()).lidar == Pose(0.1, 0.0, 3.0)
@@ -110,7 +123,7 @@ def test_a_body_file_may_say_where_the_lidar_is(tmp_path: Path) -> None:
         ("max_linear: 0.6", "max_linear: 0.6\nlidar: {x: 1, y: 0}", "lidar.theta"),
     ],
 )
-def test_bad_bodies_are_refused(old: str, new: str, field: str, tmp_path: Path) -> None:
+def test_invalid_bodies_are_refused(old: str, new: str, field: str, tmp_path: Path) -> None:
     path = tmp_path / "body.yaml"
     assert old in default_body_text()
     path.write_text(default_body_text().replace(old, new, 1))

@@ -144,18 +144,18 @@ def example(message_type: type[Message], seed: int) -> Any:
     rng = np.random.default_rng(seed)
     values: dict[str, Any] = {}
     for index, field in enumerate(fields_of(message_type)):
-        if not isinstance(field.kind, str):
-            parts = tuple(example(field.kind, seed * 7 + index + part) for part in range(2))
+        if not isinstance(field.type, str):
+            parts = tuple(example(field.type, seed * 7 + index + part) for part in range(2))
             values[field.name] = parts[0] if field.length is None else parts
-        elif field.kind == "string":
+        elif field.type == "string":
             values[field.name] = f"{field.name}ä{seed}" if field.length is None else ("a", "bä")
-        elif field.kind == "bool":
+        elif field.type == "bool":
             values[field.name] = True
         elif field.length is None:
             number = int(rng.integers(1, 99))
-            values[field.name] = float(number) if field.kind.startswith("float") else number
+            values[field.name] = float(number) if field.type.startswith("float") else number
         else:
-            values[field.name] = rng.integers(1, 99, field.length or 3).astype(field.kind)
+            values[field.name] = rng.integers(1, 99, field.length or 3).astype(field.type)
     return message_type(**values)
 
 

@@ -38,7 +38,7 @@ with Ros1Transport(sys.argv[1], sys.argv[2]) as node:
         except InputError as error:
             print(error)
         else:
-            print(node.count_publishers(there), node.count_subscribers(back), node.connected())
+            print(node.count_publishers(there), node.count_subscribers(back), node.is_connected())
 print("closed")
 """
 

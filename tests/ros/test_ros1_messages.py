@@ -36,17 +36,17 @@ def example(message_type: type[Message], rng: np.random.Generator) -> Message:
 
 def example_value(field: Field, rng: np.random.Generator) -> Any:
     count = 3 if field.length == 0 else field.length
-    if isinstance(field.kind, type):
-        one = [example(field.kind, rng) for _ in range(count or 1)]
+    if isinstance(field.type, type):
+        one = [example(field.type, rng) for _ in range(count or 1)]
         return one[0] if count is None else tuple(one)
-    if field.kind == "string":
+    if field.type == "string":
         return "text" if count is None else ("a", "b", "ü")
-    if field.kind == "bool":
+    if field.type == "bool":
         return True
-    if field.kind.startswith("float"):
-        array = rng.normal(size=count or 1).astype(field.kind)
+    if field.type.startswith("float"):
+        array = rng.normal(size=count or 1).astype(field.type)
     else:
-        dtype = "uint8" if field.kind == "byte" else field.kind
+        dtype = "uint8" if field.type == "byte" else field.type
         array = rng.integers(1, 100, count or 1).astype(dtype)
     return array[0].item() if count is None else array
 

@@ -20,7 +20,9 @@ from wherry.ros import messages as ros
 from wherry.ros.message_fields import Field, Message, fields_of
 from wherry.ros.messages import message_types
 from wherry.ros.names import load_names
-from wherry.ros.transports.ros2 import Ros2Transport, configuration, domain_id, from_idl, idl_class, own_sockets, to_idl
+from wherry.ros.transports.ros2 import Ros2Transport
+from wherry.ros.transports.ros2_domains import configuration, domain_id, own_sockets
+from wherry.ros.transports.ros2_messages import from_idl, idl_class, to_idl
 from wherry_testing.bus import free_domain
 
 TOPICS = load_names().topics
@@ -37,13 +39,13 @@ def filled(message_type: type[Message]) -> Any:
 
 def _filled_value(entry: Field) -> Any:
     count = 3 if entry.length == 0 else entry.length
-    if not isinstance(entry.kind, str):
-        return filled(entry.kind) if count is None else tuple(filled(entry.kind) for _ in range(count))
-    if entry.kind == "string":
+    if not isinstance(entry.type, str):
+        return filled(entry.type) if count is None else tuple(filled(entry.type) for _ in range(count))
+    if entry.type == "string":
         return "wörd" if count is None else ("one", "", "three")
-    if entry.kind == "bool":
+    if entry.type == "bool":
         return True
-    dtype = np.dtype("uint8" if entry.kind == "byte" else entry.kind)
+    dtype = np.dtype("uint8" if entry.type == "byte" else entry.type)
     values = NUMBERS.integers(1, 100, count or 1).astype(dtype)
     return values if count is not None else values[0].item()
 
@@ -114,11 +116,12 @@ def test_nothing_is_received_from_a_network_by_default() -> None:
     """In a process of its own, whose sockets are all those of DDS."""
     program = (
         "import socket\n"
-        "from wherry.ros.transports import ros2; from wherry.ros.names import load_names\n"
-        "with ros2.Ros2Transport() as one:\n"
+        "from wherry.ros.names import load_names; from wherry.ros.transports.ros2 import Ros2Transport\n"
+        "from wherry.ros.transports.ros2_domains import own_sockets\n"
+        "with Ros2Transport() as one:\n"
         "    topic = load_names().topics.scan\n"
         "    one.subscribe(topic, print); one.advertise(topic)\n"
-        "    for s in ros2.own_sockets():\n"
+        "    for s in own_sockets():\n"
         "        device = s.getsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, 16).rstrip(bytes(1)).decode()\n"
         "        print(s.getsockname()[0], device)"
     )

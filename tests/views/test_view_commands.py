@@ -39,9 +39,9 @@ def test_a_recording_becomes_a_page(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("arguments", [["view"], ["worlds", "edit"]])
 def test_commands_that_always_show_a_page_do_not_mention_view(arguments: list[str]) -> None:
-    told = CliRunner().invoke(app, [*arguments, "--help"]).output
-    assert "--host" in told
-    assert "--view" not in told
+    output = CliRunner().invoke(app, [*arguments, "--help"]).output
+    assert "--host" in output
+    assert "--view" not in output
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
-"""What every `Environment` keeps to; a test file for one subclasses this and gives the fixture ``environment``.
+"""The contract of every `Environment`; tests of one subclass `EnvironmentContract` with a fixture ``environment``.
 
-The fixture's environment can do every action of its domain at least once, and an action now and then changes something.
+In the fixture's environment at least one action of a tour has an effect and at least one fails.
 """
 
 from __future__ import annotations
@@ -17,53 +17,53 @@ from wherry.oomdp.objects import State
 
 
 def every_action(environment: Environment) -> list[Action]:
-    """All the domain's actions, those without parameters."""
+    """The domain's actions without parameters."""
     return [Action(name) for name, parameters in environment.domain.actions.items() if not parameters]
 
 
 def tour(environment: Environment) -> tuple[State, list[Transition]]:
-    """Begin an episode and do every action in turn, twice, unless it ends."""
+    """Begin an episode and carry out every action twice, in turn, unless the episode ends."""
     first = environment.reset(np.random.default_rng(0))
-    done: list[Transition] = []
+    experiences: list[Transition] = []
     for action in every_action(environment) * 2:
-        done.append(environment.step(action))
-        if done[-1].terminated:
+        experiences.append(environment.step(action))
+        if experiences[-1].terminated:
             break
-    return first, done
+    return first, experiences
 
 
 class EnvironmentContract:
-    """The checks."""
+    """The tests that every environment has to pass."""
 
-    def test_it_begins_in_a_state_of_its_domain(self, environment: Environment) -> None:
+    def test_first_state_belongs_to_the_domain(self, environment: Environment) -> None:
         state = environment.reset(np.random.default_rng(0))
         known = {item.name for item in environment.domain.classes}
         assert {item.object_class.name for item in (*state.objects, *state.scene.objects)} <= known
         assert environment.domain.cond(state).size == len(environment.domain.term_names)
 
-    def test_an_experience_begins_where_the_last_one_ended(self, environment: Environment) -> None:
-        first, done = tour(environment)
-        assert done[0].state.objects == first.objects
-        for earlier, later in zip(done, islice(done, 1, None), strict=False):
+    def test_experience_begins_in_the_last_next_state(self, environment: Environment) -> None:
+        first, experiences = tour(environment)
+        assert experiences[0].state.objects == first.objects
+        for earlier, later in zip(experiences, islice(experiences, 1, None), strict=False):
             assert later.state.objects == earlier.next_state.objects
 
-    def test_an_experience_says_what_was_done(self, environment: Environment) -> None:
-        _, done = tour(environment)
-        assert [transition.action for transition in done] == (every_action(environment) * 2)[: len(done)]
-        assert all(math.isfinite(transition.reward) for transition in done)
-        assert all(transition.terminated in (True, False) for transition in done)
+    def test_experience_holds_the_action(self, environment: Environment) -> None:
+        _, experiences = tour(environment)
+        assert [transition.action for transition in experiences] == (every_action(environment) * 2)[: len(experiences)]
+        assert all(math.isfinite(transition.reward) for transition in experiences)
+        assert all(transition.terminated in (True, False) for transition in experiences)
 
-    def test_something_moves_and_something_fails(self, environment: Environment) -> None:
-        _, done = tour(environment)
-        assert {transition.failed for transition in done} == {True, False}
+    def test_some_actions_have_an_effect_and_some_fail(self, environment: Environment) -> None:
+        _, experiences = tour(environment)
+        assert {transition.failed for transition in experiences} == {True, False}
 
-    def test_what_does_not_change_stays(self, environment: Environment) -> None:
-        first, done = tour(environment)
+    def test_no_objects_appear(self, environment: Environment) -> None:
+        first, experiences = tour(environment)
         names = {item.name for item in first.objects}
-        for transition in done:
+        for transition in experiences:
             assert {item.name for item in transition.next_state.objects} <= names
 
-    def test_an_action_that_there_is_not_is_refused(self, environment: Environment) -> None:
+    def test_unknown_action_is_refused(self, environment: Environment) -> None:
         environment.reset(np.random.default_rng(0))
         with pytest.raises(ValueError, match="JUMP"):
             environment.step(Action("JUMP"))

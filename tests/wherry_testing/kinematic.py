@@ -11,7 +11,7 @@ from wherry.realization.pose_tracker import SinglePoseEstimator
 from wherry.robot import Body, Odometry, Scan, Velocity
 from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
-from wherry_testing.perfect_worlds import Eye, centre, heading_of
+from wherry_testing.perfect_worlds import MovableLidar, centre, heading_of
 
 TICK = 0.05  # s between two odometry messages; every second one is followed by a scan
 LATCH_REACH = 0.05  # m
@@ -30,7 +30,7 @@ class KinematicRobot:
         self.boxes = [centre(plan, cell) for cell in plan.boxes]
         self.time = 0.0
         self.nearest_wall = math.inf  # m, from base_link
-        self._plan, self._eye, self._odom_from_world = plan, Eye(plan), odom_from_world
+        self._plan, self._eye, self._odom_from_world = plan, MovableLidar(plan), odom_from_world
         self._velocity, self._held, self._scan_next = Velocity(), -1, False
         self._tick = 0
 

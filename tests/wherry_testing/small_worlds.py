@@ -1,4 +1,4 @@
-"""Worlds so small that their values can be worked out by hand or by plain linear algebra."""
+"""MDPs so small that their values can be computed by hand or by plain linear algebra."""
 
 from __future__ import annotations
 
@@ -17,52 +17,61 @@ DOMAIN = Domain("walk", (WALKER,), (), {"left": (), "right": ()})
 LEFT, RIGHT = Action("left"), Action("right")
 
 Outcomes = Mapping[tuple[int, str], tuple[tuple[float, int, float, bool], ...]]
-"""By state and action: probability, next state, reward, whether that ends the episode."""
+"""Rows of probability, next state, reward and termination, by state and action."""
+
+CORRIDOR: Outcomes = {  # two steps to the right end the episode
+    (0, "left"): ((1.0, 0, -1.0, False),),
+    (0, "right"): ((1.0, 1, -1.0, False),),
+    (1, "left"): ((1.0, 0, -1.0, False),),
+    (1, "right"): ((1.0, 2, 10.0, True),),
+}
 
 
 def at(number: int) -> State:
+    """The state with the walker at a position."""
     return State((WALKER("walker", at=number),))
 
 
-class Tabular:
-    """The model that a table describes; what is not in it is unknown."""
+class TableModel:
+    """A model given by a table; states and actions without an entry are unknown."""
 
     def __init__(self, outcomes: Outcomes) -> None:
         self.outcomes = outcomes
 
     def predict(self, state: State, action: Action) -> Prediction:
         rows = self.outcomes.get((state["walker"].at, action.name), ())
-        outcomes = tuple(Outcome(at(after), reward, end, chance) for chance, after, reward, end in rows)
+        outcomes = tuple(Outcome(at(after), reward, end, probability) for probability, after, reward, end in rows)
         return Prediction(outcomes) if outcomes else UNKNOWN
 
 
-def grounded(model: Model) -> PerStateModel:
+def per_state(model: Model) -> PerStateModel:
+    """A model of the walk as a conditional one."""
     return PerStateModel(DOMAIN, model)
 
 
 def random_world(states: int, rng: np.random.Generator) -> Outcomes:
-    """Three equally possible places to come to, some of them ends; rewards of at most 1."""
+    """Three outcomes of random probability for every state and action, some of them terminal; |reward| ≤ 1."""
     outcomes = {}
     for state in range(states):
         for action in ("left", "right"):
-            chances = rng.dirichlet(np.ones(3))
-            after = rng.choice(states, 3, replace=False)
+            probabilities = rng.dirichlet(np.ones(3))
+            successors = rng.choice(states, 3, replace=False)
             outcomes[state, action] = tuple(
-                (float(chance), int(place), float(rng.uniform(-1, 1)), bool(rng.random() < 0.1))
-                for chance, place in zip(chances, after, strict=True)
+                (float(probability), int(after), float(rng.uniform(-1, 1)), bool(rng.random() < 0.1))
+                for probability, after in zip(probabilities, successors, strict=True)
             )
     return outcomes
 
 
 def optimal_values(outcomes: Outcomes, states: int, discount: float) -> np.ndarray:
-    """[S] V*, by sweeping arrays [S, 2, S] until nothing moves: no code of the planners is used."""
-    chance, reward = np.zeros((states, 2, states)), np.zeros((states, 2))
-    for (state, action), branches in outcomes.items():
-        for probability, after, worth, end in branches:
-            reward[state, int(action == "right")] += probability * worth
+    """[S] V*, by value iteration on dense arrays [S, 2, S], without any code of the planners."""
+    transition, reward = np.zeros((states, 2, states)), np.zeros((states, 2))
+    for (state, action), rows in outcomes.items():
+        for probability, after, step_reward, end in rows:
+            reward[state, int(action == "right")] += probability * step_reward
             if not end:
-                chance[state, int(action == "right"), after] += probability
+                transition[state, int(action == "right"), after] += probability
     values = np.zeros(states)
     for _ in range(5000):
-        values = (reward + discount * chance @ values).max(axis=1)
+        values = (reward + discount * transition @ values).max(axis=1)
     return values

@@ -1,4 +1,4 @@
-"""What all adapters of Gymnasium environments share: episodes, actions by number, and their errors."""
+"""The base class of adapters of Gymnasium environments: episodes, actions by number, and errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class GymnasiumAdapter(ABC):
     Args:
         environment: The wrapped environment.
         domain: The domain of the states.
-        title: What error messages call the environment.
+        title: Name of the environment in error messages.
         action_names: Names of the wrapped environment's actions, by number.
     """
 

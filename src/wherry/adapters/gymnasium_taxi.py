@@ -113,19 +113,19 @@ class GymnasiumTaxi(GymnasiumAdapter):
         return walls
 
 
-def delivered(state: State) -> bool:
+def is_delivered(state: State) -> bool:
     """Whether the passenger has arrived, which ends an episode."""
     passenger, destination = state["passenger"], state["destination"]
     return not passenger.in_taxi and ON.holds(passenger, destination)
 
 
-def reward(state: State, action: Action, next_state: State) -> float:
+def gymnasium_taxi_reward(state: State, action: Action, next_state: State) -> float:
     """R(s, a, s') of Gymnasium's Taxi, for learners that are given the reward."""
     if action.name in DIRECTIONS:
         return STEP_REWARD
     if state.objects == next_state.objects:
         return ILLEGAL_REWARD
-    return DELIVERY_REWARD if delivered(next_state) else STEP_REWARD
+    return DELIVERY_REWARD if is_delivered(next_state) else STEP_REWARD
 
 
 def _cell(place: tuple[int, int]) -> Cell:

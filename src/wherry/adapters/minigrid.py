@@ -47,7 +47,7 @@ def _quarter_turns(before: Any, after: Any) -> int | None:
     return (order.index(after) - order.index(before)) % 4 if {before, after} <= set(order) else None
 
 
-EFFECT_TYPES: Mapping[str, EffectType] = {
+MINIGRID_EFFECT_TYPES: Mapping[str, EffectType] = {
     **PAPER_TYPES,
     "turn": EffectType(
         "turn",
@@ -67,8 +67,13 @@ def _ahead(agent: Object) -> tuple[int, int]:
 
 
 AHEAD = Relation.where_equal("ahead", _ahead, cell_of)
+"""The object is in the cell in front of the agent."""
+
 SHUT_AHEAD = Relation("shut_ahead", lambda agent, door: AHEAD.holds(agent, door) and not door.open)
+"""The door in front of the agent is not open."""
+
 FITS = Relation("fits", lambda key, door: key.held and key.colour == door.colour)
+"""The agent carries the key, and its colour is the door's."""
 
 
 def minigrid_domain(width: int, height: int) -> Domain:
@@ -131,7 +136,7 @@ class MiniGrid(GymnasiumAdapter):
             elif item.type in CHANGING_CLASSES:
                 self._names[item] = f"{item.color}_{item.type}{len(self._names)}"
             elif item.type != "floor":
-                raise InputError(str(self.environment), item.type, "has no class in this view")
+                raise InputError(str(self.environment), item.type, "has no class in this domain")
         self._scene = Scene(tuple(static))
 
     def _reward(self, reward: float, *, terminated: bool) -> float:
@@ -170,7 +175,7 @@ class MiniGrid(GymnasiumAdapter):
         return Cell(int(column), self._grid.height - 1 - int(row))
 
 
-def at_goal(state: State) -> bool:
+def is_at_goal(state: State) -> bool:
     """Whether the agent stands on a goal, for learners that are given the goal."""
     (agent,) = state.of_class("Agent")
     return cell_of(agent) in state.scene.index("Goal", cell_of)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,6 +28,23 @@ LogArgument = Annotated[
 ]
 LenientOption = Annotated[bool, typer.Option("--lenient", help="Skip broken lines, and report their number.")]
 ParamsOption = Annotated[Path | None, typer.Option(help="An amcl.yaml of nav2 or ROS 1.")]
+
+
+@dataclass(frozen=True, slots=True)
+class OutputOptions:
+    """Options of the output.
+
+    Attributes:
+        as_json: Whether to print the result as JSON.
+        quiet: Whether to print nothing but errors and the JSON.
+    """
+
+    as_json: JsonOption = False
+    quiet: QuietOption = False
+
+    def console(self) -> Console:
+        """The console for people."""
+        return console_for(as_json=self.as_json, quiet=self.quiet)
 
 
 def console_for(*, as_json: bool, quiet: bool = False) -> Console:

@@ -9,28 +9,20 @@ import typer
 
 from wherry.commands.common import (
     BoxesOption,
-    JsonOption,
     LearnerOption,
     MapOption,
-    QuietOption,
+    OutputOptions,
     RulesOption,
     SeedOption,
-    console_for,
     print_json,
     say,
 )
+from wherry.commands.option_groups import with_option_groups
 from wherry.commands.recording import RecordOption, recorded
-from wherry.commands.watching import (
-    DEFAULT_HOST,
-    DEFAULT_PORT,
-    HostOption,
-    PortOption,
-    ViewOption,
-    film_sinks,
-    trace_sink,
-)
+from wherry.commands.watching import PageOptions, film_sinks, trace_sink
 
 
+@with_option_groups
 def deliver(
     world: Annotated[str, typer.Option(help="A built-in world's name, or a world file.")] = "rooms",
     boxes: BoxesOption = None,
@@ -44,11 +36,9 @@ def deliver(
     record: RecordOption = None,
     rerun: Annotated[Path | None, typer.Option(help="Record the run for the Rerun viewer: NAME.rrd.")] = None,
     video: Annotated[Path | None, typer.Option(help="Film the simulated world: NAME.mp4.")] = None,
-    view: ViewOption = False,
-    host: HostOption = DEFAULT_HOST,
-    port: PortOption = DEFAULT_PORT,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    *,
+    page: PageOptions,
+    output: OutputOptions,
 ) -> None:
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
     from wherry.kernels import are_compiled
@@ -62,7 +52,7 @@ def deliver(
     )
     compiled = are_compiled()
     run = prepare_delivery(settings)
-    console = console_for(as_json=as_json, quiet=quiet)
+    console = output.console()
     if not compiled:
         console.print("Compiling the kernels: this takes half a minute, and is done once.")
         warm_up()
@@ -71,7 +61,7 @@ def deliver(
     with (
         recorded(record, laser_height=LASER_HEIGHT) as (recording, recorded_robot),
         film_sinks(run.simulation, rerun=rerun, video=video) as film,
-        trace_sink(f"wherry: {run.plan.name}", run.out, console, view=view, host=host, port=port) as sink,
+        trace_sink(f"wherry: {run.plan.name}", run.out, console, page) as sink,
     ):
         with DeliveryProgress(console, len(run.plan.boxes)) as progress:
             result = run(combine_sinks(progress, sink, recording, film), recorded_robot)
@@ -81,6 +71,6 @@ def deliver(
     for what, path in {"Bag": record, "Rerun": rerun, "Film": video}.items():
         if path is not None:
             say(console, f"{what}: {path}")
-    if as_json:
+    if output.as_json:
         print_json(result.as_json())
     raise typer.Exit(result.exit_status)

@@ -8,16 +8,15 @@ from typing import Annotated
 import typer
 
 from wherry.commands.common import (
-    JsonOption,
-    QuietOption,
+    OutputOptions,
     SeedOption,
-    console_for,
     one_of,
     print_json,
     progress_bar,
     say,
 )
-from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, ViewOption, trace_sink
+from wherry.commands.option_groups import with_option_groups
+from wherry.commands.watching import PageOptions, trace_sink
 from wherry.errors import InputError
 
 DOMAINS = ("taxi", "delivery", "gymnasium-taxi")
@@ -34,6 +33,7 @@ LEARNERS = (
 INFERENCES = ("memorise", "near-miss")
 
 
+@with_option_groups
 def learn(
     domain: Annotated[str, typer.Argument(help=f"{', '.join(DOMAINS)}.", autocompletion=one_of(DOMAINS))],
     size: Annotated[int, typer.Option(help="The Taxi grid's side: 5 or 10.")] = 5,
@@ -51,11 +51,9 @@ def learn(
     seed: SeedOption = 0,
     rules_out: Annotated[Path | None, typer.Option(help="Where to save what the last learner knows, as JSON.")] = None,
     out: Annotated[Path | None, typer.Option(help="Where to draw the learning curve: a .png or an .svg file.")] = None,
-    view: ViewOption = False,
-    host: HostOption = DEFAULT_HOST,
-    port: PortOption = DEFAULT_PORT,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    *,
+    page: PageOptions,
+    output: OutputOptions,
 ) -> None:
     """Count the steps until a learner's policy is optimal from six probes, as published for Taxi."""
     if out is not None and out.suffix not in (".png", ".svg"):
@@ -70,9 +68,9 @@ def learn(
     experiment = TaxiExperiment(
         Settings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
     )
-    console = console_for(as_json=as_json, quiet=quiet)
-    with trace_sink("wherry: learning", None, console, view=view, host=host, port=port) as sink:
-        experiment.watch = sink if view else None
+    console = output.console()
+    with trace_sink("wherry: learning", None, console, page) as sink:
+        experiment.watch = sink if page.view else None
         with progress_bar(console, "repetitions") as progress:
             task = progress.add_task(f"{chosen}: {experiment.arena.title}", total=repetitions)
             for _ in experiment.repetitions():
@@ -92,7 +90,7 @@ def learn(
         )
         write_atomically(out, as_bytes(figure, "svg" if out.suffix == ".svg" else "png"))
         say(console, f"Learning curve: {out}")
-    if as_json:
+    if output.as_json:
         print_json(figures)
     raise typer.Exit(0 if result.converged == result.repetitions else 1)
 

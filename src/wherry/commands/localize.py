@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wherry.commands.common import (
-    JsonOption,
     LenientOption,
     LogArgument,
+    OutputOptions,
     ParamsOption,
-    QuietOption,
     SeedOption,
-    console_for,
     print_json,
     progress_bar,
     say,
 )
+from wherry.commands.option_groups import with_option_groups
 from wherry.commands.recording import RecordOption, recorded_log
-from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, ViewOption, trace_sink
+from wherry.commands.watching import PageOptions, trace_sink
 
 if TYPE_CHECKING:
     from wherry.space.occupancy import OccupancyGrid
     from wherry.space.pose import Floats
 
 
+@with_option_groups
 def localize(
     log: LogArgument,
     map_file: Annotated[Path, typer.Option("--map", help="A map.yaml, a saved pose graph, or Wean Hall's wean.dat.")],
@@ -37,11 +37,9 @@ def localize(
     lenient: LenientOption = False,
     record: RecordOption = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the trajectory and a picture.")] = None,
-    view: ViewOption = False,
-    host: HostOption = DEFAULT_HOST,
-    port: PortOption = DEFAULT_PORT,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    *,
+    page: PageOptions,
+    output: OutputOptions,
 ) -> None:
     """Estimate the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
     from wherry.pipelines.logs.localization import LocalizationSettings, prepare
@@ -60,10 +58,10 @@ def localize(
             lenient=lenient,
         )
     )
-    console = console_for(as_json=as_json, quiet=quiet)
+    console = output.console()
     if _has_no_free_particle(run.grid, run.localizer.particles):
         say(console, "The map has no free space at the start pose of the log; --global searches the whole map.")
-    with trace_sink(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
+    with trace_sink(f"wherry: {log.name}", out, console, page) as sink:
         trace = LogTrace("localize", log.name, run.log, sink)
         trace.map(run.grid)
         with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
@@ -85,7 +83,7 @@ def localize(
             console.print("Nothing was saved; --out DIR saves the trajectory and a picture.")
         else:
             say(console, "Written: " + ", ".join(str(path) for path in run.save(out)))
-    if as_json:
+    if output.as_json:
         print_json(metrics)
 
 

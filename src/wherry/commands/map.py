@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wherry.commands.common import (
-    JsonOption,
     LenientOption,
     LogArgument,
-    QuietOption,
+    OutputOptions,
     SeedOption,
-    console_for,
     print_json,
     progress_bar,
     say,
 )
+from wherry.commands.option_groups import with_option_groups
 from wherry.commands.recording import RecordOption, recorded_log
-from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, ViewOption, trace_sink
+from wherry.commands.watching import PageOptions, trace_sink
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,6 +33,7 @@ MAPS_SHOWN, MAPS_RECORDED = 60, 20  # times that the growing map is drawn, which
 FIRST_MAP = 10  # scans after which it is drawn for the first time
 
 
+@with_option_groups
 def map_log(
     log: LogArgument,
     odometry: Annotated[
@@ -55,11 +55,9 @@ def map_log(
         bool, typer.Option("--localize", help="With --continue: follow the robot, leave the map as it is.")
     ] = False,
     record: RecordOption = None,
-    view: ViewOption = False,
-    host: HostOption = DEFAULT_HOST,
-    port: PortOption = DEFAULT_PORT,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    *,
+    page: PageOptions,
+    output: OutputOptions,
 ) -> None:
     """Make a map and a trajectory of recorded scans and odometry (SLAM)."""
     from wherry.mapping.closures import refusals
@@ -83,10 +81,10 @@ def map_log(
             localize=localize,
         )
     )
-    console = console_for(as_json=as_json, quiet=quiet)
-    with trace_sink(f"wherry: {log.name}", out, console, view=view, host=host, port=port) as sink:
+    console = output.console()
+    with trace_sink(f"wherry: {log.name}", out, console, page) as sink:
         trace = LogTrace("map", log.name, run.log, sink)
-        shown_at = _map_times(run.scans, MAPS_SHOWN if view else MAPS_RECORDED if out is not None else 0)
+        shown_at = _map_times(run.scans, MAPS_SHOWN if page.view else MAPS_RECORDED if out is not None else 0)
         with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
             task = progress.add_task("mapping", total=run.scans)
             for done in run.steps():
@@ -98,7 +96,7 @@ def map_log(
                     trace.loop_closures(done - 1, _closures(run.slam))
             if recording is not None:
                 run.record(recording)
-        if view or out is not None:
+        if page.view or out is not None:
             trace.map(run.slam.grid(), run.scans - 1)
             trace.loop_closures(run.scans - 1, _closures(run.slam))
         assert run.result is not None  # noqa: S101 - steps() ends by setting it
@@ -113,7 +111,7 @@ def map_log(
             console.print("Nothing was saved; --out DIR saves map, picture, trajectory and pose graph.")
         else:
             say(console, f"Map, picture, trajectory, pose graph and every closure with its reason: {out}")
-    if as_json:
+    if output.as_json:
         print_json(figures)
 
 

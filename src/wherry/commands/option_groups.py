@@ -1,4 +1,7 @@
-"""Commands whose options are grouped into dataclasses, so that no function takes two dozen parameters."""
+"""Groups of command-line options: dataclasses whose fields become options.
+
+Typer takes each option as a parameter; with `with_option_groups` a command takes a few groups instead.
+"""
 
 from __future__ import annotations
 
@@ -6,49 +9,45 @@ import functools
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass
-from typing import Any, TypeVar, get_type_hints
-
-R = TypeVar("R")
+from typing import Any, get_type_hints
 
 
-def option_groups(command: Callable[..., R]) -> Callable[..., R]:
-    """Replace each parameter of a command that is a dataclass by one option for each of the dataclass's fields.
+def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace each dataclass in the signature of a command by its fields.
 
-    Fields are annotated as typer's parameters are. Options keep the order of the parameters and fields; a parameter may
+    Fields are annotated as typer's parameters are. Options keep the order of parameters and fields, and a parameter may
     lack a default although one before it has one.
     """
     hints = get_type_hints(command, include_extras=True)
-    groups = {name: hint for name, hint in hints.items() if isinstance(hint, type) and is_dataclass(hint)}
+    parameters = inspect.signature(command).parameters
+    groups = {name: hints[name] for name in parameters if is_dataclass(hints[name])}
 
     @functools.wraps(command)
-    def call(**options: Any) -> R:
+    def grouped(**values: Any) -> None:
         for name, group in groups.items():
-            options[name] = group(**{field.name: options.pop(field.name) for field in fields(group)})
-        return command(**options)
+            values[name] = group(**{field.name: values.pop(field.name) for field in fields(group)})
+        command(**values)
 
-    parameters = [*_parameters(command, hints, groups)]
-    call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # typer reads it
-    call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return call
+    flat: list[inspect.Parameter] = []
+    for name, parameter in parameters.items():
+        if name in groups:
+            flat.extend(_field_parameters(groups[name]))
+        else:
+            flat.append(parameter.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY))
+    grouped.__signature__ = inspect.Signature(flat)  # type: ignore[attr-defined]  # read by typer
+    grouped.__annotations__ = {parameter.name: parameter.annotation for parameter in flat}
+    return grouped
 
 
-def _parameters(
-    command: Callable[..., object], hints: dict[str, Any], groups: dict[str, Any]
-) -> Iterator[inspect.Parameter]:
-    for parameter in inspect.signature(command).parameters.values():
-        if parameter.name not in groups:
-            yield parameter.replace(annotation=hints[parameter.name], kind=inspect.Parameter.KEYWORD_ONLY)
-            continue
-        group = groups[parameter.name]
-        field_hints = get_type_hints(group, include_extras=True)
-        for field in fields(group):
-            yield inspect.Parameter(
-                field.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=_default(field),
-                annotation=field_hints[field.name],
-            )
+def _field_parameters(group: type) -> Iterator[inspect.Parameter]:
+    """The fields of a dataclass as keyword-only parameters."""
+    hints = get_type_hints(group, include_extras=True)
+    for field in fields(group):
+        yield inspect.Parameter(
+            field.name, inspect.Parameter.KEYWORD_ONLY, default=_default(field), annotation=hints[field.name]
+        )
 
 
 def _default(field: Field[Any]) -> Any:
+    """The default value of a field; Parameter.empty if it has none."""
     return inspect.Parameter.empty if field.default is MISSING else field.default

@@ -31,7 +31,7 @@ RecordOption = Annotated[
 
 @contextlib.contextmanager
 def recorded(path: Path | None, *, laser_height: float = 0.0) -> Iterator[tuple[Sink, Callable[[Robot], Robot]]]:
-    """Record a run: yields a sink to record estimates with, and a function that makes a robot a recorded one.
+    """Record a run: yields a sink for its estimates, and a function that returns a recorded version of a robot.
 
     Args:
         path: The bag; None to record nothing.
@@ -42,64 +42,58 @@ def recorded(path: Path | None, *, laser_height: float = 0.0) -> Iterator[tuple[
     """
     from wherry.trace.records import null_sink
 
-    if path is None:
-        yield null_sink, lambda robot: robot
-        return
-    from wherry.ros.bags.run_recorder import RunRecorder
-
     with _open_bag(path) as bag:
-        recorder = RunRecorder(bag, laser_height=laser_height)
-        yield recorder, recorder.robot
+        if bag is None:
+            yield null_sink, lambda robot: robot
+        else:
+            from wherry.ros.bags.run_recorder import RunRecorder
+
+            recorder = RunRecorder(bag, laser_height=laser_height)
+            yield recorder, recorder.robot
 
 
 @contextlib.contextmanager
 def recorded_log(path: Path | None, log: LidarLog) -> Iterator[LogRecorder | None]:
-    """Record a log and what is estimated from it.
-
-    Args:
-        path: The bag; None to record nothing.
-        log: The log that is processed.
+    """Record a log with what is estimated from it; None as the path records nothing.
 
     Raises:
         InputError: The bag cannot be written.
     """
-    if path is None:
-        yield None
-        return
-    from wherry.ros.bags.log_recorder import LogRecorder
-
     with _open_bag(path) as bag:
-        yield LogRecorder(bag, log)
+        if bag is None:
+            yield None
+        else:
+            from wherry.ros.bags.log_recorder import LogRecorder
+
+            yield LogRecorder(bag, log)
 
 
 @contextlib.contextmanager
 def recorded_transport(path: Path | None, transport: Transport, names: RosNames) -> Iterator[Transport]:
-    """Record all messages that go through a transport.
-
-    Args:
-        path: The bag; None to record nothing.
-        transport: Node of the ROS system.
-        names: RosNames of topics and frames.
+    """Record all messages that go through a transport; None as the path records nothing.
 
     Raises:
         InputError: The bag cannot be written.
     """
-    if path is None:
-        yield transport
-        return
-    from wherry.ros.bags.recorded_transport import RecordedTransport
-
     with _open_bag(path) as bag:
-        recorded = RecordedTransport(transport, bag, names)
-        try:
-            yield recorded
-        finally:
-            recorded.stop_recording()
+        if bag is None:
+            yield transport
+        else:
+            from wherry.ros.bags.recorded_transport import RecordedTransport
+
+            recorded = RecordedTransport(transport, bag, names)
+            try:
+                yield recorded
+            finally:
+                recorded.stop_recording()
 
 
 @contextlib.contextmanager
-def _open_bag(path: Path) -> Iterator[BagWriter]:
+def _open_bag(path: Path | None) -> Iterator[BagWriter | None]:
     """A bag that is completed however the block ends; SIGTERM ends it as Ctrl-C does."""
+    if path is None:
+        yield None
+        return
     from wherry.ros.bags.writer import BagWriter
 
     def interrupt(number: int, frame: object) -> None:

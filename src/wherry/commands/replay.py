@@ -9,17 +9,17 @@ from typing import Annotated
 import typer
 
 from wherry.commands.common import (
-    JsonOption,
+    OutputOptions,
     ParamsOption,
-    QuietOption,
     SeedOption,
-    console_for,
     print_json,
     progress_bar,
     say,
 )
+from wherry.commands.option_groups import with_option_groups
 
 
+@with_option_groups
 def replay(
     bag: Annotated[Path, typer.Argument(help="A ROS 1 .bag, a ROS 2 bag's folder, or an .mcap or .db3 file.")],
     map_file: Annotated[
@@ -31,8 +31,8 @@ def replay(
     out: Annotated[Path | None, typer.Option(help="Folder of the results; by default runs/NAME-replay.")] = None,
     seed: SeedOption = 0,
     lenient: Annotated[bool, typer.Option("--lenient", help="Skip broken messages, and count them.")] = False,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    *,
+    output: OutputOptions,
 ) -> None:
     """Map a bag's scans and odometry, and then localize them on that map.
 
@@ -54,7 +54,7 @@ def replay(
             lenient=lenient,
         )
     )
-    console = console_for(as_json=as_json, quiet=quiet)
+    console = output.console()
     with progress_bar(console, "scans") as progress:
         for stage, done, total in run.steps():
             task = next((task.id for task in progress.tasks if task.description == stage), None)
@@ -68,5 +68,5 @@ def replay(
     metrics["localization"] = localization
     print_metrics(console, f"{bag.name} on {run.map_file.name}", localization, LOCALIZATION_METRICS)
     say(console, f"Written to {run.out}")
-    if as_json:
+    if output.as_json:
         print_json(metrics)

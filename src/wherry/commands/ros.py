@@ -11,9 +11,9 @@ import typer
 
 from wherry.commands.common import (
     BoxesOption,
-    JsonOption,
     LearnerOption,
     MapOption,
+    OutputOptions,
     QuietOption,
     RulesOption,
     SeedOption,
@@ -23,9 +23,9 @@ from wherry.commands.common import (
     one_of,
     print_json,
 )
-from wherry.commands.option_groups import option_groups
+from wherry.commands.option_groups import with_option_groups
 from wherry.commands.recording import RecordOption, recorded_transport
-from wherry.commands.watching import DEFAULT_HOST, DEFAULT_PORT, HostOption, PortOption, ViewOption, trace_sink
+from wherry.commands.watching import PageOptions, trace_sink
 
 if TYPE_CHECKING:
     import threading
@@ -96,15 +96,6 @@ class DeliverOptions:
     seed: SeedOption = 0
 
 
-@dataclass(frozen=True)
-class PageOptions:
-    """The live page."""
-
-    view: ViewOption = False
-    host: HostOption = DEFAULT_HOST
-    port: PortOption = DEFAULT_PORT
-
-
 def ros_app(ros_version: int) -> typer.Typer:
     """The commands of ROS 1 or ROS 2."""
     app = typer.Typer(
@@ -126,7 +117,7 @@ def ros_app(ros_version: int) -> typer.Typer:
 
 def _add_simulate(app: typer.Typer, ros_version: int) -> None:
     @app.command()
-    @option_groups
+    @with_option_groups
     def simulate(
         world: WorldArgument,
         arguments: LaunchArguments = None,
@@ -137,8 +128,7 @@ def _add_simulate(app: typer.Typer, ros_version: int) -> None:
         *,
         node: NodeOptions,
         record: RecordOption = None,
-        as_json: JsonOption = False,
-        quiet: QuietOption = False,
+        output: OutputOptions,
     ) -> None:
         """A simulated robot with /scan, /odom, /tf and /clock that obeys /cmd_vel; until Ctrl-C."""
         from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation, referee_summary
@@ -146,7 +136,7 @@ def _add_simulate(app: typer.Typer, ros_version: int) -> None:
 
         node_name, names = parse_names(arguments, "wherry_simulator", node)
         simulation = build_simulation(SimulatorSettings(world=world, boxes=boxes, seed=seed, rate=rate))
-        console = console_for(as_json=as_json, quiet=quiet)
+        console = output.console()
         with (
             open_transport(ros_version, node_name, node.namespace, node.interface) as transport,
             recorded_transport(record, transport, names) as recorded,
@@ -165,7 +155,7 @@ def _add_simulate(app: typer.Typer, ros_version: int) -> None:
             f"{summary['collisions']} collisions",
             highlight=False,
         )
-        if as_json:
+        if output.as_json:
             print_json(summary)
 
 
@@ -183,7 +173,7 @@ def _publish_description(transport: Transport, names: RosNames) -> None:
 
 def _add_deliver(app: typer.Typer, ros_version: int) -> None:
     @app.command()
-    @option_groups
+    @with_option_groups
     def deliver(
         arguments: LaunchArguments = None,
         *,
@@ -192,8 +182,7 @@ def _add_deliver(app: typer.Typer, ros_version: int) -> None:
         out: Annotated[Path | None, typer.Option(help="Where to write map and rules.")] = None,
         record: RecordOption = None,
         page: PageOptions,
-        as_json: JsonOption = False,
-        quiet: QuietOption = False,
+        output: OutputOptions,
     ) -> None:
         """The agent on a robot of ROS: it explores, maps, learns what its actions do, and delivers every box."""
         from wherry.files import make_folder
@@ -207,7 +196,7 @@ def _add_deliver(app: typer.Typer, ros_version: int) -> None:
         body = load_body(task.body)
         if out is not None:
             make_folder(out)
-        console = console_for(as_json=as_json, quiet=quiet)
+        console = output.console()
         _compile_kernels(console)
         with (
             open_transport(ros_version, node_name, node.namespace, node.interface) as connection,
@@ -220,7 +209,7 @@ def _add_deliver(app: typer.Typer, ros_version: int) -> None:
         if out is not None:
             save(out, grid, settings.learner)
         print_rules(console, settings.learner.sentences())
-        if as_json:
+        if output.as_json:
             print_json(asdict(summary))
         raise typer.Exit(1 if summary.remaining else 0)
 
@@ -283,7 +272,7 @@ def _deliver(
             publishes_map=mapping is Provider.OWN,
             publishes_pose=localization is Provider.OWN,
         ) as node,
-        trace_sink("wherry: ROS", out, console, view=page.view, host=page.host, port=page.port) as sink,
+        trace_sink("wherry: ROS", out, console, page) as sink,
         DeliveryProgress(console, 0) as progress,
     ):
         if settings.grid is not None:
@@ -300,14 +289,15 @@ def _deliver(
 
 def _add_monitor(app: typer.Typer, ros_version: int) -> None:
     @app.command()
+    @with_option_groups
     def monitor(
         duration: Annotated[float, typer.Option(min=0, help="Seconds to listen.")] = 60.0,
         names: NamesOption = None,
         namespace: NamespaceOption = "",
         remap: RemapOption = None,
         interface: InterfaceOption = "",
-        as_json: JsonOption = False,
-        quiet: QuietOption = False,
+        *,
+        output: OutputOptions,
     ) -> None:
         """Listen to a robot and its agent: messages that are missing, and the time from a scan to a velocity."""
         import time
@@ -318,7 +308,7 @@ def _add_monitor(app: typer.Typer, ros_version: int) -> None:
         from wherry.views.terminal import print_metrics
 
         resolved = load_names(names, namespace=namespace, remappings=remap or ())
-        console = console_for(as_json=as_json, quiet=quiet)
+        console = output.console()
         with open_transport(ros_version, "wherry_monitor", namespace, interface) as transport:
             listener = Monitor(transport, resolved)
             console.print(f"Listening for {duration:g} s; Ctrl-C ends it.", highlight=False)
@@ -326,7 +316,7 @@ def _add_monitor(app: typer.Typer, ros_version: int) -> None:
                 time.sleep(duration)
             statistics = listener.statistics()
         print_metrics(console, f"ROS {ros_version}, received", statistics, ROS_TRAFFIC_METRICS)
-        if as_json:
+        if output.as_json:
             print_json(statistics)
         raise typer.Exit(0 if statistics["scans"] else 1)
 
@@ -411,6 +401,6 @@ def open_transport(ros_version: int, name: str, namespace: str, interface: str) 
         from wherry.ros.transports.ros1 import Ros1Transport
 
         return Ros1Transport(name, namespace, interface)
-    from wherry.ros.transports.ros2 import LOOPBACK, Ros2Transport
+    from wherry.ros.transports.ros2 import Ros2Transport
 
-    return Ros2Transport(interface or LOOPBACK)
+    return Ros2Transport(interface) if interface else Ros2Transport()

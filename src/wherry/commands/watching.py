@@ -7,6 +7,7 @@ import os
 import sys
 import webbrowser
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,35 +37,42 @@ FIRST_PAGE_TIMEOUT = 10.0  # s to wait after a run for the page to be opened, wh
 OPENED_PAGE_TIMEOUT = 60.0  # s to wait where a browser was started, which may fail to load the page
 
 
+@dataclass(frozen=True, slots=True)
+class PageOptions:
+    """Options of the live page.
+
+    Attributes:
+        view: Whether to show the run on a page.
+        host: Address to serve the page on.
+        port: Port to serve the page on.
+    """
+
+    view: ViewOption = False
+    host: HostOption = DEFAULT_HOST
+    port: PortOption = DEFAULT_PORT
+
+
 @contextlib.contextmanager
-def trace_sink(
-    title: str,
-    out: Path | None,
-    console: Console,
-    *,
-    view: bool,
-    host: str = DEFAULT_HOST,
-    port: int = DEFAULT_PORT,
-) -> Iterator[Sink]:
-    """A sink that records the run and, with ``view``, shows it on a page.
+def trace_sink(title: str, out: Path | None, console: Console, page: PageOptions) -> Iterator[Sink]:
+    """A sink that records the run and, with ``--view``, shows it on a page.
+
+    After the run the page is served until all pages are closed, until Ctrl-C or, if it was never opened, for
+    `OPENED_PAGE_TIMEOUT` or `FIRST_PAGE_TIMEOUT`.
 
     Args:
         title: Title of the page.
         out: Folder for trace.wherry; None to record nothing.
         console: Console for the address of the page.
-        view: Whether to show the run. After the run the page is served until all pages are closed, until Ctrl-C or,
-            if it was never opened, for `OPENED_PAGE_TIMEOUT` or `FIRST_PAGE_TIMEOUT`.
-        host: Address to serve on.
-        port: Port to serve on.
+        page: Options of the page.
 
     Raises:
-        InputError: The folder cannot be written to, the address cannot be listened on, or it is given without ``view``.
+        InputError: The folder or the address cannot be used, or an address is given without ``--view``.
     """
     from wherry.errors import InputError
     from wherry.trace.records import combine_sinks, null_sink
 
-    for option, value, default in (("--host", host, DEFAULT_HOST), ("--port", port, DEFAULT_PORT)):
-        if value != default and not view:
+    for option, value, default in (("--host", page.host, DEFAULT_HOST), ("--port", page.port, DEFAULT_PORT)):
+        if value != default and not page.view:
             raise InputError(option, str(value), "needs --view")
     with contextlib.ExitStack() as stack:
         sinks: list[Sink] = []
@@ -74,16 +82,16 @@ def trace_sink(
 
             make_folder(out)
             sinks.append(stack.enter_context(TraceRecorder(out / TRACE_FILE_NAME)))
-        if view:
+        if page.view:
             from wherry.views.web.broadcast import TraceBroadcast
             from wherry.views.web.server import serve_run
 
             broadcast = TraceBroadcast()
-            server = stack.enter_context(serve_run(broadcast, title, host=host, port=port, folder=out))
+            server = stack.enter_context(serve_run(broadcast, title, host=page.host, port=page.port, folder=out))
             has_browser = open_page(server, console)
             sinks.append(broadcast)
         yield combine_sinks(*sinks) if sinks else null_sink
-        if view:
+        if page.view:
             broadcast.end()
             _serve_finished_run(server, OPENED_PAGE_TIMEOUT if has_browser else FIRST_PAGE_TIMEOUT, console)
 

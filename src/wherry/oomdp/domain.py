@@ -51,12 +51,12 @@ class Domain:
         known = set(self.classes_by_name)
         for term in self.terms:
             if unknown := set(term.classes) - known:
-                raise ValueError(f"term {term.name} speaks of {', '.join(sorted(unknown))}, which is no class")
+                raise ValueError(f"term {term.name} refers to unknown classes: {', '.join(sorted(unknown))}")
         for action, parameters in self.actions.items():
             if unknown := set(parameters) - known:
-                raise ValueError(f"action {action} takes {', '.join(sorted(unknown))}, which is no class")
+                raise ValueError(f"action {action} has parameters of unknown classes: {', '.join(sorted(unknown))}")
             if len(set(parameters)) < len(parameters):
-                raise ValueError(f"action {action} takes two of one class, which no term could tell apart")
+                raise ValueError(f"action {action} has two parameters of one class, which terms cannot distinguish")
 
     @cached_property
     def classes_by_name(self) -> Mapping[str, ObjectClass]:

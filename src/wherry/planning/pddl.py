@@ -1,4 +1,4 @@
-"""A learnt model and a state as PDDL, so that any classical planner can plan with what was learnt.
+"""A learnt model and a state as PDDL, so that any classical planner can plan with it.
 
 The reachable states are enumerated, and the predictions in them are turned into operators: for each action and effect
 the fewest terms that separate the states where it happens from all others. A PDDL object stands for one combination of
@@ -6,9 +6,9 @@ an object's values, ``taxi_x2_y3``. Terms, such as ``touch_N(taxi, wall)``, beco
 they are found to depend on. Steps with unknown outcome are left out, so a plan for the PDDL problem is a plan for the
 model, of the same length.
 
-Where terms do not tell which steps reach the goal (no term says that a crate is one step from where it belongs), the
-objects' values after the step do. Operators that can reach the goal are then written twice: for any values after the
-step, and for those of the goal.
+Where terms do not determine which steps reach the goal (no term holds exactly where a crate is one step from its
+target), the objects' values after the step do. Operators that can reach the goal are then written twice: for any values
+after the step, and for those of the goal.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ class _TaskWriter:
 
     def __init__(self, reachable: _ReachableSteps) -> None:
         self.reachable = reachable
-        self.goal = None if self._terms_tell_the_goal() else self._goal_values()
+        self.goal = None if self._terms_determine_the_goal() else self._goal_values()
         self.predicates: dict[str, list[str]] = {}  # the types of every predicate's parameters
         self.facts: list[str] = []
         self.operators: list[str] = []
@@ -244,7 +244,7 @@ class _TaskWriter:
             self.facts += [_literal(GOAL_PREDICATE, *values) for values in self.goal.values]
 
     def _add_operators(self, name: str, action: Action, effect: StepEffect, mask: int, value: int) -> None:
-        """Add the operator for an effect, and its variant that reaches the goal where terms do not tell the goal."""
+        """Add the operator for an effect, and its variant that reaches the goal if terms do not determine the goal."""
         preconditions, involved = [], dict.fromkeys(changed for changed, _ in effect.changes)
         for index in (index for index in range(len(self.reachable.literals)) if mask >> index & 1):
             predicate, (objects, holding) = self._predicate(action, index)
@@ -276,7 +276,7 @@ class _TaskWriter:
                 raise ValueError(f"{step.action}: {error}") from error
         return found
 
-    def _terms_tell_the_goal(self) -> bool:
+    def _terms_determine_the_goal(self) -> bool:
         """Whether steps with equal literals and changes agree on whether they reach the goal."""
         known: dict[tuple[Action, int, Changes], bool] = {}
         return all(

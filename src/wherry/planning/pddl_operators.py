@@ -1,4 +1,4 @@
-"""Operators from predictions: the fewest literals, and the fewest objects, that tell where an effect happens."""
+"""Operators from predictions: minimal sets of literals, and of objects, that determine where an effect happens."""
 
 from __future__ import annotations
 

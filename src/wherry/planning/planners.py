@@ -1,6 +1,6 @@
 """The registry of planners that compute policies.
 
-A new planner needs its own file, an entry here, and a row in ``docs/learners.md``. To find a plan to a goal on a
+A new planner needs its own file, an entry here, and a row in ``docs/planners.md``. To find a plan to a goal on a
 deterministic model instead, see `wherry.planning.search`.
 """
 
@@ -36,7 +36,7 @@ class PlannerEntry:
 
     Attributes:
         make: Makes the planner.
-        summary: What the planner does, in one line.
+        summary: One line on the algorithm.
         suited_for: The models that it is a good choice for.
     """
 

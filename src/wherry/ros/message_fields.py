@@ -1,4 +1,4 @@
-"""What a message class says about its fields: their names, types and order on the wire.
+"""The fields of message classes: names, types and order of serialization.
 
 A message class is a frozen dataclass whose annotations carry the ROS type (`Float32`, `UInt32`, …). `fields_of` reads
 them once per class; transports and bags convert any message field by field with the result.
@@ -21,11 +21,11 @@ class Wire:
     """The ROS type of a field, attached to its annotation.
 
     Attributes:
-        kind: Name of the primitive in ROS's .msg files, such as "float64".
+        type: Name of the primitive in ROS's .msg files, such as "float64".
         length: None for one value, 0 for a sequence of any length, otherwise the length of the fixed-size array.
     """
 
-    kind: str
+    type: str
     length: int | None = None
 
 
@@ -60,7 +60,7 @@ class Message:
     type_name: ClassVar[str]
 
 
-M = TypeVar("M", bound=Message)
+MessageT = TypeVar("MessageT", bound=Message)
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -75,12 +75,12 @@ class Field:
 
     Attributes:
         name: Name of the field.
-        kind: Name of a primitive, such as "float64", or the class of a nested message.
+        type: Name of a primitive, such as "float64", or the class of a nested message.
         length: None for one value, 0 for a sequence of any length, otherwise the length of the fixed-size array.
     """
 
     name: str
-    kind: str | type[Message]
+    type: str | type[Message]
     length: int | None
 
 
@@ -94,7 +94,7 @@ def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
 def _field(name: str, hint: Any) -> Field:
     if get_origin(hint) is Annotated:
         wire: Wire = get_args(hint)[1]
-        return Field(name, wire.kind, wire.length)
+        return Field(name, wire.type, wire.length)
     if get_origin(hint) is tuple:
         return Field(name, get_args(hint)[0], 0)
     return Field(name, hint, None)

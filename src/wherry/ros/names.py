@@ -4,7 +4,7 @@ namespace: robot1          # before every relative topic name
 frame_prefix: robot1/      # before every frame but the map's
 topics: {scan: front/scan, cmd_vel: /teleop/cmd_vel}
 frames: {laser: lidar_link}
-rates: {joint_states: 20.0}
+rates: {diagnostics: 2.0}  # Hz
 """
 
 from __future__ import annotations
@@ -61,7 +61,15 @@ class Topics:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """The frames of REP 105 and REP 120, and that of the lidar; nav2 and slam_toolbox use base_footprint by default."""
+    """Names of the frames of REP 105 and REP 120, and of the lidar's.
+
+    Attributes:
+        map: Frame of the map, fixed in the world.
+        odom: Frame of the odometry, which drifts.
+        base_link: Frame of the robot, at the middle of the drive axle.
+        base_footprint: base_link on the floor, which nav2 and slam_toolbox use by default.
+        laser: Frame of the lidar.
+    """
 
     map: str = "map"
     odom: str = "odom"
@@ -72,7 +80,13 @@ class Frames:
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """Publishing rates, Hz, of topics that are not published with each measurement."""
+    """Publishing rates of the topics that are not published with each measurement.
+
+    Attributes:
+        clock: Rate of ``/clock``, Hz.
+        latch_state: Rate of ``latch/state``, Hz.
+        diagnostics: Rate of ``/diagnostics``, Hz.
+    """
 
     clock: float = 100.0
     latch_state: float = 10.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Generic
 
-from wherry.ros.message_fields import M
+from wherry.ros.message_fields import MessageT
 
 
 class QosProfile(Enum):
@@ -18,7 +18,7 @@ class QosProfile(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Topic(Generic[M]):
+class Topic(Generic[MessageT]):
     """A named stream of messages of one type.
 
     Attributes:
@@ -28,5 +28,5 @@ class Topic(Generic[M]):
     """
 
     name: str
-    message_type: type[M]
+    message_type: type[MessageT]
     qos: QosProfile = QosProfile.RELIABLE

@@ -57,7 +57,7 @@ class TileEncoder:
         return keys, pixels
 
     def _aligned_offset(self, grid: OccupancyGrid) -> tuple[int, int]:
-        """Column and row of the grid's first cell, counted from the anchor; anchors anew where it is not aligned."""
+        """Column and row of the grid's first cell from the anchor; a grid that is not aligned becomes the anchor."""
         if self.number and grid.resolution == self.resolution:
             offset = self.anchor.inverse @ grid.origin
             column, row = round(offset.x / self.resolution), round(offset.y / self.resolution)

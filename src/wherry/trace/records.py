@@ -235,11 +235,11 @@ def combine_sinks(*sinks: Sink) -> Sink:
 
 
 def throttle_snapshots(sink: Sink, period: float) -> Sink:
-    """A sink that passes on snapshots at a limited rate, and all other records at once.
+    """A sink that limits the rate of snapshots and passes on all other records.
 
     Args:
         sink: The sink that records are passed on to.
-        period: Least time between two `RobotSnapshot`s, s, on the robot's clock.
+        period: Least time between two snapshots on the robot's clock, s.
     """
     latest = -math.inf
 

@@ -130,8 +130,8 @@ def _read_uint32(file: BinaryIO) -> int:
 @cached
 def _has_header(message_type: type[Message]) -> bool:
     """Whether messages of a class contain a header at any depth."""
-    kinds = [field.kind for field in fields_of(message_type) if not isinstance(field.kind, str)]
-    return any(kind is Header or _has_header(kind) for kind in kinds)
+    nested = [field.type for field in fields_of(message_type) if not isinstance(field.type, str)]
+    return any(inner is Header or _has_header(inner) for inner in nested)
 
 
 class Ros2Bag(ABC):

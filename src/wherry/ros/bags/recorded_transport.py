@@ -10,7 +10,7 @@ from typing import Any, Self
 from wherry.errors import InputError
 from wherry.ros.bags.writer import BagWriter
 from wherry.ros.decoding import MessageError, decode_stamp
-from wherry.ros.message_fields import M, Message
+from wherry.ros.message_fields import Message, MessageT
 from wherry.ros.messages import String
 from wherry.ros.names import RosNames
 from wherry.ros.topics import Topic
@@ -52,32 +52,32 @@ class RecordedTransport:
         """As `Transport.ros_version`."""
         return self._transport.ros_version
 
-    def advertise(self, topic: Topic[M]) -> None:
+    def advertise(self, topic: Topic[MessageT]) -> None:
         """As `Transport.advertise`."""
         self._transport.advertise(topic)
 
-    def publish(self, topic: Topic[M], message: M) -> None:
+    def publish(self, topic: Topic[MessageT], message: MessageT) -> None:
         """As `Transport.publish`; recorded here unless the node subscribes to the topic and receives it itself."""
         self._transport.publish(topic, message)
         if topic.name not in self._subscribed:
             self._record(topic, message)
 
-    def subscribe(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
+    def subscribe(self, topic: Topic[MessageT], callback: Callable[[MessageT], None]) -> None:
         """As `Transport.subscribe`."""
         self._subscribed.add(topic.name)
 
-        def record_and_call(message: M) -> None:
+        def record_and_call(message: MessageT) -> None:
             with contextlib.suppress(InputError):  # `publish` reports a full disk, on the agent's own thread
                 self._record(topic, message)
             callback(message)
 
         self._transport.subscribe(topic, record_and_call)
 
-    def count_publishers(self, topic: Topic[M]) -> int:
+    def count_publishers(self, topic: Topic[MessageT]) -> int:
         """As `Transport.count_publishers`."""
         return self._transport.count_publishers(topic)
 
-    def count_subscribers(self, topic: Topic[M]) -> int:
+    def count_subscribers(self, topic: Topic[MessageT]) -> int:
         """As `Transport.count_subscribers`."""
         return self._transport.count_subscribers(topic)
 

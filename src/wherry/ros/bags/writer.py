@@ -13,7 +13,7 @@ from wherry.errors import InputError
 from wherry.ros.bags.formats import FORMATS, BagFormat
 from wherry.ros.bags.reading import UNFINISHED
 from wherry.ros.encoding import NANOSECONDS
-from wherry.ros.message_fields import M, Message
+from wherry.ros.message_fields import Message, MessageT
 from wherry.ros.topics import Topic
 
 FLUSH_PERIOD = 1.0  # s of recorded time; at most that is lost if the process is killed
@@ -68,7 +68,7 @@ class BagWriter:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def write(self, topic: Topic[M], message: M, seconds: float) -> None:
+    def write(self, topic: Topic[MessageT], message: MessageT, seconds: float) -> None:
         """Add a message; may be called from any thread.
 
         Args:

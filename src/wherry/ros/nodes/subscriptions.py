@@ -10,7 +10,7 @@ from functools import partial
 from wherry.errors import InputError
 from wherry.ros.decoding import MessageError
 from wherry.ros.diagnostics import RejectedMessages
-from wherry.ros.message_fields import M
+from wherry.ros.message_fields import MessageT
 from wherry.ros.topics import Topic
 from wherry.ros.transports.protocol import Transport
 
@@ -35,7 +35,7 @@ class Subscriptions:
         self.rejected = RejectedMessages()
         self._transport = transport
 
-    def add(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
+    def add(self, topic: Topic[MessageT], callback: Callable[[MessageT], None]) -> None:
         """Call ``callback`` with each message of a topic."""
         self._transport.subscribe(topic, partial(self._receive, topic.name, callback))
 
@@ -57,7 +57,7 @@ class Subscriptions:
                     raise InputError("ROS", ", ".join(names), f"not received within {timeout:g} s{reason}")
                 self.changed.wait(POLL_PERIOD)
 
-    def _receive(self, topic: str, callback: Callable[[M], None], message: M) -> None:
+    def _receive(self, topic: str, callback: Callable[[MessageT], None], message: MessageT) -> None:
         with self.changed:
             try:
                 callback(message)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Protocol, Self
 
-from wherry.ros.message_fields import M
+from wherry.ros.message_fields import MessageT
 from wherry.ros.messages import String
 from wherry.ros.topics import Topic
 
@@ -33,11 +33,11 @@ class Transport(Protocol):
         """Announce that messages will be published on a topic, so that subscribers can connect before the first one."""
         ...
 
-    def publish(self, topic: Topic[M], message: M) -> None:
+    def publish(self, topic: Topic[MessageT], message: MessageT) -> None:
         """Publish a message, advertising the topic first if needed. Never waits for subscribers."""
         ...
 
-    def subscribe(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
+    def subscribe(self, topic: Topic[MessageT], callback: Callable[[MessageT], None]) -> None:
         """Call ``callback`` with each message of a topic.
 
         Callbacks run on a thread of the transport, one at a time over all topics, in the order of arrival on each

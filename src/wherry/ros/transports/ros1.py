@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any, Self
 
 from wherry.errors import InputError
-from wherry.ros.message_fields import M
+from wherry.ros.message_fields import MessageT
 from wherry.ros.messages import String
 from wherry.ros.topics import QosProfile, Topic
 from wherry.ros.transports.ros1_master import (
@@ -71,7 +71,7 @@ class Ros1Transport:
         """
         self._monitor.set_parameter(name, value)
 
-    def advertise(self, topic: Topic[M]) -> None:
+    def advertise(self, topic: Topic[MessageT]) -> None:
         """As `Transport.advertise`."""
         if topic.name in self._publishers:
             return
@@ -81,7 +81,7 @@ class Ros1Transport:
         self._publishers[topic.name] = publisher
         self._monitor.add(Registration(PUBLISHER, topic.name, ros1._type))
 
-    def publish(self, topic: Topic[M], message: M) -> None:
+    def publish(self, topic: Topic[MessageT], message: MessageT) -> None:
         """As `Transport.publish`.
 
         Raises:
@@ -92,7 +92,7 @@ class Ros1Transport:
         self.advertise(topic)
         self._publishers[topic.name].publish(to_ros1(message))
 
-    def subscribe(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
+    def subscribe(self, topic: Topic[MessageT], callback: Callable[[MessageT], None]) -> None:
         """As `Transport.subscribe`."""
         ros1, queue = ros1_reader(topic.message_type), QUEUE_SIZES[topic.qos]
 
@@ -105,11 +105,11 @@ class Ros1Transport:
         self._rospy.Subscriber(topic.name, ros1, receive, queue_size=queue, buff_size=RECEIVE_BUFFER, tcp_nodelay=True)
         self._monitor.add(Registration(SUBSCRIBER, topic.name, ros1._type))
 
-    def count_publishers(self, topic: Topic[M]) -> int:
+    def count_publishers(self, topic: Topic[MessageT]) -> int:
         """As `Transport.count_publishers`, at most `POLL_PERIOD` old."""
         return self._monitor.count_others(PUBLISHER, topic.name)
 
-    def count_subscribers(self, topic: Topic[M]) -> int:
+    def count_subscribers(self, topic: Topic[MessageT]) -> int:
         """As `Transport.count_subscribers`, at most `POLL_PERIOD` old."""
         return self._monitor.count_others(SUBSCRIBER, topic.name)
 

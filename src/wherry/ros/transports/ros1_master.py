@@ -240,7 +240,7 @@ class MasterMonitor:
             self._master.call("setParam", name, value)
         for one in sorted(missing, key=lambda one: one.role):
             publishers = self._master.call(f"register{one.role}", one.topic, one.type_name, self._node_uri)
-            if one.role == SUBSCRIBER:  # rospy connects only to publishers that its XML-RPC server is told of
+            if one.role == SUBSCRIBER:  # rospy connects only to publishers announced to its XML-RPC server
                 with ServerProxy(self._node_uri, transport=_TransportWithTimeout()) as node:
                     node.publisherUpdate("/master", one.topic, publishers)
 

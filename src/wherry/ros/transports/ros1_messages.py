@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.ros.message_fields import ARRAY_TYPES, Field, M, Message, cached, fields_of
+from wherry.ros.message_fields import ARRAY_TYPES, Field, Message, MessageT, cached, fields_of
 from wherry.ros.messages import Duration, Time
 
 DEBIAN_PACKAGES = Path("/usr/lib/python3/dist-packages")
@@ -102,9 +102,9 @@ def to_ros1(message: Message) -> Any:
     return _to_ros1(type(message))(message)
 
 
-def from_ros1(message: Any, message_type: type[M]) -> M:
+def from_ros1(message: Any, message_type: type[MessageT]) -> MessageT:
     """Convert a message of rospy; fields that only ROS 2 has keep their defaults."""
-    converted: M = _from_ros1(message_type)(message)
+    converted: MessageT = _from_ros1(message_type)(message)
     return converted
 
 
@@ -127,14 +127,14 @@ def _to_ros1(message_type: type[Message]) -> Converter:
 
 def _field_to_ros1(field: Field) -> Converter:
     """The converter of a field's value to rospy's."""
-    if not isinstance(field.kind, str):
-        element = _to_ros1(field.kind)
+    if not isinstance(field.type, str):
+        element = _to_ros1(field.type)
         return element if field.length is None else lambda values: [element(value) for value in values]
     if field.length is None:
         return _unchanged
-    if field.kind == "uint8":
+    if field.type == "uint8":
         return bytes
-    return list if field.kind == "string" else np.ndarray.tolist
+    return list if field.type == "string" else np.ndarray.tolist
 
 
 @cached
@@ -152,15 +152,15 @@ def _from_ros1(message_type: type[Message]) -> Converter:
 
 def _field_from_ros1(field: Field) -> Converter:
     """The converter of a field's value from rospy's."""
-    if not isinstance(field.kind, str):
-        element = _from_ros1(field.kind)
+    if not isinstance(field.type, str):
+        element = _from_ros1(field.type)
         return element if field.length is None else lambda values: tuple(element(value) for value in values)
     if field.length is None:
         return _unchanged
-    if field.kind == "string":
+    if field.type == "string":
         return tuple
-    dtype = ARRAY_TYPES[field.kind]
-    if field.kind == "uint8":  # rospy deserializes these as bytes
+    dtype = ARRAY_TYPES[field.type]
+    if field.type == "uint8":  # rospy deserializes these as bytes
         return lambda values: np.frombuffer(bytes(values), np.uint8)
     return lambda values: np.asarray(values, dtype)
 

@@ -56,11 +56,11 @@ function symbolsOf({ task }) {
   if (task !== "learn") return [["Robot", "--robot", "fork"], ...SYMBOLS.slice(1)]; // the shape of a log's robot is unknown
   const kinds = new Set((trace.records.Perceived[0]?.things ?? []).map(({ kind }) => kind));
   if (trace.records.CellsLaid[0]?.warehouse.length) kinds.add("Warehouse");
-  const things = [...kinds].map((kind) => {
+  const objects = [...kinds].map((kind) => {
     const role = KINDS[kind] ?? "load";
     return [kind, `--${KIND_COLOURS[role]}`, role === "place" ? "plain" : "disc"];
   });
-  return [...things, SYMBOLS.find(([words]) => words === "Wall")];
+  return [...objects, SYMBOLS.find(([words]) => words === "Wall")];
 }
 let legendKey = "";
 function updateLegend() {
@@ -143,7 +143,7 @@ canvas.addEventListener("pointerdown", (event) => {
 canvas.addEventListener("pointermove", (event) => {
   const before = pointers.get(event.pointerId);
   if (!before) {
-    canvas.classList.toggle("over", ["robot", "box", "warehouse", "thing"].includes(scene.pick(event.offsetX, event.offsetY)?.kind));
+    canvas.classList.toggle("over", ["robot", "box", "warehouse", "object"].includes(scene.pick(event.offsetX, event.offsetY)?.kind));
     return;
   }
   const now = [event.offsetX, event.offsetY];

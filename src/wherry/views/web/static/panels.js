@@ -231,7 +231,7 @@ class Panels {
     if (!step) return;
     const steps = this.trace.records.Stepped;
     if (this.changed("step", step) | this.changed("steps", steps.length)) this.drawChart(steps, this.trace.indexAt("Stepped", time));
-    const held = perceived?.things.some((thing) => thing.values.in_bot) ? 1 : 0;
+    const held = perceived?.things.some((object) => object.values.in_bot) ? 1 : 0;
     if (!this.changed("boxes", `${step.delivered} ${step.remaining} ${held}`)) return;
     const all = step.delivered + step.remaining;
     if (this.trace.records.Began[0].task === "learn") {
@@ -416,8 +416,8 @@ const degrees = (value) => `${((value * 180) / Math.PI).toFixed(0)}°`;
 // Title, colour and attributes of an object; null if it is gone.
 function attributesOf(picked, scene) {
   const { instant } = scene;
-  const thing = instant.perceived?.things.find((item) => item.name === (picked.kind === "robot" ? "robot" : picked.name));
-  const values = Object.entries(thing?.values ?? {}).map(([name, value]) => [`${thing.kind.toLowerCase()}.${name}`, value]);
+  const object = instant.perceived?.things.find((item) => item.name === (picked.kind === "robot" ? "robot" : picked.name));
+  const values = Object.entries(object?.values ?? {}).map(([name, value]) => [`${object.kind.toLowerCase()}.${name}`, value]);
   const place = scene.placeOf(picked);
   const where = place ? [["map", `${metres(place.x)}, ${metres(place.y)}`]] : [];
   if (picked.kind === "robot") {
@@ -427,9 +427,9 @@ function attributesOf(picked, scene) {
     if (seen.particles.length) rows.push(["particles", seen.particles.length / 3]);
     return ["Robot", "--robot", [...values, ...where, ...rows]];
   }
-  if (picked.kind === "box" || picked.kind === "thing") {
-    if (!place && !thing) return null;
-    return [`${thing?.kind ?? "Box"} ${picked.name ?? ""}`, "--box", [...values, ...where]];
+  if (picked.kind === "box" || picked.kind === "object") {
+    if (!place && !object) return null;
+    return [`${object?.kind ?? "Box"} ${picked.name ?? ""}`, "--box", [...values, ...where]];
   }
   if (picked.kind === "warehouse")
     return ["Warehouse", "--warehouse", [["warehouse.x", picked.cell[0]], ["warehouse.y", picked.cell[1]], ...where]];

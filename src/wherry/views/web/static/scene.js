@@ -416,25 +416,25 @@ class Scene {
   drawObjects() {
     const { perceived, cells } = this.instant;
     if (!perceived || !cells) return;
-    const things = perceived.things.filter(({ values }) => values.x !== undefined);
+    const objects = perceived.things.filter(({ values }) => values.x !== undefined);
     const order = ["place", "carrier", "load"];
-    things.sort((a, b) => order.indexOf(KINDS[a.kind]) - order.indexOf(KINDS[b.kind]));
-    for (const thing of things) {
-      const role = KINDS[thing.kind] ?? "load";
-      const [x, y] = this.inMap(cells, ...this.cellOf(thing).map((at) => (at + 0.5) * cells.size));
+    objects.sort((a, b) => order.indexOf(KINDS[a.kind]) - order.indexOf(KINDS[b.kind]));
+    for (const object of objects) {
+      const role = KINDS[object.kind] ?? "load";
+      const [x, y] = this.inMap(cells, ...this.cellOf(object).map((at) => (at + 0.5) * cells.size));
       const fill = this.colours[KIND_COLOURS[role]];
       if (role === "place") this.frame(x, y, 0.42 * cells.size, fill);
       else this.disc(x, y, (role === "carrier" ? 0.3 : 0.17) * cells.size, fill, this.colours["robot-edge"]);
       const below = { carrier: -0.34, load: 0.28, place: 0.39 }[role];
-      if (cells.size * this.scale >= LABEL_MIN_CELL) this.label(thing.name, x, y - below * cells.size, role === "carrier" ? fill : this.colours.ink);
+      if (cells.size * this.scale >= LABEL_MIN_CELL) this.label(object.name, x, y - below * cells.size, role === "carrier" ? fill : this.colours.ink);
     }
     this.drawSelection();
   }
 
   // The cell of an object. A carried object is in the cell of its carrier; its own x and y stay those of the pickup.
-  cellOf(thing) {
-    const carrier = isCarried(thing) && this.instant.perceived.things.find(({ kind }) => KINDS[kind] === "carrier");
-    const { x, y } = (carrier || thing).values;
+  cellOf(object) {
+    const carrier = isCarried(object) && this.instant.perceived.things.find(({ kind }) => KINDS[kind] === "carrier");
+    const { x, y } = (carrier || object).values;
     return [x, y];
   }
 
@@ -492,8 +492,8 @@ class Scene {
     if (box) return { kind: "box", name: this.nameOfBox(box), x: box[0], y: box[1] };
     if (instant.cells) {
       const [cx, cy] = this.cellAt(instant.cells, x, y);
-      const thing = !instant.seen && instant.perceived?.things.find((item) => this.cellOf(item).join() === `${cx},${cy}`);
-      if (thing) return { kind: "thing", name: thing.name };
+      const object = !instant.seen && instant.perceived?.things.find((item) => this.cellOf(item).join() === `${cx},${cy}`);
+      if (object) return { kind: "object", name: object.name };
       const { warehouse } = instant.cells;
       for (let n = 0; n < warehouse.length; n += 2)
         if (warehouse[n] === cx && warehouse[n + 1] === cy) return { kind: "warehouse", cell: [cx, cy] };
@@ -504,18 +504,18 @@ class Scene {
   // All objects that can be selected, in the order of the O key.
   pickable() {
     const { instant } = this;
-    const things = instant?.pose ? [{ kind: "robot" }] : (instant?.perceived?.things ?? []).map(({ name }) => ({ kind: "thing", name }));
-    for (const box of this.boxes()) things.push({ kind: "box", name: this.nameOfBox(box), x: box[0], y: box[1] });
+    const objects = instant?.pose ? [{ kind: "robot" }] : (instant?.perceived?.things ?? []).map(({ name }) => ({ kind: "object", name }));
+    for (const box of this.boxes()) objects.push({ kind: "box", name: this.nameOfBox(box), x: box[0], y: box[1] });
     const warehouse = instant?.cells?.warehouse ?? [];
-    for (let n = 0; n < warehouse.length; n += 2) things.push({ kind: "warehouse", cell: [warehouse[n], warehouse[n + 1]] });
-    return things;
+    for (let n = 0; n < warehouse.length; n += 2) objects.push({ kind: "warehouse", cell: [warehouse[n], warehouse[n + 1]] });
+    return objects;
   }
 
   pickNext() {
-    const things = this.pickable();
-    const key = (thing) => JSON.stringify([thing.kind, thing.name, thing.cell]);
-    const here = this.selected ? things.findIndex((thing) => key(thing) === key(this.selected)) : -1;
-    this.selected = things[(here + 1) % things.length] ?? null;
+    const objects = this.pickable();
+    const key = (object) => JSON.stringify([object.kind, object.name, object.cell]);
+    const here = this.selected ? objects.findIndex((object) => key(object) === key(this.selected)) : -1;
+    this.selected = objects[(here + 1) % objects.length] ?? null;
   }
 
   cellAt(cells, x, y) {
@@ -532,7 +532,7 @@ class Scene {
     const { cells, perceived } = this.instant;
     if (!cells || !perceived) return null;
     const [cx, cy] = this.cellAt(cells, x, y);
-    return perceived.things.find((thing) => thing.kind === "Box" && thing.values.x === cx && thing.values.y === cy)?.name ?? null;
+    return perceived.things.find((object) => object.kind === "Box" && object.values.x === cx && object.values.y === cy)?.name ?? null;
   }
 
   // Position of a selected object, m; null if it is gone.
@@ -546,14 +546,14 @@ class Scene {
       return { x, y, radius: cells.size / 2 };
     }
     if (picked.kind === "box") {
-      const thing = perceived?.things.find((item) => item.name === picked.name);
-      if (thing?.values.in_bot) return pose && { x: pose[0], y: pose[1], radius: this.boxRadius };
+      const object = perceived?.things.find((item) => item.name === picked.name);
+      if (object?.values.in_bot) return pose && { x: pose[0], y: pose[1], radius: this.boxRadius };
       const nearest = this.boxes().find((box) => (picked.name ? this.nameOfBox(box) === picked.name : Math.hypot(box[0] - picked.x, box[1] - picked.y) < 0.3));
       return nearest ? { x: nearest[0], y: nearest[1], radius: this.boxRadius } : null;
     }
-    const thing = perceived?.things.find((item) => item.name === picked.name);
-    if (!thing || !cells) return null;
-    const [x, y] = this.inMap(cells, ...this.cellOf(thing).map((at) => (at + 0.5) * cells.size));
+    const object = perceived?.things.find((item) => item.name === picked.name);
+    if (!object || !cells) return null;
+    const [x, y] = this.inMap(cells, ...this.cellOf(object).map((at) => (at + 0.5) * cells.size));
     return { x, y, radius: cells.size / 3 };
   }
 }

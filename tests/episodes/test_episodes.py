@@ -1,4 +1,4 @@
-"""The agent loop, and the agent with a job: it learns, delivers, copes with slips, and never goes on for ever."""
+"""The agent loop and its agents: they learn, complete their task, tolerate slips, and always terminate."""
 
 from __future__ import annotations
 
@@ -49,32 +49,32 @@ def grid(world: str) -> DeterministicMdp:
 
 
 def boxes_after_learning(steps: list[Step]) -> int:
-    """How many boxes were left when the last step that taught something was over."""
+    """Number of boxes left after the last step that was exploration or a surprise."""
     last = max(step.number for step in steps if step.is_learning)
     return boxes_left(steps[last - 1].transition.next_state)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_robot_that_knows_nothing_delivers_everything(seed: int) -> None:
+def test_agent_without_knowledge_delivers_everything(seed: int) -> None:
     steps = deliver(grid("rooms"), new_learner("bayes", grid("rooms").domain), seed)
     assert steps[-1].transition.terminated
     assert boxes_left(steps[-1].transition.next_state) == 0
-    assert boxes_after_learning(steps) == 3  # it takes one delivery to find out what a delivery is
+    assert boxes_after_learning(steps) == 3  # the first delivery completes the rules
     assert sum(step.is_learning for step in steps) <= 100
     assert not any(step.is_surprise for step in steps if not step.is_exploring)
 
 
-def test_doormax_delivers_everything_too() -> None:
+def test_doormax_delivers_everything() -> None:
     steps = deliver(grid("small"), new_learner("doormax", grid("small").domain), seed=0)
     assert boxes_left(steps[-1].transition.next_state) == 0
 
 
-def test_after_learning_the_way_is_the_shortest() -> None:
+def test_plan_after_learning_is_the_shortest() -> None:
     environment = grid("rooms")
     learner = new_learner("bayes", environment.domain)
     deliver(environment, learner, seed=0)
     steps = deliver(environment, learner, seed=7)
-    assert len(steps) == DeliveryHeuristic()(steps[0].state)  # no way can be shorter
+    assert len(steps) == DeliveryHeuristic()(steps[0].state)  # a lower bound
     assert not any(step.is_learning for step in steps)
 
 
@@ -82,7 +82,7 @@ def test_after_learning_the_way_is_the_shortest() -> None:
     "world",
     [world if world in BOXES else pytest.param(world, marks=pytest.mark.slow) for world in built_in_worlds()],
 )
-def test_rules_of_any_world_need_no_learning_in_any_other(world: str, tmp_path: Path) -> None:
+def test_rules_of_any_world_suffice_in_every_other(world: str, tmp_path: Path) -> None:
     environment = grid(world)
     learner = new_learner("bayes", environment.domain)
     deliver(environment, learner, seed=1)
@@ -96,7 +96,7 @@ def test_rules_of_any_world_need_no_learning_in_any_other(world: str, tmp_path: 
 
 
 class Slippery:
-    """A grid on which now and then an action does nothing."""
+    """A grid on which actions sometimes have no effect."""
 
     def __init__(self, environment: DeterministicMdp, chance: float, seed: int) -> None:
         self.environment = environment
@@ -116,7 +116,7 @@ class Slippery:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_slips_do_not_stop_it(seed: int) -> None:
+def test_agent_tolerates_slips(seed: int) -> None:
     environment = Slippery(grid("rooms"), 0.05, seed)
     learner = new_learner("bayes", environment.domain)
     steps = list(
@@ -129,27 +129,23 @@ def test_slips_do_not_stop_it(seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", LEARNERS)
-def test_a_box_that_cannot_be_delivered_is_left_and_the_others_are_not(name: str) -> None:
-    plan = FloorPlan(
-        "plan", 7, 3,
-        obstacles=frozenset({Cell(5, 0), Cell(5, 1), Cell(5, 2)}),
-        warehouse=frozenset({Cell(0, 0)}),
-        start=Cell(1, 1),
-    ).with_boxes([Cell(3, 1), Cell(6, 1), Cell(4, 2)])  # fmt: skip
-    environment = delivery_grid(plan)
+def test_unreachable_box_is_left_and_all_others_are_delivered(name: str) -> None:
+    obstacles = frozenset({Cell(5, 0), Cell(5, 1), Cell(5, 2)})
+    plan = FloorPlan("plan", 7, 3, obstacles=obstacles, warehouse=frozenset({Cell(0, 0)}), start=Cell(1, 1))
+    environment = delivery_grid(plan.with_boxes([Cell(3, 1), Cell(6, 1), Cell(4, 2)]))
     steps = deliver(environment, new_learner(name, environment.domain), seed=0, max_steps=1000)
     left = steps[-1].transition.next_state
     assert [(box.x, box.y) for box in left.of_class("Box")] == [(6, 1)]
-    assert len(steps) < 1000  # it stopped by itself
+    assert len(steps) < 1000  # the agent stopped by itself
 
 
-class Jammed(DeterministicMdp):
-    """A grid with one invisible obstacle: the third cell cannot be entered from the second."""
+class HiddenObstacle(DeterministicMdp):
+    """A grid with an invisible obstacle between the second and the third cell."""
 
     def __init__(self, environment: DeterministicMdp) -> None:
-        super().__init__(environment.domain, self._jam, environment.start)
+        super().__init__(environment.domain, self._blocked, environment.start)
 
-    def _jam(self, state: State, action: Action) -> Transition:
+    def _blocked(self, state: State, action: Action) -> Transition:
         done = delivery_transition(state, action)
         robots = state["robot"], done.next_state["robot"]
         if {(robot.x, robot.y) for robot in robots} == {(1, 0), (2, 0)}:
@@ -158,7 +154,7 @@ class Jammed(DeterministicMdp):
 
 
 @pytest.mark.parametrize("name", LEARNERS)
-def test_what_fails_again_and_again_is_left_alone(name: str) -> None:
+def test_action_that_fails_repeatedly_is_given_up(name: str) -> None:
     plan = FloorPlan("plan", 6, 2, warehouse=frozenset({Cell(5, 0)}), start=Cell(5, 1)).with_boxes([Cell(0, 0)])
     environment = delivery_grid(plan)
     learner = new_learner(name, environment.domain)
@@ -166,18 +162,18 @@ def test_what_fails_again_and_again_is_left_alone(name: str) -> None:
         deliver(delivery_grid(plan), learner, seed)
     steps = list(
         run_episode(
-            Jammed(environment),
+            HiddenObstacle(environment),
             GoalAgent(learner, boxes_left, DeliveryHeuristic()),
             np.random.default_rng(0),
             max_steps=400,
         )
     )
     assert len(steps) < 400
-    if name == "bayes":  # DOORMAX takes the obstacle for a law of nature
+    if name == "bayes":  # DOORMAX generalizes the obstacle to a failure condition
         assert boxes_left(steps[-1].transition.next_state) == 0
 
 
-def test_nothing_to_do_takes_no_step() -> None:
+def test_completed_task_takes_no_step() -> None:
     site = DeliverySite.of_plan(find_world("small"))
     environment = DeterministicMdp(site.domain, delivery_transition, lambda rng: site.state(Cell(0, 0), []))
     assert (
@@ -188,7 +184,7 @@ def test_nothing_to_do_takes_no_step() -> None:
     )
 
 
-def test_steps_tell_what_happened() -> None:
+def test_steps_record_the_episode() -> None:
     plan = FloorPlan("plan", 3, 1, warehouse=frozenset({Cell(0, 0)}), start=Cell(1, 0)).with_boxes([Cell(2, 0)])
     environment = delivery_grid(plan)
     agent = GoalAgent(new_learner("bayes", environment.domain), boxes_left, DeliveryHeuristic())
@@ -203,7 +199,7 @@ def test_steps_tell_what_happened() -> None:
         assert earlier.transition.next_state == later.state
 
 
-def test_the_plan_is_there_to_be_drawn() -> None:
+def test_plan_is_the_sequence_of_expected_states() -> None:
     plan = FloorPlan("plan", 3, 1, warehouse=frozenset({Cell(0, 0)}), start=Cell(1, 0)).with_boxes([Cell(2, 0)])
     environment = delivery_grid(plan)
     learner = new_learner("bayes", environment.domain)
@@ -215,8 +211,8 @@ def test_the_plan_is_there_to_be_drawn() -> None:
     assert [state["robot"].x for state in agent.plan] == [1, 2, 2, 1, 0, 0]
 
 
-class Enlightened(DeterministicMdp):
-    """A robot that sees, when it looks again before it acts, that a wall it believed in is not there."""
+class CorrectedPerception(DeterministicMdp):
+    """An environment that perceives, just before the action, that a wall does not exist."""
 
     def __init__(self) -> None:
         wide = DeliverySite.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
@@ -237,15 +233,15 @@ class Enlightened(DeterministicMdp):
         return super().step(action)
 
 
-def test_what_is_seen_before_the_action_counts() -> None:
-    environment = Enlightened()
+def test_state_perceived_just_before_the_action_counts() -> None:
+    environment = CorrectedPerception()
     agent = GoalAgent(new_learner("bayes", environment.domain), boxes_left)
     first = next(run_episode(environment, agent, np.random.default_rng(0)))
     assert first.state.scene == environment.truth.scene
     assert str(first.condition) == "1100000"
 
 
-def test_a_policy_agent_learns_taxi() -> None:
+def test_policy_agent_learns_taxi() -> None:
     environment, rng = taxi_grid(5), np.random.default_rng(0)
     learner = Doormax(environment.domain)
     agent = PolicyAgent(learner, ValueIteration(learner))
@@ -255,28 +251,28 @@ def test_a_policy_agent_learns_taxi() -> None:
 
 
 def lights() -> Any:
-    """The example domain: an action with a parameter, and three lamps of which it changes one."""
-    return runpy.run_path(str(Path(__file__).parents[1] / "docs" / "examples" / "lights.py"))
+    """The example of the documentation: an action with a parameter, and three lamps of which it changes one."""
+    return runpy.run_path(str(Path(__file__).parents[2] / "docs" / "examples" / "lights.py"))
 
 
 @pytest.mark.parametrize("scope", ["action", "attribute"])
 @pytest.mark.parametrize("seed", range(4))
-def test_doormax_says_which_assumption_several_objects_violate_and_goes_on(seed: int, scope: FailureScope) -> None:
-    """A lamp stays as it is for two reasons: another one was meant, or it was off. No one condition explains both."""
+def test_doormax_reports_the_assumption_that_several_objects_violate(seed: int, scope: FailureScope) -> None:
+    """A lamp stays as it is if it is not the argument, or if it is off already; no single condition explains both."""
     example = lights()
     learner = Doormax(example["DOMAIN"], failure_scope=scope)
-    agent = GoalAgent(learner, example["lit"])
-    environment = DeterministicMdp(example["DOMAIN"], example["what_happens"], example["begin"])
+    agent = GoalAgent(learner, example["lit_lamps"])
+    environment = DeterministicMdp(example["DOMAIN"], example["transition"], example["start"])
     steps = list(run_episode(environment, agent, np.random.default_rng(seed), max_steps=100))
-    assert example["lit"](steps[-1].transition.next_state) == 0
+    assert example["lit_lamps"](steps[-1].transition.next_state) == 0
     assert agent.failure_reason is None
     said = [violation for violation in learner.violations if violation.startswith("SWITCH_OFF, lamp.lit")]
     assert len(said) == (scope == "action")
 
 
 @pytest.mark.parametrize("scope", ["action", "attribute"])
-def test_doormax_delivers_two_boxes_with_rewards_learnt(scope: FailureScope) -> None:
-    """Whether the last box was delivered is in no term: that the same step ended an episode once is reported."""
+def test_doormax_delivers_two_boxes_with_learnt_rewards(scope: FailureScope) -> None:
+    """No term tells the last box, so the same step ends an episode only sometimes, which is reported."""
     environment = grid("small")
     learner = Doormax(environment.domain, failure_scope=scope)
     agent, rng = PolicyAgent(learner, ValueIteration(learner)), np.random.default_rng(0)
@@ -286,16 +282,16 @@ def test_doormax_delivers_two_boxes_with_rewards_learnt(scope: FailureScope) -> 
     assert any(violation.startswith("DROPOFF: the reward, or whether") for violation in learner.violations)
 
 
-def test_an_agent_that_gives_up_says_why() -> None:
-    """A switch that does nothing: when every condition was tried, it stops."""
+def test_agent_that_gives_up_states_the_reason() -> None:
+    """The switch has no effect, and the agent stops when it was tried under every condition."""
     example = lights()
 
     def broken(state: State, action: Action) -> Transition:
-        done = example["what_happens"](state, action)
+        done = example["transition"](state, action)
         return done if action.name != "SWITCH_OFF" else Transition(state, action, state, -1.0, terminated=False)
 
-    agent = GoalAgent(Doormax(example["DOMAIN"]), example["lit"])
-    environment = DeterministicMdp(example["DOMAIN"], broken, example["begin"])
+    agent = GoalAgent(Doormax(example["DOMAIN"]), example["lit_lamps"])
+    environment = DeterministicMdp(example["DOMAIN"], broken, example["start"])
     steps = list(run_episode(environment, agent, np.random.default_rng(0), max_steps=500))
     assert len(steps) < 500
-    assert agent.failure_reason == "3 left to do, and no way to do it is known or can be found out"
+    assert agent.failure_reason == "3 left to do, and no plan for it is known or can be learnt"
