@@ -25,6 +25,10 @@ PUBLIC_API = {
             GymnasiumAdapter GymnasiumTaxi MINIGRID_EFFECT_TYPES MiniGrid gymnasium_taxi_reward
             is_at_goal is_delivered minigrid_domain
         """,
+        "wherry.baselines": """
+            BASELINES FactoredRmax ModelEntries QLearning Rmax TabularLearner TabularMdp
+            TabularQLearning TabularRmax
+        """,
         "wherry.domains": """
             BoxState DeliveryHeuristic DeliverySite TaxiGrid all_delivered boxes_left
             delivery_domain delivery_grid delivery_reward delivery_transition taxi_domain taxi_grid
@@ -50,6 +54,10 @@ PUBLIC_API = {
             GENERATIONS GazeboExportSettings GazeboGeneration GazeboLatch GazeboLatchSettings
             export_world load_latch_settings
         """,
+        "wherry.learning": """
+            BayesianLearner Doormax Job LearnerEntry RULE_LEARNERS Rule RuleLearner UnknownAnswers
+            UnknownPairs learners_for load_rules save_rules
+        """,
         "wherry.localization": """
             Amcl AmclParameters EkfLocalization GLOBAL_PARAMETERS GridMarkov Hypothesis
             LOG_PARAMETERS LoadedParameters Localization Localizer LostDetector PRECISE_PARAMETERS
@@ -63,6 +71,10 @@ PUBLIC_API = {
             PoseGraph Rejection SLAM_METHODS ScanMatchingLocalizer Slam SlamMethod SlamSettings
             load_graph locate_on_map optimized save_graph
         """,
+        "wherry.navigation": """
+            Costmap Viewpoint clear_distance drive_line follow_path frontier_cells go_to
+            next_viewpoint safe_velocity shortest_path travel_costs turn_to visible_unknown_area
+        """,
         "wherry.oomdp": """
             Action Attribute AttributeKind Condition ConditionalModel ConditionalOutcome
             ConditionalPrediction DIRECTIONS DeterministicMdp Domain EFFECT_TYPES Effect EffectType
@@ -74,6 +86,12 @@ PUBLIC_API = {
         "wherry.planning": """
             Lrtdp PLANNERS PddlTask Plan Planner PlannerEntry PolicyIteration PredictionCache
             StateSpace Uct ValueIteration a_star cheapest_experiment export_pddl
+        """,
+        "wherry.realization": """
+            BoxTrack CellMap DriveStatus GlobalPoseEstimator MapPoseEstimator Mapper Mission Order
+            Pilot PoseEstimator PoseTracker RobotEnvironment SinglePoseEstimator SlamMapper
+            SlamPoseEstimator SurveyedWorld Surveyor blocked_directions detect_cylinders
+            floor_plan_from_map order_from_plan update_tracks
         """,
         "wherry.robot": """
             Body Odometry Robot Scan Velocity
@@ -93,6 +111,11 @@ PUBLIC_API = {
         """,
         "wherry.ros.transports": """
             Ros1Transport Ros2Transport Transport
+        """,
+        "wherry.simulation": """
+            BODY BoxStatus BoxTruth Collision LidarSpecification Referee SceneRenderer SeededWorld
+            Simulation WheelOdometryErrors blind build cell_pose kidnap random_cell_pose random_pose
+            reachable_cells robot_urdf seed_world slippery true_map
         """,
         "wherry.space": """
             CellFrame DistanceField GridMapper IDENTITY OccupancyGrid Pose Trajectory cast_rays

@@ -1,6 +1,6 @@
-"""What a robot is to the rest of wherry: scans and odometry come in, velocities go out (paper, section 7).
+"""The robot's interface: scans and odometry come in, velocities go out (paper, section 7).
 
-The simulator and a ROS robot both are a `Robot`; mapping, localization and delivery never know which one they drive.
+The simulator and a ROS robot are both a `Robot`; mapping, localization and delivery do not know which one they drive.
 """
 
 from __future__ import annotations
@@ -13,19 +13,21 @@ from numpy.typing import NDArray
 
 from wherry.space.pose import Pose
 
+LOAD_RADIUS_RATIO = 1.5  # radius of `Body.load_radius` ÷ radius of a box; the rest is for pose errors of the load
+
 
 @dataclass(frozen=True, slots=True)
 class Scan:
     """One turn of a 2D lidar (sensor_msgs/LaserScan).
 
     Attributes:
-        time: s, on the robot's clock.
-        ranges: [R] m, counter-clockwise; beam i looks along ``angle_min + i * angle_increment`` in the lidar's frame.
-            ``inf`` is a beam that met nothing within ``range_max``; NaN and values outside the limits are no reading.
-        angle_min: rad, direction of beam 0.
-        angle_increment: rad, from one beam to the next.
-        range_min: m, the shortest distance that is a reading.
-        range_max: m, the longest distance that is a reading.
+        time: Time of the scan, s, robot's clock.
+        ranges: [R] m, counter-clockwise; beam i points along ``angle_min + i * angle_increment`` in the lidar frame.
+            ``inf`` is a beam without a return within ``range_max``; NaN and values outside the limits are invalid.
+        angle_min: Direction of beam 0, rad, lidar frame.
+        angle_increment: Angle from one beam to the next, rad.
+        range_min: Shortest valid range, m.
+        range_max: Longest valid range, m.
     """
 
     time: float
@@ -37,16 +39,16 @@ class Scan:
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """[R] rad, the beams' directions in the lidar's frame."""
+        """[R] directions of the beams, rad, lidar frame."""
         return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """[R] which beams met something."""
+        """[R] True for beams with a return within the limits."""
         return np.isfinite(self.ranges) & (self.ranges >= self.range_min) & (self.ranges <= self.range_max)
 
     def points(self) -> NDArray[np.float64]:
-        """[V, 2] m, where the valid beams ended, in the lidar's frame."""
+        """[V, 2] end points of the valid beams, m, lidar frame."""
         valid = self.valid
         ranges, angles = self.ranges[valid], self.angles[valid]
         return np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
@@ -54,12 +56,12 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """Where the wheels say that the robot is (nav_msgs/Odometry).
+    """The robot's motion as measured by its wheels (nav_msgs/Odometry).
 
     Attributes:
-        time: s, on the robot's clock.
-        pose: base_link in the odom frame; drifts without bound.
-        velocity: As the wheels measured it.
+        time: Time of the measurement, s, robot's clock.
+        pose: base_link in the odom frame; its error grows without bound.
+        velocity: Velocity measured by the wheels.
     """
 
     time: float
@@ -69,11 +71,11 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """A command to a differential drive (geometry_msgs/Twist).
+    """A velocity of a differential drive (geometry_msgs/Twist).
 
     Attributes:
-        linear: v, m/s, forwards.
-        angular: ω, rad/s, counter-clockwise.
+        linear: Linear velocity v, m/s, positive forwards.
+        angular: Angular velocity ω, rad/s, positive counter-clockwise.
     """
 
     linear: float = 0.0
@@ -82,16 +84,16 @@ class Velocity:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What a robot knows of its own shape, in its base_link frame: the axle's middle, x forwards.
+    """The robot's shape and limits, in its base_link frame: origin in the middle of the axle, x forwards.
 
     Attributes:
-        radius: m, of the circle around base_link that contains the robot and its load.
-        lidar: The lidar's pose.
-        box_radius: m, of the boxes that fit its fork. A box in the fork stands at base_link's origin.
-        max_linear: m/s.
-        max_angular: rad/s.
-        max_linear_acceleration: m/s².
-        max_angular_acceleration: rad/s².
+        radius: Radius of the circle around base_link that contains the robot and its load, m.
+        lidar: The lidar in the base_link frame.
+        box_radius: Radius of the boxes that fit the fork, m; a box in the fork is centred on base_link.
+        max_linear: Largest linear speed, m/s.
+        max_angular: Largest angular speed, rad/s.
+        max_linear_acceleration: Largest linear acceleration, m/s².
+        max_angular_acceleration: Largest angular acceleration, rad/s².
     """
 
     radius: float
@@ -101,6 +103,11 @@ class Body:
     max_angular: float
     max_linear_acceleration: float
     max_angular_acceleration: float
+
+    @property
+    def load_radius(self) -> float:
+        """Radius around base_link within which a lidar reading is of a box in the fork, m."""
+        return LOAD_RADIUS_RATIO * self.box_radius
 
 
 class Robot(Protocol):
@@ -112,14 +119,14 @@ class Robot(Protocol):
         ...
 
     def receive(self) -> Scan | Odometry:
-        """Return the next measurement, waiting for it; times never decrease.
+        """Wait for the next measurement and return it; times never decrease.
 
-        Odometry comes at least as often as scans, and a scan follows the odometry of the same instant.
+        Odometry comes at least as often as scans, and a scan follows the odometry of the same time.
         """
         ...
 
     def command(self, velocity: Velocity) -> None:
-        """Drive so until the next command; the robot stands still 0.5 s after the last one."""
+        """Drive with a velocity until the next command; the robot stands still 0.5 s after the last one."""
         ...
 
     def close_latch(self) -> bool:
@@ -127,8 +134,8 @@ class Robot(Protocol):
         ...
 
     def open_latch(self) -> bool:
-        """Ask to let go of the load; return whether the fork is free now.
+        """Request to release the load; return whether the fork is empty now.
 
-        The latch is interlocked: it opens only over a warehouse's conveyor, so that no box is ever lost on the way.
+        The latch is interlocked: it opens only over a warehouse's conveyor, so that no box is dropped on the way.
         """
         ...

@@ -12,7 +12,7 @@ from wherry.cli import app
 from wherry.floorplan.generation import place_boxes
 from wherry.floorplan.world_files import find_world
 from wherry.pipelines.delivery.ros import parse_order
-from wherry.pipelines.delivery.simulated import order_of
+from wherry.realization.mission import order_from_plan
 from wherry.simulation import build
 
 
@@ -33,6 +33,6 @@ def test_command_writes_the_world_of_deliver_with_the_same_seed(tmp_path: Path) 
     line = result.stderr.splitlines()[-1]
     assert line.startswith("The agent: wherry ros2 deliver --warehouse ")
     order = parse_order(line.replace("--warehouse", "").split()[5:], simulation.plan.cell_size)
-    assert_allclose(order.warehouse, order_of(simulation.plan).warehouse, atol=1e-5)
+    assert_allclose(order.warehouse, order_from_plan(simulation.plan).warehouse, atol=1e-5)
     compile((folder / "gazebo.launch.py").read_text(), "gazebo.launch.py", "exec")
     ElementTree.fromstring((folder / "classic.launch").read_text())  # noqa: S314 - just written

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from wherry.floorplan.world_files import load_world
-from wherry.pipelines.delivery.simulated import Settings, prepare
+from wherry.pipelines.delivery.simulated import DeliverySettings, prepare_delivery
 from wherry.trace.records import null_sink
 
 ROOT = Path(__file__).parents[2]
@@ -42,13 +42,13 @@ def test_the_world_of_the_readme_is_delivered(tmp_path: Path, seed: int) -> None
     world = tmp_path / "tiny.txt"
     world.write_text(re.sub("^    ", "", drawing[0].rstrip() + "\n", flags=re.MULTILINE))
     assert len(load_world(world).boxes) == 2
-    result = prepare(Settings(world=str(world), seed=seed, out=tmp_path / "out"))(null_sink)
+    result = prepare_delivery(DeliverySettings(world=str(world), seed=seed, out=tmp_path / "out"))(null_sink)
     assert (result.delivered, result.collisions, result.exit_status) == (2, 0, 0)
 
 
 def test_the_world_of_the_tutorial_is_delivered(tmp_path: Path) -> None:
     world = str(ROOT / "docs/examples/home.txt")
-    result = prepare(Settings(world=world, seed=3, out=tmp_path))(null_sink)
+    result = prepare_delivery(DeliverySettings(world=world, seed=3, out=tmp_path))(null_sink)
     assert (result.delivered, result.boxes, result.collisions) == (3, 3, 0)
 
 

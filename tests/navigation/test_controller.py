@@ -39,7 +39,7 @@ def limit_acceleration(wanted: Velocity, present: Velocity) -> Velocity:
 
 
 def drive(pose: Pose, control: Callable[[Pose], Velocity | None], seconds: float = 60.0) -> list[Pose]:
-    """Every pose on the way until the controller says that it has arrived and the robot has stopped."""
+    """The poses until the controller returns None."""
     velocity = Velocity()
     poses = [pose]
     for _ in range(round(seconds / PERIOD)):
@@ -50,8 +50,8 @@ def drive(pose: Pose, control: Callable[[Pose], Velocity | None], seconds: float
         assert abs(wanted.angular) <= BODY.max_angular + 1e-9
         velocity = limit_acceleration(wanted, velocity)
         turned = velocity.angular * PERIOD
-        ahead = velocity.linear * PERIOD * float(np.sinc(turned / math.tau))  # chord of the arc; sinc is 1 at 0
-        pose = pose @ Pose(ahead * math.cos(turned / 2), ahead * math.sin(turned / 2), turned)
+        chord = velocity.linear * PERIOD * float(np.sinc(turned / math.tau))  # of the arc; sinc is 1 at 0
+        pose = pose @ Pose(chord * math.cos(turned / 2), chord * math.sin(turned / 2), turned)
         poses.append(pose)
     pytest.fail(f"did not arrive, stands at {pose}")
 
@@ -93,10 +93,10 @@ def test_going_to_a_pose_ends_within_a_centimetre_and_a_degree(x: float, y: floa
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-@pytest.mark.parametrize("beside", [-0.08, 0.0, 0.05])
-def test_docking_comes_in_along_the_line(reverse: bool, beside: float) -> None:
+@pytest.mark.parametrize("offset", [-0.08, 0.0, 0.05])
+def test_docking_converges_to_the_line(reverse: bool, offset: float) -> None:
     goal = Pose(1.0, 2.0, 0.8)
-    start = goal @ Pose(0.7 if reverse else -0.7, beside, 0.1)
+    start = goal @ Pose(0.7 if reverse else -0.7, offset, 0.1)
     end = drive(start, lambda pose: drive_line(pose, goal, BODY, reverse=reverse, speed=0.2))[-1].relative_to(goal)
     assert abs(end.x) <= POSITION_TOLERANCE
     assert abs(end.y) <= POSITION_TOLERANCE
@@ -104,7 +104,7 @@ def test_docking_comes_in_along_the_line(reverse: bool, beside: float) -> None:
 
 
 def scan_of(points: list[tuple[float, float]]) -> Scan:
-    """A scan, one beam a point; points in the base_link frame."""
+    """A scan with one beam at each point, m, base_link frame."""
     ranges = np.full(3600, np.inf)
     for x, y in points:
         seen_x, seen_y = x - BODY.lidar.x, y - BODY.lidar.y
@@ -112,7 +112,7 @@ def scan_of(points: list[tuple[float, float]]) -> Scan:
     return Scan(0.0, ranges, 0.0, math.radians(0.1), 0.05, 12.0)
 
 
-def test_clear_distance_is_that_of_the_round_body() -> None:
+def test_clear_distance_is_that_of_the_round_footprint() -> None:
     assert clear_distance(scan_of([(1.0, 0.0)]), BODY) == pytest.approx(0.8, abs=1e-3)
     assert clear_distance(scan_of([(1.0, 0.12)]), BODY) == pytest.approx(1.0 - 0.16, abs=2e-3)
     assert clear_distance(scan_of([(1.0, 0.21), (-1.0, 0.0)]), BODY) == math.inf
@@ -133,13 +133,13 @@ def test_clear_distance_along_an_arc() -> None:
     assert clear_distance(behind, BODY, reverse=True, curvature=1.0) == pytest.approx(expected, abs=3e-3)
 
 
-def test_a_safe_robot_stops_in_time() -> None:
+def test_a_safe_velocity_stops_before_an_obstacle() -> None:
     fast = Velocity(0.5, 0.4)
     assert safe_velocity(fast, scan_of([]), BODY) == fast
     slowed = safe_velocity(fast, scan_of([(0.3, 0.0)]), BODY)
     assert 0.0 < slowed.linear < 0.5
     assert slowed.angular / slowed.linear == pytest.approx(0.8)
     near = scan_of([(BODY.radius + STOP_DISTANCE - 0.01, 0.0)])
-    assert safe_velocity(fast, near, BODY) == Velocity(0.0, 0.4), "only the turning is left"
+    assert safe_velocity(fast, near, BODY) == Velocity(0.0, 0.4), "only the angular velocity remains"
     assert safe_velocity(Velocity(0.0, 1.0), near, BODY) == Velocity(0.0, 1.0)
     assert safe_velocity(Velocity(-0.5, 0.0), near, BODY) == Velocity(-0.5, 0.0)

@@ -1,4 +1,4 @@
-"""Exploration on drawn maps, and of a whole building by ray casting."""
+"""Frontier exploration on small maps, and of a whole building by ray casting."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from wherry.navigation.exploration import frontier_cells, next_viewpoint, visible_unknown
+from wherry.navigation.exploration import frontier_cells, next_viewpoint, visible_unknown_area
 from wherry.navigation.path import Costmap
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid
@@ -31,14 +31,14 @@ def test_the_frontier_lies_between_free_and_unknown() -> None:
     assert len(rows) == 38
 
 
-def test_what_would_be_seen_is_counted_once() -> None:
-    assert visible_unknown(half_known(), np.array([1.9, 1.0])) == pytest.approx(38 * 39 * 0.05**2, rel=0.03)
-    assert visible_unknown(half_known(), np.array([-5.0, 1.0])) == 0.0
+def test_each_visible_unknown_cell_counts_once() -> None:
+    assert visible_unknown_area(half_known(), np.array([1.9, 1.0])) == pytest.approx(38 * 39 * 0.05**2, rel=0.03)
+    assert visible_unknown_area(half_known(), np.array([-5.0, 1.0])) == 0.0
 
 
-def test_the_next_viewpoint_is_at_the_frontier_and_not_where_it_was_before() -> None:
+def test_the_next_viewpoint_is_at_the_frontier_and_was_not_visited_before() -> None:
     grid = half_known()
-    costmap = Costmap.of(grid, RADIUS)
+    costmap = Costmap.from_grid(grid, RADIUS)
     viewpoint = next_viewpoint(grid, costmap, Pose(0.5, 1.0, 0.0), np.zeros((0, 2)))
     assert viewpoint is not None
     assert 1.5 < viewpoint.position[0] < 2.0
@@ -46,13 +46,13 @@ def test_the_next_viewpoint_is_at_the_frontier_and_not_where_it_was_before() -> 
     assert again is None or np.hypot(*(again.position - viewpoint.position)) > 0.3
 
 
-def test_a_finished_map_and_an_unreachable_frontier_end_it() -> None:
+def test_exploration_ends_without_a_reachable_frontier() -> None:
     known = OccupancyGrid(np.where(half_known().unknown, 0.0, half_known().probability).astype(np.float32), 0.05)
-    assert next_viewpoint(known, Costmap.of(known, RADIUS), Pose(0.5, 1.0, 0.0), np.zeros((0, 2))) is None
+    assert next_viewpoint(known, Costmap.from_grid(known, RADIUS), Pose(0.5, 1.0, 0.0), np.zeros((0, 2))) is None
     walled = half_known().probability.copy()
     walled[:, 30] = 1.0
     grid = OccupancyGrid(walled, 0.05)
-    assert next_viewpoint(grid, Costmap.of(grid, RADIUS), Pose(0.5, 1.0, 0.0), np.zeros((0, 2))) is None
+    assert next_viewpoint(grid, Costmap.from_grid(grid, RADIUS), Pose(0.5, 1.0, 0.0), np.zeros((0, 2))) is None
 
 
 def test_a_building_is_explored_completely() -> None:
@@ -63,15 +63,15 @@ def test_a_building_is_explored_completely() -> None:
         building[row - 8 : row + 8, column] = building[row, column - 8 : column + 8] = False
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    mapper, pose, looked = GridMapper(0.05), Pose(1.0, 1.0, 0.0), np.zeros((0, 2))
+    mapper, pose, visited = GridMapper(0.05), Pose(1.0, 1.0, 0.0), np.zeros((0, 2))
     for _ in range(60):
-        place = np.array([pose.x, pose.y])
+        position = np.array([pose.x, pose.y])
         ranges = cast_rays(building, 0.05, Pose(), np.array([[pose.x, pose.y, 0.0]]), angles, 12.0)[0]
-        mapper.add(place, place + (ranges[:, None] + 0.01) * directions, np.ones(360, np.bool_))
-        looked = np.vstack([looked, place])
+        mapper.add(position, position + (ranges[:, None] + 0.01) * directions, np.ones(360, np.bool_))
+        visited = np.vstack([visited, position])
         grid = mapper.grid()
-        costmap = Costmap.of(grid, RADIUS, known_free=np.array([[pose.x, pose.y, 0.3]]))
-        viewpoint = next_viewpoint(grid, costmap, pose, looked)
+        costmap = Costmap.from_grid(grid, RADIUS, known_free=np.array([[pose.x, pose.y, 0.3]]))
+        viewpoint = next_viewpoint(grid, costmap, pose, visited)
         if viewpoint is None:
             break
         pose = Pose(*viewpoint.position, 0.0)

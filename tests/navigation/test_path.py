@@ -1,4 +1,4 @@
-"""Paths on small maps whose answers are known."""
+"""Shortest paths on small maps with known solutions."""
 
 from __future__ import annotations
 
@@ -25,79 +25,79 @@ def room(*walls: tuple[float, float, float, float], origin: Pose = IDENTITY, unk
     return OccupancyGrid(probability, 0.05, origin)
 
 
-def test_clearance_is_the_distance_to_the_wall_s_face() -> None:
-    costmap = Costmap.of(room(), RADIUS)
+def test_clearance_is_the_distance_to_a_walls_face() -> None:
+    costmap = Costmap.from_grid(room(), RADIUS)
     row, column = costmap.cell_at(np.array([1.02, 2.0]))
     assert costmap.clearance[row, column] == pytest.approx(1.025 - 0.05, abs=1e-6)
 
 
-def test_a_free_way_is_a_straight_line() -> None:
-    path = shortest_path(Costmap.of(room(), RADIUS), np.array([1.0, 1.0]), np.array([3.0, 2.6]))
+def test_a_free_path_is_a_straight_line() -> None:
+    path = shortest_path(Costmap.from_grid(room(), RADIUS), np.array([1.0, 1.0]), np.array([3.0, 2.6]))
     assert path is not None
     np.testing.assert_allclose(path, [[1.0, 1.0], [3.0, 2.6]])
 
 
-def test_the_way_leads_around_a_wall_and_keeps_clear() -> None:
-    costmap = Costmap.of(room((1.9, 0.0, 2.1, 3.0)), RADIUS)
+def test_a_path_around_a_wall_keeps_its_clearance() -> None:
+    costmap = Costmap.from_grid(room((1.9, 0.0, 2.1, 3.0)), RADIUS)
     path = shortest_path(costmap, np.array([1.0, 1.0]), np.array([3.0, 1.0]))
     assert path is not None
     around = 2 * math.hypot(0.9, 2.2) + 0.2
     assert around < np.hypot(*np.diff(path, axis=0).T).sum() < 1.1 * around
     for start, end in itertools.pairwise(path):
-        for share in np.linspace(0, 1, 50):
-            assert costmap.is_passable(start + share * (end - start))
+        for fraction in np.linspace(0, 1, 50):
+            assert costmap.is_passable(start + fraction * (end - start))
 
 
-def test_no_way_through_a_closed_wall_or_a_narrow_gap() -> None:
+def test_there_is_no_path_through_a_wall_or_a_narrow_gap() -> None:
     start, goal = np.array([1.0, 1.0]), np.array([3.0, 1.0])
-    assert shortest_path(Costmap.of(room((1.9, 0.0, 2.1, 4.0)), RADIUS), start, goal) is None
-    narrow = Costmap.of(room((1.9, 0.0, 2.1, 1.8), (1.9, 2.1, 2.1, 4.0)), RADIUS)
+    assert shortest_path(Costmap.from_grid(room((1.9, 0.0, 2.1, 4.0)), RADIUS), start, goal) is None
+    narrow = Costmap.from_grid(room((1.9, 0.0, 2.1, 1.8), (1.9, 2.1, 2.1, 4.0)), RADIUS)
     assert shortest_path(narrow, start, goal) is None
-    wide = Costmap.of(room((1.9, 0.0, 2.1, 1.7), (1.9, 2.2, 2.1, 4.0)), RADIUS)
+    wide = Costmap.from_grid(room((1.9, 0.0, 2.1, 1.7), (1.9, 2.2, 2.1, 4.0)), RADIUS)
     assert shortest_path(wide, start, goal) is not None
 
 
-def test_the_unknown_is_in_the_way_unless_it_may_be_crossed() -> None:
+def test_unknown_space_is_an_obstacle_by_default() -> None:
     grid = room((1.9, 0.0, 2.1, 4.0), unknown=True)
     start, goal = np.array([1.0, 1.0]), np.array([3.0, 1.0])
-    assert shortest_path(Costmap.of(grid, RADIUS), start, goal) is None
-    assert shortest_path(Costmap.of(grid, RADIUS, unknown_passable=True), start, goal) is not None
+    assert shortest_path(Costmap.from_grid(grid, RADIUS), start, goal) is None
+    assert shortest_path(Costmap.from_grid(grid, RADIUS, unknown_passable=True), start, goal) is not None
     known = np.array([[2.0, 1.0, 0.5]])
-    assert shortest_path(Costmap.of(grid, RADIUS, known_free=known), start, goal) is not None
+    assert shortest_path(Costmap.from_grid(grid, RADIUS, known_free=known), start, goal) is not None
 
 
-def test_discs_are_driven_around() -> None:
+def test_a_path_leads_around_disc_obstacles() -> None:
     disc = np.array([[2.0, 1.0, 0.3]])
-    costmap = Costmap.of(room(), RADIUS, obstacles=disc)
+    costmap = Costmap.from_grid(room(), RADIUS, obstacles=disc)
     path = shortest_path(costmap, np.array([1.0, 1.0]), np.array([3.0, 1.0]))
     assert path is not None
     along = np.concatenate([np.linspace(a, b, 100) for a, b in itertools.pairwise(path)])
     assert np.hypot(*(along - [2.0, 1.0]).T).min() > 0.3 + RADIUS - 0.03
 
 
-def test_the_map_s_origin_moves_and_turns_the_path() -> None:
+def test_a_path_does_not_depend_on_the_maps_origin() -> None:
     origin = Pose(-3.0, 5.0, 2.0)
     walls = (1.9, 0.0, 2.1, 3.0)
     ends = np.array([[1.0, 1.0], [3.0, 1.0]])
     moved = origin.transform(ends)
-    here = shortest_path(Costmap.of(room(walls), RADIUS), ends[0], ends[1])
-    there = shortest_path(Costmap.of(room(walls, origin=origin), RADIUS), moved[0], moved[1])
+    here = shortest_path(Costmap.from_grid(room(walls), RADIUS), ends[0], ends[1])
+    there = shortest_path(Costmap.from_grid(room(walls, origin=origin), RADIUS), moved[0], moved[1])
     assert here is not None
     assert there is not None
     np.testing.assert_allclose(origin.transform(here), there, atol=1e-9)
 
 
-def test_a_goal_in_a_wall_is_answered_with_the_nearest_place() -> None:
-    costmap = Costmap.of(room(), RADIUS)
+def test_a_goal_in_a_wall_is_replaced_by_the_nearest_passable_cell() -> None:
+    costmap = Costmap.from_grid(room(), RADIUS)
     goal = np.array([2.0, 0.02])
     path = shortest_path(costmap, np.array([2.0, 2.0]), goal)
     assert path is not None
     assert path[-1][1] == pytest.approx(0.275)
 
 
-def test_from_where_it_does_not_fit_the_way_leads_first_to_where_it_does() -> None:
+def test_a_start_in_collision_is_left_by_the_shortest_way() -> None:
     # Beside the end of a wall, a straight line to the goal would lead through its corner.
-    costmap = Costmap.of(room((1.9, 0.0, 2.0, 1.5)), RADIUS)
+    costmap = Costmap.from_grid(room((1.9, 0.0, 2.0, 1.5)), RADIUS)
     start, goal = np.array([1.78, 1.56]), np.array([3.0, 1.2])
     assert not costmap.is_passable(start)
     path = shortest_path(costmap, start, goal)
@@ -105,20 +105,20 @@ def test_from_where_it_does_not_fit_the_way_leads_first_to_where_it_does() -> No
     np.testing.assert_allclose(path[0], start)
     assert np.hypot(*(path[1] - start)) < 0.15
     for begin, end in itertools.pairwise(path[1:]):
-        for share in np.linspace(0, 1, 50):
-            assert costmap.is_passable(begin + share * (end - begin))
+        for fraction in np.linspace(0, 1, 50):
+            assert costmap.is_passable(begin + fraction * (end - begin))
 
 
-def test_the_roomiest_place_around_is_found() -> None:
-    costmap = Costmap.of(room(), RADIUS)
-    beside = costmap.centres(np.array([costmap.roomiest(np.array([0.3, 2.0]), 0.3)]))[0]
-    assert beside[0] == pytest.approx(0.3 + 0.3, abs=0.051)
-    row, column = costmap.roomiest(np.array([0.1, 0.1]), 0.5)
+def test_the_cell_with_the_largest_clearance_nearby_is_found() -> None:
+    costmap = Costmap.from_grid(room(), RADIUS)
+    found = costmap.centres(np.array([costmap.max_clearance_cell(np.array([0.3, 2.0]), 0.3)]))[0]
+    assert found[0] == pytest.approx(0.3 + 0.3, abs=0.051)
+    row, column = costmap.max_clearance_cell(np.array([0.1, 0.1]), 0.5)
     assert row == column == costmap.cell_at(np.array([0.1, 0.1]))[0] + 10
 
 
-def test_travel_costs_agree_with_paths_and_are_infinite_elsewhere() -> None:
-    costmap = Costmap.of(room((1.9, 0.0, 2.1, 4.0)), RADIUS)
+def test_travel_costs_are_path_lengths_and_infinite_without_a_path() -> None:
+    costmap = Costmap.from_grid(room((1.9, 0.0, 2.1, 4.0)), RADIUS)
     costs = travel_costs(costmap, np.array([1.025, 1.025]))
     assert costs[costmap.cell_at(np.array([1.025, 3.025]))] == pytest.approx(2.0)
     assert math.isinf(costs[costmap.cell_at(np.array([3.0, 1.0]))])

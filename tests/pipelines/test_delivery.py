@@ -1,4 +1,4 @@
-"""The whole delivery in the two smallest worlds: the result, what is written, and what can be used again."""
+"""Simulated deliveries in the two smallest worlds: the result, its files, and their use in later runs."""
 
 from __future__ import annotations
 
@@ -11,43 +11,44 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world, format_world
-from wherry.pipelines.delivery.score import Result
-from wherry.pipelines.delivery.simulated import DeliveryRun, Settings, order_of, prepare
+from wherry.pipelines.delivery.score import DeliveryResult
+from wherry.pipelines.delivery.simulated import DeliveryRun, DeliverySettings, prepare_delivery
+from wherry.realization.mission import order_from_plan
 from wherry.trace.records import Record, RobotSnapshot, StepTaken, null_sink
 
-MEASURED_BY_A_CLOCK = {"wall_seconds", "real_time_factor"}
+TIMINGS = {"wall_seconds", "real_time_factor"}
 
 
-def deliver(world: str, out: Path, **changes: object) -> tuple[Result, DeliveryRun]:
+def deliver(world: str, out: Path, **changes: object) -> tuple[DeliveryResult, DeliveryRun]:
     """Run a delivery."""
-    run = prepare(replace(Settings(world=world, out=out), **changes))  # type: ignore[arg-type]
+    run = prepare_delivery(replace(DeliverySettings(world=world, out=out), **changes))  # type: null_sink[arg-type]
     return run(null_sink), run
 
 
-def lasting(result: Result) -> dict[str, object]:
-    """What a result says apart from how fast the computer was."""
-    return {name: value for name, value in result.as_json().items() if name not in MEASURED_BY_A_CLOCK}
+def without_timings(result: DeliveryResult) -> dict[str, object]:
+    """The result without what depends on the computer's speed."""
+    return {name: value for name, value in result.as_json().items() if name not in TIMINGS}
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
+def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[DeliveryResult, Path]:
     out = tmp_path_factory.mktemp("small")
     return deliver("small", out)[0], out
 
 
 @pytest.fixture(scope="module")
-def taxi(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
+def taxi(tmp_path_factory: pytest.TempPathFactory) -> tuple[DeliveryResult, Path]:
     out = tmp_path_factory.mktemp("taxi")
     return deliver("taxi", out)[0], out
 
 
 @pytest.fixture(params=["small", "taxi"])
-def run(request: pytest.FixtureRequest) -> tuple[Result, Path]:
-    delivered: tuple[Result, Path] = request.getfixturevalue(request.param)
+def run(request: pytest.FixtureRequest) -> tuple[DeliveryResult, Path]:
+    delivered: tuple[DeliveryResult, Path] = request.getfixturevalue(request.param)
     return delivered
 
 
-def test_every_box_is_delivered_without_a_collision(run: tuple[Result, Path]) -> None:
+def test_every_box_is_delivered_without_a_collision(run: tuple[DeliveryResult, Path]) -> None:
     result, _ = run
     assert (result.status, result.exit_status) == ("delivered", 0)
     assert result.delivered == result.boxes > 0
@@ -56,7 +57,7 @@ def test_every_box_is_delivered_without_a_collision(run: tuple[Result, Path]) ->
     assert result.path_ratio is None or 1.0 <= result.path_ratio < 2.0
 
 
-def test_the_robot_knows_where_it_is_and_what_the_walls_are(run: tuple[Result, Path]) -> None:
+def test_localization_and_map_are_accurate(run: tuple[DeliveryResult, Path]) -> None:
     result, _ = run
     assert result.localization_rmse_m is not None
     assert 0.0 < result.localization_rmse_m < 0.08
@@ -64,36 +65,36 @@ def test_the_robot_knows_where_it_is_and_what_the_walls_are(run: tuple[Result, P
     assert 0.0 < result.map_error_m < 0.02
 
 
-def test_everything_is_written(run: tuple[Result, Path]) -> None:
+def test_all_files_are_written(run: tuple[DeliveryResult, Path]) -> None:
     result, out = run
     names = {path.name for path in out.iterdir()}
     assert {"result.json", "rules.json", "map.yaml", "map.pgm", "report.html"} <= names
-    assert not [name for name in names if name.startswith(".")]  # nothing half-written
+    assert not [name for name in names if name.startswith(".")]  # no temporary files
     assert json.loads((out / "result.json").read_text("utf-8")) == result.as_json()
-    assert set(result.as_json()) == {field.name for field in fields(Result)}
+    assert set(result.as_json()) == {field.name for field in fields(DeliveryResult)}
     page = (out / "report.html").read_text("utf-8")
     assert page.count("<svg") >= 3
-    assert "Everything is delivered." in page
+    assert "All boxes are delivered." in page
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_run_byte_by_byte(taxi: tuple[Result, Path], tmp_path: Path) -> None:
+def test_the_same_seed_gives_the_same_run_byte_by_byte(taxi: tuple[DeliveryResult, Path], tmp_path: Path) -> None:
     first, out = taxi
     again, _ = deliver("taxi", tmp_path)
-    assert lasting(again) == lasting(first)
+    assert without_timings(again) == without_timings(first)
     for name in ("map.pgm", "map.yaml", "rules.json"):
         assert (tmp_path / name).read_bytes() == (out / name).read_bytes()
 
 
 @pytest.mark.slow
-def test_another_seed_gives_another_run(taxi: tuple[Result, Path], tmp_path: Path) -> None:
+def test_another_seed_gives_another_run(taxi: tuple[DeliveryResult, Path], tmp_path: Path) -> None:
     other, _ = deliver("taxi", tmp_path, seed=1)
     assert other.status == "delivered"
-    assert lasting(other) != lasting(taxi[0])
+    assert without_timings(other) != without_timings(taxi[0])
 
 
-def test_rules_of_one_world_deliver_in_another_without_learning(
-    small: tuple[Result, Path], taxi: tuple[Result, Path], tmp_path: Path
+def test_rules_learnt_in_one_world_need_no_learning_in_another(
+    small: tuple[DeliveryResult, Path], taxi: tuple[DeliveryResult, Path], tmp_path: Path
 ) -> None:
     for world, (_, out) in (("taxi", small), ("small", taxi)):
         result, _ = deliver(world, tmp_path, rules_file=out / "rules.json", seed=1)
@@ -103,11 +104,13 @@ def test_rules_of_one_world_deliver_in_another_without_learning(
         assert 1.0 <= result.path_ratio <= 1.3
 
 
-def test_a_map_and_rules_leave_nothing_to_explore_or_learn(small: tuple[Result, Path], tmp_path: Path) -> None:
+def test_with_a_map_and_rules_nothing_is_explored_or_learnt(small: tuple[DeliveryResult, Path], tmp_path: Path) -> None:
     first, out = small
     records: list[Record] = []
-    settings = Settings(world="small", out=tmp_path, seed=2, map_file=out / "map.yaml", rules_file=out / "rules.json")
-    result = prepare(settings)(records.append)
+    settings = DeliverySettings(
+        world="small", out=tmp_path, seed=2, map_file=out / "map.yaml", rules_file=out / "rules.json"
+    )
+    result = prepare_delivery(settings)(records.append)
     assert result.status == "delivered"
     assert (result.learning_steps, result.collisions) == (0, 0)
     assert result.sim_seconds < first.sim_seconds
@@ -117,7 +120,7 @@ def test_a_map_and_rules_leave_nothing_to_explore_or_learn(small: tuple[Result, 
 
 
 @pytest.mark.slow
-def test_a_box_that_nobody_can_reach_is_reported_and_the_others_are_delivered(tmp_path: Path) -> None:
+def test_an_unreachable_box_is_reported_and_the_others_are_delivered(tmp_path: Path) -> None:
     # R's cell is walled in with its box.
     text = format_world(find_world("taxi"))
     plan = find_world("taxi")
@@ -133,7 +136,7 @@ def test_a_box_that_nobody_can_reach_is_reported_and_the_others_are_delivered(tm
     assert (result.status, result.exit_status, result.collisions) == ("delivered", 0, 0)
 
 
-def test_nothing_to_deliver_is_a_delivery(tmp_path: Path) -> None:
+def test_a_world_without_boxes_counts_as_delivered(tmp_path: Path) -> None:
     result, _ = deliver("small", tmp_path, boxes=0)
     assert (result.delivered, result.boxes, result.status, result.actions) == (0, 0, "delivered", 0)
 
@@ -142,26 +145,26 @@ def test_nothing_to_deliver_is_a_delivery(tmp_path: Path) -> None:
 def test_ctrl_c_ends_a_run_and_keeps_what_was_learnt(after: str, tmp_path: Path) -> None:
     steps = 0
 
-    def impatient(record: Record) -> None:
+    def interrupt(record: Record) -> None:
         nonlocal steps
         steps += isinstance(record, StepTaken)
         if (after == "the first look" and isinstance(record, RobotSnapshot)) or steps == 8:
             raise KeyboardInterrupt
 
-    run = prepare(Settings(world="taxi", out=tmp_path))
-    result = run(impatient)
+    run = prepare_delivery(DeliverySettings(world="taxi", out=tmp_path))
+    result = run(interrupt)
     assert (result.status, result.exit_status) == ("stopped", 130)
     rules = tmp_path / "rules.json"
     assert rules.exists()
     assert (tmp_path / "report.html").exists() is (after == "some actions")
-    assert prepare(Settings(world="taxi", out=tmp_path, rules_file=rules)).rules == run.rules
+    assert prepare_delivery(DeliverySettings(world="taxi", out=tmp_path, rules_file=rules)).rules == run.rules
 
 
-def test_the_robot_is_told_only_where_the_warehouse_is() -> None:
+def test_the_order_gives_the_warehouse_relative_to_the_start() -> None:
     plan = find_world("taxi")
-    order = order_of(plan)
+    order = order_from_plan(plan)
     assert order.cell_size == plan.cell_size
-    # It looks east from (2, 2); the warehouse (0, 0) lies two cells behind it and two to its right.
+    # The robot faces east in (2, 2): the warehouse (0, 0) is two cells behind it and two to its right.
     np.testing.assert_allclose(order.warehouse, [[-1.2, -1.2]])
 
 
@@ -176,9 +179,9 @@ def test_the_robot_is_told_only_where_the_warehouse_is() -> None:
         ({"rules_file": Path("no/such.json")}, "no/such.json"),
     ],
 )
-def test_bad_settings_are_refused_before_anything_is_made(
+def test_invalid_settings_are_rejected_before_any_file_is_made(
     changes: dict[str, object], where: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match=where):
-        prepare(replace(Settings(world="small", out=tmp_path / "out"), **changes))  # type: ignore[arg-type]
+        prepare_delivery(replace(DeliverySettings(world="small", out=tmp_path / "out"), **changes))  # type: null_sink[arg-type]
     assert not (tmp_path / "out").exists()

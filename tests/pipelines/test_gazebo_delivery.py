@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from wherry.gazebo.latch_settings import GazeboLatchSettings
-from wherry.pipelines.delivery.simulated import order_of
 from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation
+from wherry.realization.mission import order_from_plan
 from wherry.ros.transports.ros2 import Ros2Transport
 from wherry.simulation.simulator import LATCH_REACH
 from wherry_testing.bus import free_domain
@@ -44,7 +44,7 @@ def test_delivery_with_the_stand_in_over_dds(bridge: Ros2Transport, tmp_path: Pa
     world.write_text(WORLD)
     simulation = build_simulation(SimulatorSettings(str(world)))
     plan = simulation.plan
-    cells = [option for x, y in order_of(plan).warehouse for option in ("--warehouse", f"{x:.3f},{y:.3f}")]
+    cells = [option for x, y in order_from_plan(plan).warehouse for option in ("--warehouse", f"{x:.3f},{y:.3f}")]
     running = RunningGazebo(FakeGazebo(simulation, bridge), rate=1.0)
     file = settings_file(tmp_path, GazeboLatchSettings(len(plan.boxes), LATCH_REACH, plan.cell_size, plan.warehouse))
     processes: list[Any] = [wherry("ros2", "gazebo-latch", file, domain=DOMAIN)]

@@ -1,4 +1,4 @@
-"""What is told of a delivery by whoever delivers, robot or grid."""
+"""The narration of a delivery episode, on a grid in place of a robot."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from wherry.floorplan.plan import Cell
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import State
-from wherry.pipelines.delivery import agent as robot_delivery
-from wherry.pipelines.delivery.agent import Delivery, delivery_learner
-from wherry.realization.mission import Ready
+from wherry.pipelines.delivery import agent
+from wherry.pipelines.delivery.agent import DeliveryEpisode, delivery_learner
+from wherry.realization.mission import SurveyedWorld
 from wherry.space.frame import CellFrame
 from wherry.space.pose import IDENTITY
-from wherry.trace.records import Narration, Record
+from wherry.trace.records import Narration, Phase, Record
 
 
 class Grid(DeterministicMdp):
-    """A corridor of three cells with a box at its end, instead of a robot; its latch may be broken."""
+    """A corridor of three cells with a box at its end, in place of a robot; its latch may be broken."""
 
     def __init__(self, *, broken: bool) -> None:
         self.site = DeliverySite.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
@@ -46,44 +46,44 @@ class Grid(DeterministicMdp):
         return 1 - self.remaining
 
 
-def words(*, broken: bool, in_the_way: tuple[str, ...] = ()) -> list[Narration]:
-    ready = Ready(
+def narration(*, broken: bool, blocking: tuple[str, ...] = ()) -> list[Narration]:
+    world = SurveyedWorld(
         Grid(broken=broken),
         grid=None,
         frame=CellFrame(IDENTITY, 0.6),
         plan=None,
-        look_further=lambda: None,
-        in_the_way=lambda: in_the_way,
+        extend_survey=lambda: None,
+        blocking_boxes=lambda: blocking,
     )
-    told: list[Record] = []
-    for _ in Delivery(ready, delivery_learner("bayes"), told.append, np.random.default_rng(0)):
+    records: list[Record] = []
+    for _ in DeliveryEpisode(world, delivery_learner("bayes"), records.append, np.random.default_rng(0)):
         pass
-    return [record for record in told if isinstance(record, Narration)]
+    return [record for record in records if isinstance(record, Narration)]
 
 
-def last_words(*, broken: bool) -> str:
-    last = words(broken=broken)[-1]
-    assert last.phase == "done"
+def final_words(*, broken: bool) -> str:
+    last = narration(broken=broken)[-1]
+    assert last.phase is Phase.DONE
     return last.text
 
 
-def test_the_end_is_told() -> None:
-    assert last_words(broken=False) == "Everything is delivered."
+def test_a_complete_delivery_is_announced() -> None:
+    assert final_words(broken=False) == "All boxes are delivered."
 
 
-def test_who_gives_up_says_why() -> None:
-    assert last_words(broken=True) == (
-        "I give up: I cannot deliver 1 of the boxes (1 left to do, and no plan for it is known or can be learnt)."
+def test_giving_up_states_the_reason() -> None:
+    assert final_words(broken=True) == (
+        "I give up: I cannot deliver 1 box (1 left to do, and no plan for it is known or can be learnt)."
     )
 
 
-def test_who_needs_too_many_actions_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(robot_delivery, "MOST_STEPS", 2)
-    assert last_words(broken=True) == "I give up: I cannot deliver 1 of the boxes (not in 2 actions)."
+def test_giving_up_after_too_many_actions_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(agent, "MAX_ACTIONS", 2)
+    assert final_words(broken=True) == "I give up: I cannot deliver 1 box (not within 2 actions)."
 
 
-def test_what_is_in_the_way_is_picked_up_before_anyone_gives_up() -> None:
-    said = [record.text for record in words(broken=True, in_the_way=("box",))]
-    assert said[-2] == "I cannot deliver anything as things stand, but box is in my way: I pick it up."
+def test_a_blocking_box_is_picked_up_before_giving_up() -> None:
+    said = [record.text for record in narration(broken=True, blocking=("box",))]
+    assert said[-2] == "I cannot deliver any box now, but box blocks my way: I pick it up."
     assert said[-1].startswith("I give up")
-    assert not any("in my way" in record.text for record in words(broken=False, in_the_way=("box",)))
+    assert not any("blocks my way" in record.text for record in narration(broken=False, blocking=("box",)))

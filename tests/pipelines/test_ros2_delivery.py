@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wherry.pipelines.delivery.simulated import order_of
 from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation
+from wherry.realization.mission import order_from_plan
 from wherry.ros import messages as ros
 from wherry.ros.decoding import decode_occupancy_grid, transforms_between
 from wherry.ros.names import load_names
@@ -70,7 +70,7 @@ def test_two_boxes_are_delivered_over_dds(subscriber: Subscriber, tmp_path: Path
     world = tmp_path / "world.txt"
     world.write_text(WORLD)
     plan = build_simulation(SimulatorSettings(str(world))).plan
-    cells = [option for x, y in order_of(plan).warehouse for option in ("--warehouse", f"{x:.3f},{y:.3f}")]
+    cells = [option for x, y in order_from_plan(plan).warehouse for option in ("--warehouse", f"{x:.3f},{y:.3f}")]
     with simulator(world, DOMAIN, "--rate", str(RATE), "--duration", "900") as robot:
         agent = wherry("ros2", "deliver", *cells, "--json", "--out", str(tmp_path), domain=DOMAIN)
         try:

@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 from wherry.cli import app
 from wherry.errors import InputError
 from wherry.pipelines.delivery.ros import NavigationStack, Provider, parse_order
-from wherry.pipelines.delivery.simulated import order_of
-from wherry.realization.mission import Ready
+from wherry.realization.mission import SurveyedWorld, order_from_plan
 from wherry.ros import messages as ros
 from wherry.ros.body_files import load_body
 from wherry.ros.decoding import decode_odometry, decode_pose_estimate
@@ -114,16 +113,16 @@ def robot(external: ExternalStack) -> Iterator[RosRobot]:
 
 def get_ready(
     external: ExternalStack, robot: RosRobot, mapping: Provider, localization: Provider, timeout: float = 10.0
-) -> Ready:
+) -> SurveyedWorld:
     stack = NavigationStack(
         robot, external.bus.node(), NAMES, mapping=mapping, localization=localization, timeout=timeout
     )
     if mapping is Provider.EXTERNAL:
         external.publish_map()
-    return stack.get_ready(order_of(external.simulation.plan), None, null_sink, np.random.default_rng(0))
+    return stack.get_ready(order_from_plan(external.simulation.plan), None, null_sink, np.random.default_rng(0))
 
 
-def check_ready(ready: Ready, external: ExternalStack, map_frame: Pose) -> None:
+def check_ready(ready: SurveyedWorld, external: ExternalStack, map_frame: Pose) -> None:
     """Check the poses of robot, box and warehouse against the simulation."""
     environment, plan = ready.environment, external.simulation.plan
     true = map_frame.inverse @ external.simulation.referee.pose
@@ -173,7 +172,7 @@ def test_stack_without_a_map_is_an_error(external: ExternalStack, robot: RosRobo
         timeout=0.2,
     )
     with pytest.raises(InputError, match=r"/map: not received within 0\.2 s"):
-        stack.get_ready(order_of(external.simulation.plan), None, null_sink, np.random.default_rng(0))
+        stack.get_ready(order_from_plan(external.simulation.plan), None, null_sink, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("option", ["--mapping", "--localization"])

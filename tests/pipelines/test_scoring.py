@@ -18,13 +18,13 @@ cell: 0.6
 
 def test_shortest_delivery_in_a_corridor() -> None:
     plan = parse_world(CORRIDOR, "corridor")
-    # To the near box, back, to the far one, back; loaded, it cannot pass a box, so the near one comes first.
-    assert shortest_delivery(plan, Cell(1, 0), [Cell(2, 0), Cell(4, 0)], loaded=False) == 1 + 2 + 4 + 4
-    assert shortest_delivery(plan, Cell(4, 0), [Cell(4, 0)], loaded=False) == 4
-    assert shortest_delivery(plan, Cell(4, 0), [], loaded=True) == 4
-    assert shortest_delivery(plan, Cell(0, 0), [], loaded=True) == 0
+    # To the near box and back, then to the far one and back: with a load the robot cannot pass a box.
+    assert shortest_delivery(plan, Cell(1, 0), [Cell(2, 0), Cell(4, 0)], has_load=False) == 1 + 2 + 4 + 4
+    assert shortest_delivery(plan, Cell(4, 0), [Cell(4, 0)], has_load=False) == 4
+    assert shortest_delivery(plan, Cell(4, 0), [], has_load=True) == 4
+    assert shortest_delivery(plan, Cell(0, 0), [], has_load=True) == 0
 
 
 def test_a_robot_behind_a_box_with_a_full_fork_cannot_deliver() -> None:
     plan = parse_world(CORRIDOR, "corridor")
-    assert shortest_delivery(plan, Cell(4, 0), [Cell(2, 0)], loaded=True) is None
+    assert shortest_delivery(plan, Cell(4, 0), [Cell(2, 0)], has_load=True) is None

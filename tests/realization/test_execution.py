@@ -1,4 +1,4 @@
-"""Moves from cell to cell by a robot that does exactly what it is told: where they end and what they leave standing."""
+"""Moves from cell to cell by a robot without physics: where they end, and where boxes stand afterwards."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from wherry.floorplan.plan import Cell, Direction
-from wherry.realization.execution import move
+from wherry.realization.execution import move_to_cell
 from wherry.realization.pilot import Pilot
-from wherry.realization.tracking import PoseTracker
+from wherry.realization.pose_tracker import PoseTracker
 from wherry.simulation.model import BODY
 from wherry.trace.records import null_sink
 from wherry_testing.deliveries import hall
@@ -26,61 +26,61 @@ def make(beside: str = " ") -> tuple[Pilot, KinematicRobot]:
 
 
 def go(
-    pilot: Pilot, here: Cell, way: Direction, *, docking: bool = False, full: bool = False, held: bool = False
+    pilot: Pilot, here: Cell, direction: Direction, *, docking: bool = False, full: bool = False, held: bool = False
 ) -> bool:
-    home, goal = centre(PLAN, here), centre(PLAN, here.neighbour(way))
-    return move(pilot, home, goal, docking=docking, fork_full=full, held=held)
+    home, goal = centre(PLAN, here), centre(PLAN, here.neighbour(direction))
+    return move_to_cell(pilot, home, goal, docking=docking, fork_full=full, held=held)
 
 
-def off(robot: KinematicRobot, cell: Cell) -> float:
-    """m from the middle of a cell."""
-    middle = centre(PLAN, cell)
-    return math.hypot(robot.pose.x - middle[0], robot.pose.y - middle[1])
+def offset(robot: KinematicRobot, cell: Cell) -> float:
+    """Distance of base_link from a cell's centre, m."""
+    target = centre(PLAN, cell)
+    return math.hypot(robot.pose.x - target[0], robot.pose.y - target[1])
 
 
-@pytest.mark.parametrize("way", list(Direction))
-def test_a_free_move_ends_in_the_middle_of_the_next_cell(way: Direction) -> None:
+@pytest.mark.parametrize("direction", list(Direction))
+def test_a_free_move_ends_in_the_centre_of_the_next_cell(direction: Direction) -> None:
     pilot, robot = make()
-    assert go(pilot, Cell(1, 2), way) is True
-    assert off(robot, Cell(1, 2).neighbour(way)) < 0.015
-    looks = math.atan2(way.dy, way.dx)  # forwards: the fork leads
-    assert abs(math.remainder(robot.pose.theta - looks, math.tau)) < 0.05
+    assert go(pilot, Cell(1, 2), direction) is True
+    assert offset(robot, Cell(1, 2).neighbour(direction)) < 0.015
+    heading = math.atan2(direction.dy, direction.dx)  # forwards: the fork leads
+    assert abs(math.remainder(robot.pose.theta - heading, math.tau)) < 0.05
 
 
-def test_a_stopped_move_ends_where_it_began() -> None:
+def test_a_blocked_move_ends_where_it_began() -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), Direction.WEST) is True
     assert go(pilot, Cell(0, 2), Direction.WEST) is False
-    assert off(robot, Cell(0, 2)) < 0.015
+    assert offset(robot, Cell(0, 2)) < 0.015
     assert robot.nearest_wall > BODY.radius
 
 
-def test_it_docks_forwards_and_drives_off_in_reverse_with_the_box() -> None:
+def test_the_robot_docks_forwards_and_leaves_in_reverse_with_the_box() -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), Direction.EAST) is True
     assert go(pilot, Cell(2, 2), Direction.EAST, docking=True) is True
     assert robot.close_latch()
     assert go(pilot, Cell(3, 2), Direction.SOUTH, full=True, held=True) is True
-    assert off(robot, Cell(3, 1)) < 0.015
+    assert offset(robot, Cell(3, 1)) < 0.015
     assert abs(math.remainder(robot.pose.theta - math.pi / 2, math.tau)) < 0.05  # the lidar leads
     assert math.dist(robot.boxes[0], centre(PLAN, Cell(3, 1))) < 0.02
 
 
-def test_a_box_in_the_way_stops_a_robot_that_does_not_mean_to_dock() -> None:
+def test_a_box_blocks_a_move_without_docking() -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), Direction.EAST) is True
     assert go(pilot, Cell(2, 2), Direction.EAST) is False
-    assert off(robot, Cell(2, 2)) < 0.015
+    assert offset(robot, Cell(2, 2)) < 0.015
 
 
 @pytest.mark.parametrize("held", [False, True])
-def test_with_a_full_fork_it_comes_back_to_its_box(held: bool) -> None:
+def test_a_blocked_robot_with_a_full_fork_returns_to_its_cell(held: bool) -> None:
     pilot, robot = make(beside="o")
     assert go(pilot, Cell(1, 2), Direction.EAST) is True
     assert go(pilot, Cell(2, 2), Direction.EAST, docking=True) is True
     if held:
         assert robot.close_latch()
     assert go(pilot, Cell(3, 2), Direction.EAST, full=True, held=held) is False
-    assert off(robot, Cell(3, 2)) < 0.02
+    assert offset(robot, Cell(3, 2)) < 0.02
     np.testing.assert_allclose(robot.boxes[0], centre(PLAN, Cell(3, 2)), atol=0.02)
     assert robot.close_latch()

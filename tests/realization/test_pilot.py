@@ -1,4 +1,4 @@
-"""The pilot on a robot that moves exactly as commanded: where drives end, and how they say so."""
+"""The pilot on a robot without physics: where drives end, and with which status."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from wherry.floorplan.world_files import find_world
-from wherry.realization.pilot import LONGEST_DRIVE, STILL, Pilot, Ride, shows_load, without_load
-from wherry.realization.tracking import PoseTracker
+from wherry.realization.load import detects_load, mask_load
+from wherry.realization.pilot import DRIVE_TIMEOUT, STANDSTILL_SPEED, DriveStatus, Pilot
+from wherry.realization.pose_tracker import PoseTracker
 from wherry.robot import Odometry, Scan
 from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
@@ -30,28 +31,28 @@ def make(odom_from_world: Pose = IDENTITY) -> tuple[Pilot, KinematicRobot, list[
     return Pilot(robot, tracker, records.append), robot, records
 
 
-def test_it_knows_its_pose_whatever_the_odom_frame() -> None:
+def test_the_pose_does_not_depend_on_the_odom_frame() -> None:
     pilot, robot, _ = make(Pose(3.0, -2.0, 1.0))
-    pilot.look()
+    pilot.wait_for_scan()
     assert pilot.pose.distance_to(robot.pose) < 1e-9
-    assert pilot.follow(np.array([[0.3, 3.3], [1.5, 3.3]])) is Ride.ARRIVED
+    assert pilot.follow(np.array([[0.3, 3.3], [1.5, 3.3]])) is DriveStatus.ARRIVED
     assert pilot.pose.distance_to(robot.pose) < 1e-9
 
 
-def test_looking_waits_for_new_scans_and_tells_the_watchers() -> None:
+def test_scan_callbacks_receive_every_scan_with_its_pose() -> None:
     pilot, _, _ = make()
-    seen: list[tuple[Scan, Pose]] = []
-    pilot.watchers.append(lambda scan, pose: seen.append((scan, pose)))
-    first = pilot.look()
-    third = pilot.look(2)
-    assert [scan.time for scan, _ in seen] == pytest.approx([0.1, 0.2, 0.3])
-    assert (first, third) == (seen[0][0], seen[2][0])
-    assert all(pose.distance_to(START) < 1e-9 for _, pose in seen)
+    received: list[tuple[Scan, Pose]] = []
+    pilot.scan_callbacks.append(lambda scan, pose: received.append((scan, pose)))
+    first = pilot.wait_for_scan()
+    third = pilot.wait_for_scan(2)
+    assert [scan.time for scan, _ in received] == pytest.approx([0.1, 0.2, 0.3])
+    assert (first, third) == (received[0][0], received[2][0])
+    assert all(pose.distance_to(START) < 1e-9 for _, pose in received)
 
 
-def test_it_shows_what_it_sees_five_times_a_second() -> None:
+def test_snapshots_are_recorded_five_times_a_second() -> None:
     pilot, _, records = make()
-    pilot.look(8)
+    pilot.wait_for_scan(8)
     assert all(isinstance(record, RobotSnapshot) for record in records)
     assert [record.time for record in records] == pytest.approx([0.1, 0.3, 0.5, 0.7])
     ahead = np.abs(records[0].points[:, 1] - START.y) < 0.01  # in the map frame
@@ -59,23 +60,23 @@ def test_it_shows_what_it_sees_five_times_a_second() -> None:
 
 
 @pytest.mark.parametrize("heading", [math.pi / 2, math.pi, -2.0, 0.0])
-def test_it_turns_on_the_spot(heading: float) -> None:
+def test_turning_does_not_change_the_position(heading: float) -> None:
     pilot, robot, _ = make()
-    pilot.turn(heading)
+    pilot.turn_to(heading)
     assert abs(math.remainder(robot.pose.theta - heading, math.tau)) < math.radians(1.5)
     assert robot.pose.distance_to(START) < 1e-9
 
 
-def test_it_follows_a_path_round_a_corner_to_its_end() -> None:
+def test_a_path_around_a_corner_is_followed_to_its_end() -> None:
     pilot, robot, records = make()
     path = np.array([[0.3, 3.3], [0.3, 1.8], [3.3, 1.8]])  # through the doorway
-    assert pilot.follow(path) is Ride.ARRIVED
+    assert pilot.follow(path) is DriveStatus.ARRIVED
     assert math.hypot(robot.pose.x - 3.3, robot.pose.y - 1.8) < 0.02
     assert robot.nearest_wall > BODY.radius
     assert pilot.odometry.velocity.linear == 0.0
     shown = [record for record in records if isinstance(record, RobotSnapshot) and len(record.path)]
     np.testing.assert_allclose(shown[0].path, path, atol=1e-6)
-    for record in shown:  # only what lies ahead is shown
+    for record in shown:  # only the remaining path is recorded
         nearest = math.hypot(record.path[0, 0] - record.pose.x, record.path[0, 1] - record.pose.y)
         assert nearest <= np.hypot(*(record.path - [record.pose.x, record.pose.y]).T).min()
     left = [float(np.hypot(*np.diff(record.path, axis=0).T).sum()) for record in shown]
@@ -83,33 +84,36 @@ def test_it_follows_a_path_round_a_corner_to_its_end() -> None:
     assert all(later <= earlier + 1e-6 for earlier, later in itertools.pairwise(left))
 
 
-def test_a_path_through_a_wall_ends_before_the_wall() -> None:
+def test_a_path_through_a_wall_is_blocked_before_the_wall() -> None:
     pilot, robot, _ = make()
-    assert pilot.follow(np.array([[0.3, 3.3], [3.3, 3.3]])) is Ride.HELD_UP
+    assert pilot.follow(np.array([[0.3, 3.3], [3.3, 3.3]])) is DriveStatus.BLOCKED
     assert BODY.radius < WALL_X - 0.03 - robot.pose.x < BODY.radius + 0.1
-    assert abs(pilot.odometry.velocity.linear) < STILL
+    assert abs(pilot.odometry.velocity.linear) < STANDSTILL_SPEED
 
 
-def test_a_ride_is_cut_short_without_a_stop() -> None:
+def test_a_preempted_drive_ends_without_a_stop() -> None:
     pilot, robot, _ = make()
-    assert pilot.follow(np.array([[0.3, 3.3], [1.5, 3.3]]), until=lambda: robot.time >= 1.0) is Ride.CUT_SHORT
+    assert (
+        pilot.follow(np.array([[0.3, 3.3], [1.5, 3.3]]), is_preempted=lambda: robot.time >= 1.0)
+        is DriveStatus.PREEMPTED
+    )
     assert robot.time == pytest.approx(1.0, abs=0.06)
     assert pilot.odometry.velocity.linear > 0.1
-    pilot.stand()
+    pilot.stop()
     assert pilot.odometry.velocity.linear == 0.0
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-def test_it_approaches_along_a_line(reverse: bool) -> None:
+def test_an_approach_ends_at_the_goal(reverse: bool) -> None:
     pilot, robot, _ = make()
     heading = math.pi if reverse else 0.0
-    pilot.turn(heading)
+    pilot.turn_to(heading)
     assert pilot.approach(Pose(1.5, 3.3, heading), reverse=reverse) is True
     assert math.hypot(robot.pose.x - 1.5, robot.pose.y - 3.3) < 0.015
     assert abs(math.remainder(robot.pose.theta - heading, math.tau)) < 0.05
 
 
-def test_what_it_is_told_to_ignore_does_not_stop_it_and_everything_else_does() -> None:
+def test_only_ignored_discs_do_not_block_an_approach() -> None:
     for ignored in (True, False):
         pilot, robot, _ = make()
         robot.boxes.append(np.array([1.5, 3.3]))
@@ -119,7 +123,7 @@ def test_what_it_is_told_to_ignore_does_not_stop_it_and_everything_else_does() -
         assert (robot.pose.x < 1.5 - BODY.radius - BODY.box_radius) is not ignored
 
 
-def test_going_to_a_pose_says_whether_it_got_there() -> None:
+def test_going_to_a_pose_returns_whether_the_robot_arrived() -> None:
     pilot, robot, _ = make()
     assert pilot.go_to(Pose(1.2, 3.0, math.pi / 2)) is True
     assert robot.pose.distance_to(Pose(1.2, 3.0)) < 0.02
@@ -129,48 +133,48 @@ def test_going_to_a_pose_says_whether_it_got_there() -> None:
 
 
 class Jumping(Odometric):
-    """A localization that believes in two places in turn."""
+    """A pose estimator that alternates between two places."""
 
-    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
-        return super().correct(odometry, scan) @ Pose(0.0, 0.05 if self.corrections % 2 else -0.05)
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        return super().update(odometry, scan) @ Pose(0.0, 0.05 if self.updates % 2 else -0.05)
 
 
-def test_a_goal_that_is_never_reached_is_given_up_after_a_minute() -> None:
+def test_a_drive_to_an_unreachable_goal_times_out() -> None:
     pilot, robot, _ = make()
-    pilot.localize_with(PoseTracker(Jumping(), START))
+    pilot.use_tracker(PoseTracker(Jumping(), START))
     began = pilot.time
     assert pilot.go_to(Pose(0.9, 3.0)) is False
-    assert LONGEST_DRIVE <= pilot.time - began < LONGEST_DRIVE + 5.0
-    assert abs(pilot.odometry.velocity.linear) <= STILL
+    assert DRIVE_TIMEOUT <= pilot.time - began < DRIVE_TIMEOUT + 5.0
+    assert abs(pilot.odometry.velocity.linear) <= STANDSTILL_SPEED
     assert robot.nearest_wall > BODY.radius
 
 
 def test_a_path_can_be_followed_in_reverse() -> None:
     pilot, robot, _ = make()
-    assert pilot.follow(np.array([[0.3, 3.3], [1.5, 3.3]]), reverse=True) is Ride.ARRIVED
+    assert pilot.follow(np.array([[0.3, 3.3], [1.5, 3.3]]), reverse=True) is DriveStatus.ARRIVED
     assert math.hypot(robot.pose.x - 1.5, robot.pose.y - 3.3) < 0.03
     assert abs(math.remainder(robot.pose.theta - math.pi, math.tau)) < 0.1
 
 
-def test_another_tracker_goes_on_where_it_is_told() -> None:
+def test_a_new_tracker_starts_at_the_pose_given_to_it() -> None:
     pilot, robot, _ = make()
-    pilot.look()
+    pilot.wait_for_scan()
     # The new map's origin is at the robot's present place.
-    pilot.localize_with(PoseTracker(Odometric(START), Pose()))
+    pilot.use_tracker(PoseTracker(Odometric(START), Pose()))
     assert pilot.pose.distance_to(IDENTITY) < 1e-9
     pilot.go_to(Pose(0.9, 0.0))
     assert robot.pose.distance_to(Pose(1.2, 3.3)) < 0.02
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.03])
-def test_a_box_in_the_fork_is_known_as_the_load(offset: float) -> None:
-    eye = MovableLidar(SMALL)
-    empty, loaded = eye.scan(START), eye.scan(START, np.array([[START.x + offset, START.y]]))
-    assert not shows_load(empty, BODY)
-    assert without_load(empty, BODY) is empty
-    assert shows_load(loaded, BODY)
-    rest = without_load(loaded, BODY)
+def test_readings_of_a_box_in_the_fork_are_masked(offset: float) -> None:
+    lidar = MovableLidar(SMALL)
+    empty, loaded = lidar.scan(START), lidar.scan(START, np.array([[START.x + offset, START.y]]))
+    assert not detects_load(empty, BODY)
+    assert mask_load(empty, BODY) is empty
+    assert detects_load(loaded, BODY)
+    rest = mask_load(loaded, BODY)
     hidden = np.isnan(rest.ranges)
     assert 20 < hidden.sum() < 120
     np.testing.assert_array_equal(rest.ranges[~hidden], empty.ranges[~hidden])
-    assert not shows_load(rest, BODY)
+    assert not detects_load(rest, BODY)

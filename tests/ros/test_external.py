@@ -107,7 +107,7 @@ def test_transforms_take_precedence_over_estimates() -> None:
     estimate = ros.PoseWithCovarianceStamped(encode_header(1.0, "map"), ros.PoseWithCovariance(encode_pose(Pose(5.0))))
     bus.publish(TOPICS.amcl_pose, estimate)
     assert external.pose(STILL).x == pytest.approx(5.0)
-    assert not external.lost
+    assert not external.is_lost
     publish_transform(bus, Pose(1.0))
     bus.publish(TOPICS.amcl_pose, estimate)
     assert external.pose(STILL).x == pytest.approx(2.0)
@@ -118,10 +118,10 @@ def test_robot_is_lost_without_recent_transforms() -> None:
     external = ExternalPose(bus.node(), NAMES, lambda: STILL)
     publish_transform(bus, Pose(), time=10.0)
     for time, lost in ((10.0, False), (11.9, False), (12.1, True)):
-        external.correct(STILL, Scan(time, np.ones(4), 0.0, 1.0, 0.0, 9.0))
-        assert external.lost is lost
+        external.update(STILL, Scan(time, np.ones(4), 0.0, 1.0, 0.0, 9.0))
+        assert external.is_lost is lost
     publish_transform(bus, Pose(), time=12.0)
-    assert not external.lost
+    assert not external.is_lost
 
 
 @pytest.mark.parametrize("pose", [Pose(math.nan), Pose(theta=math.inf), Pose(1e9)])

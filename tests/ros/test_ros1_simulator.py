@@ -17,7 +17,7 @@ from wherry.robot import Scan
 from wherry.ros.transports.ros1_master import Master
 from wherry.simulation import build
 from wherry.simulation.drive import WHEEL_RADIUS
-from wherry.simulation.scenes import choose_scene
+from wherry.simulation.seeded_worlds import seed_world
 from wherry_testing.robots_clock import STOPPING_RESOLUTION
 from wherry_testing.ros1_system import Peer, Program, Roscore, heading, require, stamp, values_of, wait_until
 
@@ -59,8 +59,8 @@ def peer(roscore: Roscore, simulator: Program) -> Iterator[Peer]:
 
 
 def test_scans_equal_those_of_the_simulation(peer: Peer) -> None:
-    scene = choose_scene(find_world("small"), 2, 5)
-    simulation = build(scene.plan, scene.physics)
+    world = seed_world(find_world("small"), 2, 5)
+    simulation = build(world.plan, world.physics_rng)
     scans = {round(stamp(scan), 6): scan for scan in peer.wait_for("/scan", 3, 5.0)}
     compared = 0
     while simulation.time < max(scans):

@@ -1,4 +1,4 @@
-"""Faults on demand."""
+"""Injected faults."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from wherry.robot import Odometry, Scan
 from wherry.simulation import build
 from wherry.simulation.faults import blind, kidnap, random_pose, slippery
-from wherry.simulation.solids import clearance
+from wherry.simulation.static_geometry import clearance
 from wherry.space.pose import Pose
 from wherry_testing.halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop
 
@@ -20,7 +20,7 @@ def _odometry(measurements: list[Scan | Odometry]) -> Odometry:
     return [measurement for measurement in measurements if isinstance(measurement, Odometry)][-1]
 
 
-def test_a_kidnapped_robot_stands_elsewhere_and_its_wheels_did_not_notice() -> None:
+def test_a_kidnapped_robot_moves_without_odometry() -> None:
     simulation = exact(hall())
     before = _odometry(drive(simulation, 0.0, 0.0, 0.2))
     kidnap(simulation, Pose(1.0, 1.5, 2.0))
@@ -32,7 +32,7 @@ def test_a_kidnapped_robot_stands_elsewhere_and_its_wheels_did_not_notice() -> N
     assert simulation.referee.collisions == []
 
 
-def test_the_load_is_kidnapped_too() -> None:
+def test_the_load_is_kidnapped_with_the_robot() -> None:
     simulation = exact(hall())
     drive_to_x(simulation, 4.5 * CELL)
     simulation.robot.close_latch()
@@ -44,29 +44,29 @@ def test_the_load_is_kidnapped_too() -> None:
 
 
 @pytest.mark.parametrize("pose", [Pose(0.1, 1.0), Pose(-3.0, 1.0), Pose(4.5 * CELL, 2.5 * CELL), Pose(4.5, 2.1)])
-def test_nobody_is_put_into_walls_boxes_or_the_open(pose: Pose) -> None:
+def test_kidnapping_into_a_collision_is_rejected(pose: Pose) -> None:
     simulation = exact(hall())
-    with pytest.raises(ValueError, match="something stands at"):
+    with pytest.raises(ValueError, match="would collide at"):
         kidnap(simulation, pose)
 
 
-def test_random_poses_are_free_and_everywhere() -> None:
+def test_random_poses_are_free_and_spread_over_the_plan() -> None:
     simulation = build(hall(), np.random.default_rng(0))
     poses = [random_pose(simulation, np.random.default_rng(seed)) for seed in range(100)]
     points = np.array([pose.as_array()[:2] for pose in poses])
-    assert clearance(simulation.solids, points).min() > 0.2
+    assert clearance(simulation.geometry, points).min() > 0.2
     for box in simulation.referee.boxes:
         assert np.hypot(*(points - box.position).T).min() > 0.3
     assert np.ptp(points[:, 0]) > 6 * CELL
     assert np.ptp([pose.theta for pose in poses]) > 1.8 * math.pi
 
 
-def test_on_a_slippery_floor_wheels_turn_more_than_the_robot_drives() -> None:
-    def slip(*, oiled: bool) -> float:
+def test_slippery_wheels_make_odometry_wrong() -> None:
+    def odometry_error(*, is_slippery: bool) -> float:
         simulation = exact(hall(o=" "))
         measurements = drive(simulation, 0.0, 0.0, 0.1)
         start = simulation.referee.pose
-        if oiled:
+        if is_slippery:
             with slippery(simulation):
                 measurements += drive(simulation, 0.5, 0.0, 1.0)
         else:
@@ -75,11 +75,11 @@ def test_on_a_slippery_floor_wheels_turn_more_than_the_robot_drives() -> None:
         last = _odometry(drive(simulation, 0.0, 0.0, 1.0))
         return last.pose.distance_to(simulation.referee.pose.relative_to(start))
 
-    assert slip(oiled=True) > 0.1
-    assert slip(oiled=False) < 0.01
+    assert odometry_error(is_slippery=True) > 0.1
+    assert odometry_error(is_slippery=False) < 0.01
 
 
-def test_a_blind_lidar_reads_nothing_and_recovers() -> None:
+def test_a_blind_lidar_returns_nan_and_recovers() -> None:
     simulation = exact(hall())
     with blind(simulation):
         scans = [found for found in drive(simulation, 0.0, 0.0, 0.5) if isinstance(found, Scan)]

@@ -1,4 +1,4 @@
-"""The simulated lidar: first exactly, then with noise."""
+"""The simulated lidar: exact ranges, then noise."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ from wherry.floorplan.generation import generate_world, place_boxes
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.simulation import build
-from wherry.simulation.lidar import Lidar, LidarSpecification, cast_rays
+from wherry.simulation.lidar import Lidar, LidarSpecification, exact_ranges
 from wherry.simulation.model import BODY, BOX_RADIUS
-from wherry.simulation.solids import Solids, clearance
+from wherry.simulation.static_geometry import StaticGeometry, clearance
 from wherry.space.pose import Pose
 from wherry_testing.halls import exact, hall
 
-ROOM = Solids.of(FloorPlan("room", 5, 4, cell_size=1.0))
-NOTHING = np.empty((0, 2))
+ROOM = StaticGeometry.from_plan(FloorPlan("room", 5, 4, cell_size=1.0))
+NO_BOXES = np.empty((0, 2))
 CROSS = np.array([0.0, math.pi / 2, math.pi, -math.pi / 2])
 
 
 def test_ranges_in_an_empty_room() -> None:
-    assert_allclose(cast_rays(ROOM, Pose(2.0, 1.0, 0.0), CROSS, NOTHING, 0.1), [2.97, 2.97, 1.97, 0.97])
-    assert_allclose(cast_rays(ROOM, Pose(2.0, 1.0, math.pi / 2), CROSS, NOTHING, 0.1), [2.97, 1.97, 0.97, 2.97])
-    slanting = cast_rays(ROOM, Pose(2.0, 1.0, 0.0), np.array([math.atan2(3, 4)]), NOTHING, 0.1)
-    assert_allclose(slanting, [2.97 * 5 / 4])
+    assert_allclose(exact_ranges(ROOM, Pose(2.0, 1.0, 0.0), CROSS, NO_BOXES, 0.1), [2.97, 2.97, 1.97, 0.97])
+    assert_allclose(exact_ranges(ROOM, Pose(2.0, 1.0, math.pi / 2), CROSS, NO_BOXES, 0.1), [2.97, 1.97, 0.97, 2.97])
+    oblique = exact_ranges(ROOM, Pose(2.0, 1.0, 0.0), np.array([math.atan2(3, 4)]), NO_BOXES, 0.1)
+    assert_allclose(oblique, [2.97 * 5 / 4])
 
 
-def test_a_box_hides_what_is_behind_it() -> None:
+def test_a_box_occludes_the_wall_behind_it() -> None:
     boxes = np.array([[4.0, 1.0], [2.0, 3.9]])
-    assert_allclose(cast_rays(ROOM, Pose(2.0, 1.0, 0.0), CROSS, boxes, 0.2), [1.8, 2.7, 1.97, 0.97])
-    beside = cast_rays(ROOM, Pose(2.0, 1.0, 0.0), np.array([math.asin(0.2 / 2.0) + 1e-6]), boxes[:1], 0.2)
-    assert beside[0] > 2.9
+    assert_allclose(exact_ranges(ROOM, Pose(2.0, 1.0, 0.0), CROSS, boxes, 0.2), [1.8, 2.7, 1.97, 0.97])
+    passing = exact_ranges(ROOM, Pose(2.0, 1.0, 0.0), np.array([math.asin(0.2 / 2.0) + 1e-6]), boxes[:1], 0.2)
+    assert passing[0] > 2.9
 
 
-def test_rays_that_start_in_a_wall_end_there() -> None:
-    assert_allclose(cast_rays(ROOM, Pose(0.0, 1.0, 0.0), CROSS, NOTHING, 0.1), 0.0)
+def test_rays_that_start_in_a_wall_have_range_zero() -> None:
+    assert_allclose(exact_ranges(ROOM, Pose(0.0, 1.0, 0.0), CROSS, NO_BOXES, 0.1), 0.0)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_rays_are_those_of_the_physics(seed: int) -> None:
+def test_ranges_equal_those_of_mujoco(seed: int) -> None:
     rng = np.random.default_rng(seed)
     plan = place_boxes(generate_world(12, 9, rng, obstacle_fraction=0.06), 6, rng)
     simulation = build(plan, rng)
-    model, data, solids = simulation.physics.model, simulation.physics.data, simulation.solids
+    model, data, geometry = simulation.physics.model, simulation.physics.data, simulation.geometry
     mujoco.mj_forward(model, data)
     boxes = simulation.physics.box_positions[:, :2]
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
@@ -55,17 +55,17 @@ def test_rays_are_those_of_the_physics(seed: int) -> None:
     compared = 0
     while compared < 30:
         pose = Pose(*rng.uniform((0.0, 0.0), (7.2, 5.4)), rng.uniform(-math.pi, math.pi))
-        beside_boxes = np.hypot(boxes[:, 0] - pose.x, boxes[:, 1] - pose.y).min() > BOX_RADIUS
-        if clearance(solids, pose.as_array()[None, :2])[0] == 0 or not beside_boxes:
+        is_outside_boxes = np.hypot(boxes[:, 0] - pose.x, boxes[:, 1] - pose.y).min() > BOX_RADIUS
+        if clearance(geometry, pose.as_array()[None, :2])[0] == 0 or not is_outside_boxes:
             continue
         directions = np.column_stack([np.cos(angles + pose.theta), np.sin(angles + pose.theta), np.zeros(360)])
         start = np.array([pose.x, pose.y, 0.2])
         mujoco.mj_multiRay(model, data, start, directions.ravel(), group, 1, -1, geoms, oracle, None, 360, 1e9)
-        assert_allclose(cast_rays(solids, pose, angles, boxes, BOX_RADIUS), oracle, atol=1e-9)
+        assert_allclose(exact_ranges(geometry, pose, angles, boxes, BOX_RADIUS), oracle, atol=1e-9)
         compared += 1
 
 
-def test_the_lidar_is_mounted_at_the_rear_and_sees_ahead_behind_left_and_right() -> None:
+def test_ranges_ahead_behind_left_and_right_of_the_rear_lidar() -> None:
     simulation = exact(hall(o=" "))
     simulation.robot.receive()
     scan = simulation.robot.receive()
@@ -78,34 +78,36 @@ def test_the_lidar_is_mounted_at_the_rear_and_sees_ahead_behind_left_and_right()
     assert len(scan.ranges) == 360
 
 
-def test_the_robot_does_not_see_itself() -> None:
+def test_the_robot_does_not_occlude_its_lidar() -> None:
     simulation = exact(hall(o=" "))
     simulation.robot.receive()
     assert simulation.robot.receive().ranges.min() > 0.35
 
 
-def test_noise_has_its_sigma_and_its_seed() -> None:
-    truth = Lidar(LidarSpecification(noise=0.0), ROOM, np.random.default_rng(0)).scan(0.0, Pose(2, 1), NOTHING, 0.1)
+def test_noise_has_the_given_sigma_and_seed() -> None:
+    truth = Lidar(LidarSpecification(noise=0.0), ROOM, np.random.default_rng(0)).scan(0.0, Pose(2, 1), NO_BOXES, 0.1)
     noisy, again = (Lidar(LidarSpecification(), ROOM, np.random.default_rng(3)) for _ in range(2))
     errors = []
     for time in range(50):
-        scan = noisy.scan(time, Pose(2, 1), NOTHING, 0.1)
+        scan = noisy.scan(time, Pose(2, 1), NO_BOXES, 0.1)
         errors.append(scan.ranges - truth.ranges)
-        assert np.array_equal(scan.ranges, again.scan(time, Pose(2, 1), NOTHING, 0.1).ranges)
+        assert np.array_equal(scan.ranges, again.scan(time, Pose(2, 1), NO_BOXES, 0.1).ranges)
     assert np.std(errors) == pytest.approx(0.01, rel=0.03)
     assert abs(np.mean(errors)) < 0.0003
 
 
-def test_what_is_out_of_reach_is_infinitely_far() -> None:
+def test_ranges_beyond_the_maximum_are_infinite() -> None:
     lidar = Lidar(LidarSpecification(range_max=2.5, noise=0.0), ROOM, np.random.default_rng(0))
-    scan = lidar.scan(0.0, Pose(2, 1), NOTHING, 0.1)
+    scan = lidar.scan(0.0, Pose(2, 1), NO_BOXES, 0.1)
     assert np.isinf(scan.ranges[180])
     assert scan.ranges[0] == pytest.approx(1.97)
     assert scan.valid.sum() == np.isfinite(scan.ranges).sum()
 
 
-def test_a_docked_box_is_seen_right_before_the_lidar() -> None:
-    lidar = Lidar(LidarSpecification(noise=0.0), Solids.of(find_world("small")), np.random.default_rng(0))
+def test_a_docked_box_is_in_range() -> None:
+    lidar = Lidar(
+        LidarSpecification(noise=0.0), StaticGeometry.from_plan(find_world("small")), np.random.default_rng(0)
+    )
     base = Pose(2.0, 2.0, 0.7)
     scan = lidar.scan(0.0, base @ BODY.lidar, np.array([[2.0, 2.0]]), BOX_RADIUS)
     assert scan.ranges[180] == pytest.approx(-BODY.lidar.x - BOX_RADIUS)

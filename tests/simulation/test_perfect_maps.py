@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wherry.floorplan.world_files import built_in_worlds, find_world
-from wherry.simulation.solids import Solids
+from wherry.simulation.static_geometry import StaticGeometry
 from wherry.space.frame import fit_cell_frame
 from wherry.space.pose import Pose
 from wherry_testing.perfect_worlds import is_solid, perfect_map
@@ -26,5 +26,5 @@ def test_cells_fitted_to_the_map_of_a_world_are_those_of_its_plan(name: str, the
 def test_the_walls_of_a_perfect_map_are_solid() -> None:
     plan = find_world("small")
     grid = perfect_map(plan)
-    assert is_solid(Solids.of(plan), grid.occupied_points()).all()
+    assert is_solid(StaticGeometry.from_plan(plan), grid.occupied_points()).all()
     assert grid.free.sum() * grid.resolution**2 == pytest.approx(45 * 0.36, rel=0.12)

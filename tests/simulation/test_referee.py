@@ -1,4 +1,4 @@
-"""The referee: what it sees, counts and measures."""
+"""The referee: history, cells driven through, collisions and distances to walls."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from wherry.floorplan.plan import Cell
 from wherry.simulation.referee import FORK_HALF_WIDTH, FORK_REACH, Referee, box_in_fork
-from wherry.simulation.solids import Solids
+from wherry.simulation.static_geometry import StaticGeometry
 from wherry.space.pose import Pose
 from wherry_testing.halls import CELL, drive, drive_to_x, exact, hall, stop, turn_to
 
@@ -21,7 +21,7 @@ def test_distance_to_walls_and_obstacles() -> None:
     assert_allclose(referee.wall_distance(points), [0.0, 0.2, 0.1, 0.03, 0.02], atol=1e-12)
 
 
-def test_history_is_time_stamped_and_true() -> None:
+def test_history_has_times_and_true_poses() -> None:
     simulation = exact(hall(o=" "))
     drive(simulation, 0.4, 0.0, 3.0)
     history = simulation.referee.history
@@ -41,15 +41,15 @@ def test_cells_driven_through() -> None:
     assert simulation.referee.trajectory == (*cells, Cell(2, 1))
 
 
-def test_standing_on_a_border_is_one_visit() -> None:
+def test_a_robot_on_a_border_does_not_change_cells() -> None:
     plan = hall()
-    referee = Referee(plan, Solids.of(plan))
+    referee = Referee(plan, StaticGeometry.from_plan(plan))
     for x in (0.8, 0.95, 1.05, 0.99, 1.01, 0.95, 1.08, 1.15, 1.05, 0.95, 1.2):
         referee.record(0.0, Pose(x * CELL, 0.5 * CELL, 0.0))
     assert referee.trajectory == (Cell(0, 0), Cell(1, 0))
 
 
-def test_driving_into_a_wall_is_one_collision_until_it_is_left() -> None:
+def test_driving_into_a_wall_is_one_collision_until_contact_ends() -> None:
     simulation = exact(hall(o=" "))
     turn_to(simulation, math.pi / 2)
     drive(simulation, 0.3, 0.0, 4.0)
@@ -65,7 +65,7 @@ def test_driving_into_a_wall_is_one_collision_until_it_is_left() -> None:
     assert simulation.referee.collisions[1].time > collision.time + 1.0
 
 
-def test_a_touch_of_an_instant_counts() -> None:
+def test_a_short_contact_is_a_collision() -> None:
     simulation = exact(hall(o=" "))
     turn_to(simulation, math.pi / 2)
     for _ in range(200):
@@ -90,7 +90,7 @@ def test_knocking_a_box_with_a_prong_is_a_collision() -> None:
     assert [collision.touched for collision in simulation.referee.collisions] == ["box 0"]
 
 
-def test_touching_the_box_in_the_fork_is_none() -> None:
+def test_contact_with_the_box_in_the_fork_is_no_collision() -> None:
     simulation = exact(hall(), ((0.0, 0.03),))
     drive_to_x(simulation, 4.5 * CELL)
     drive(simulation, 0.0, 2.0, 4.0)
@@ -101,7 +101,7 @@ def test_touching_the_box_in_the_fork_is_none() -> None:
     assert simulation.referee.collisions == []
 
 
-def test_the_load_collides_too() -> None:
+def test_a_contact_of_the_load_is_a_collision() -> None:
     simulation = exact(hall())
     drive_to_x(simulation, 4.5 * CELL)
     simulation.robot.close_latch()
@@ -121,7 +121,7 @@ def test_a_box_pushed_by_a_box_is_a_collision_of_the_load() -> None:
     assert ("box 0", "box 1") in pairs or ("robot", "box 1") in pairs
 
 
-def test_standing_and_driving_are_no_collisions() -> None:
+def test_free_driving_has_no_collisions() -> None:
     simulation = exact(hall(o=" "))
     drive(simulation, 0.6, 0.0, 4.0)
     drive(simulation, 0.0, 2.5, 2.0)
@@ -130,7 +130,7 @@ def test_standing_and_driving_are_no_collisions() -> None:
     assert simulation.referee.collisions == []
 
 
-def test_which_box_stands_in_the_fork() -> None:
+def test_the_box_between_the_prongs_is_in_the_fork() -> None:
     robot = Pose(1.0, 2.0, math.pi / 2)
     assert box_in_fork(robot, np.empty((0, 3))) is None
     boxes = np.array([[5.0, 5.0, 0.15], [1.0 - FORK_HALF_WIDTH + 0.01, 2.0 + FORK_REACH - 0.01, 0.15]])

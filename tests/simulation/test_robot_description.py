@@ -1,4 +1,4 @@
-"""The robot's URDF against what the rest of the code believes of the robot."""
+"""The robot's URDF agrees with the constants that the code uses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _joint_to(link: str) -> ET.Element | None:
 
 
 def _position(link: str) -> np.ndarray:
-    """[3] m: a link's origin in base_footprint."""
+    """[3] origin of a link, m, base_footprint frame."""
     joint = _joint_to(link)
     if joint is None:
         return np.zeros(3)
@@ -37,7 +37,7 @@ def _position(link: str) -> np.ndarray:
 
 
 def _corners(link: str, shape: str) -> np.ndarray:
-    """[N, 3] m: the corners of the boxes around a link's shapes, in base_footprint."""
+    """[N, 3] corners of the bounding boxes of a link's shapes, m, base_footprint frame."""
     corners = [np.empty((0, 3))]
     for element in ROBOT.find(f"link[@name='{link}']").iter(shape):
         geometry = element.find("geometry")[0]
@@ -56,24 +56,24 @@ LINKS = [link.get("name") for link in ROBOT.iter("link")]
 
 
 @pytest.mark.parametrize("link", LINKS)
-def test_everything_that_can_touch_lies_within_the_footprint(link: str) -> None:
+def test_collision_shapes_lie_within_the_footprint(link: str) -> None:
     corners = _corners(link, "collision")
     assert np.hypot(corners[:, 0], corners[:, 1]).max(initial=0.0) <= BODY.radius + 5e-4
     assert corners[:, 2].min(initial=0.0) >= -1e-9
 
 
 @pytest.mark.parametrize("link", [link for link in LINKS if link != "laser"])
-def test_nothing_stands_in_the_lidars_way(link: str) -> None:
+def test_no_link_occludes_the_lidar(link: str) -> None:
     assert _corners(link, "visual")[:, 2].max(initial=0.0) < LIDAR_HEIGHT < BOX_HEIGHT
 
 
 @pytest.mark.parametrize("link", LINKS)
-def test_what_is_seen_is_what_touches(link: str) -> None:
+def test_visual_and_collision_shapes_are_the_same(link: str) -> None:
     if link not in {"base_link", "laser"}:
         assert_allclose(_corners(link, "visual"), _corners(link, "collision"))
 
 
-def test_the_lidar_is_where_the_body_says() -> None:
+def test_the_lidar_has_the_pose_of_the_body() -> None:
     assert_allclose(_position("laser"), [BODY.lidar.x, BODY.lidar.y, LIDAR_HEIGHT])
 
 
@@ -95,7 +95,7 @@ def test_a_box_fits_the_fork_with_four_centimetres_around_it() -> None:
 
 
 @pytest.mark.parametrize("link", [link for link in LINKS if link != "base_footprint"])
-def test_masses_and_inertias_can_be(link: str) -> None:
+def test_masses_and_inertias_are_physically_possible(link: str) -> None:
     inertial = ROBOT.find(f"link[@name='{link}']/inertial")
     assert float(inertial.find("mass").get("value")) > 0
     moments = [float(inertial.find("inertia").get(axis)) for axis in ("ixx", "iyy", "izz")]
@@ -103,7 +103,7 @@ def test_masses_and_inertias_can_be(link: str) -> None:
     assert max(moments) <= sum(moments) - max(moments) + 1e-9
 
 
-def test_links_and_joints_have_their_customary_names() -> None:
+def test_links_and_joints_have_the_conventional_names() -> None:
     assert {"base_footprint", "base_link", "laser", "left_wheel", "right_wheel", "caster"} <= set(LINKS)
     moving = {joint.get("name") for joint in ROBOT.iter("joint") if joint.get("type") == "continuous"}
     assert moving == {"left_wheel_joint", "right_wheel_joint"}

@@ -1,4 +1,4 @@
-"""The simulated robot on its physics: driving, docking, holding, delivering, and being the same every time."""
+"""The simulated robot: driving, docking, holding, delivering, and reproducibility."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from wherry.floorplan.generation import place_boxes
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.robot import Odometry, Robot, Scan, Velocity
-from wherry.simulation import BoxPlace, Simulation, build
+from wherry.simulation import BoxStatus, Simulation, build
 from wherry.simulation.lidar import LidarSpecification
-from wherry.simulation.simulator import LARGEST_BOX_OFFSET
+from wherry.simulation.simulator import MAX_BOX_OFFSET
 from wherry.space.pose import Pose
 from wherry_testing.halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop, turn_to
 from wherry_testing.robot_contract import RobotContract
 
-BOX_X = 4.5 * CELL  # m, the middle of the cell of the hall's box before the robot
+BOX_X = 4.5 * CELL  # m, centre of the cell of the hall's box in front of the robot
 
 
 class TestSimulatedRobot(RobotContract):
@@ -31,7 +31,7 @@ class TestSimulatedRobot(RobotContract):
         return build(hall(), np.random.default_rng(0)).robot
 
 
-def test_it_starts_where_the_plan_says() -> None:
+def test_the_robot_starts_at_the_plans_pose() -> None:
     simulation = exact(hall())
     assert_allclose(simulation.referee.pose.as_array(), [1.5 * CELL, 2.5 * CELL, 0.0], atol=1e-3)
     first, second = simulation.robot.receive(), simulation.robot.receive()
@@ -41,13 +41,13 @@ def test_it_starts_where_the_plan_says() -> None:
     assert first.pose == Pose()
 
 
-def test_odometry_at_20_and_scans_at_10_hertz() -> None:
+def test_odometry_comes_at_20_hertz_and_scans_at_10() -> None:
     measurements = drive(exact(hall()), 0.0, 0.0, 2.0)
     assert sum(isinstance(measurement, Odometry) for measurement in measurements) == 41
     assert sum(isinstance(measurement, Scan) for measurement in measurements) in {20, 21}
 
 
-def test_it_tracks_a_straight_line() -> None:
+def test_the_robot_drives_straight() -> None:
     simulation = exact(hall(o=" "))
     start = simulation.referee.pose
     drive(simulation, 0.5, 0.0, 4.0)
@@ -60,7 +60,7 @@ def test_it_tracks_a_straight_line() -> None:
     assert abs(moved.theta) < 0.001
 
 
-def test_it_turns_on_the_spot() -> None:
+def test_the_robot_turns_on_the_spot() -> None:
     simulation = exact(hall(o=" "))
     start = simulation.referee.pose
     measurements = drive(simulation, 0.0, 1.5, 12.0) + drive(simulation, 0.0, 0.0, 1.0)
@@ -71,7 +71,7 @@ def test_it_turns_on_the_spot() -> None:
     assert truth == pytest.approx(sum(turned) / 20, rel=0.01)
 
 
-def test_without_errors_odometry_is_off_by_what_the_tyres_give() -> None:
+def test_odometry_without_errors_differs_only_by_wheel_slip() -> None:
     simulation = exact(hall(o=" "))
     start = simulation.referee.pose
     measurements = []
@@ -84,7 +84,7 @@ def test_without_errors_odometry_is_off_by_what_the_tyres_give() -> None:
     assert abs(math.remainder(last.pose.theta - truth.theta, math.tau)) < 0.03
 
 
-def test_odometry_drifts_by_a_few_percent() -> None:
+def test_odometry_drifts_by_a_few_hundredths_of_a_radian_per_metre() -> None:
     errors = []
     for seed in range(6):
         simulation = build(find_world("small"), np.random.default_rng(seed))
@@ -98,7 +98,7 @@ def test_odometry_drifts_by_a_few_percent() -> None:
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.04, 0.0), (0.0, 0.03), (-0.028, -0.028), (0.0, -0.035)])
-def test_it_docks_turns_round_the_box_holds_it_and_drives_off(offset: tuple[float, float]) -> None:
+def test_the_robot_docks_turns_around_the_box_and_carries_it(offset: tuple[float, float]) -> None:
     simulation = exact(hall(), (offset,))
     drive_to_x(simulation, BOX_X + offset[0])
     before = simulation.physics.box_positions[0, :2]
@@ -115,11 +115,11 @@ def test_it_docks_turns_round_the_box_holds_it_and_drives_off(offset: tuple[floa
     drive(simulation, -0.4, 0.6, 1.0)
     stop(simulation)
     assert_allclose(box_in_base(simulation, 0), docked, atol=0.001)
-    assert simulation.referee.boxes[0].place is BoxPlace.HELD
+    assert simulation.referee.boxes[0].status is BoxStatus.HELD
     assert simulation.referee.collisions == []
 
 
-def test_a_held_box_is_never_teleported() -> None:
+def test_a_held_box_moves_continuously() -> None:
     simulation = exact(hall(), ((0.02, 0.02),))
     drive_to_x(simulation, BOX_X)
     places = [simulation.physics.box_positions[0].copy()]
@@ -132,14 +132,14 @@ def test_a_held_box_is_never_teleported() -> None:
     assert steps[-1] > 0.015
 
 
-def test_an_open_latch_leaves_the_box_behind() -> None:
+def test_an_unheld_box_stays_behind() -> None:
     simulation = exact(hall())
     drive_to_x(simulation, BOX_X)
     drive_to_x(simulation, 1.5)
     assert_allclose(simulation.physics.box_positions[0, :2], [BOX_X, 2.5 * CELL], atol=0.001)
 
 
-def test_the_latch_reaches_only_a_box_in_the_fork() -> None:
+def test_the_latch_holds_only_a_box_within_its_reach() -> None:
     simulation = exact(hall())
     drive_to_x(simulation, BOX_X - 0.08)
     assert simulation.robot.close_latch() is False
@@ -149,7 +149,7 @@ def test_the_latch_reaches_only_a_box_in_the_fork() -> None:
 
 
 def _deliver(simulation: Simulation) -> None:
-    """Fetch the box before the robot and carry it, in reverse, over the warehouse."""
+    """Pick up the box in front of the robot and carry it, in reverse, over the warehouse."""
     drive_to_x(simulation, BOX_X)
     simulation.robot.close_latch()
     drive_to_x(simulation, 1.5 * CELL)
@@ -166,12 +166,12 @@ def test_the_interlock_opens_the_latch_only_over_the_warehouse() -> None:
     drive_to_x(simulation, BOX_X)
     simulation.robot.close_latch()
     assert simulation.robot.open_latch() is False
-    assert simulation.referee.boxes[0].place is BoxPlace.HELD
+    assert simulation.referee.boxes[0].status is BoxStatus.HELD
     drive_to_x(simulation, 1.5 * CELL)
     assert simulation.robot.open_latch() is False
 
 
-def test_the_warehouse_takes_a_box_in() -> None:
+def test_the_warehouse_takes_a_released_box() -> None:
     simulation = exact(hall())
     _deliver(simulation)
     where = simulation.physics.box_positions[0, :2]
@@ -179,7 +179,7 @@ def test_the_warehouse_takes_a_box_in() -> None:
     drive(simulation, 0.0, 0.0, 0.3)
     assert simulation.physics.box_positions[0, 2] == pytest.approx(0.15 - 0.3 * 0.3, abs=0.02)  # it sinks
     drive(simulation, 0.0, 0.0, 2.0)
-    assert simulation.referee.boxes[0].place is BoxPlace.DELIVERED
+    assert simulation.referee.boxes[0].status is BoxStatus.DELIVERED
     assert simulation.referee.boxes[0].position == pytest.approx(tuple(where), abs=0.01)
     assert simulation.referee.delivered == 1
     gone = simulation.physics.box_positions[0, 2]
@@ -191,7 +191,7 @@ def test_the_warehouse_takes_a_box_in() -> None:
     assert simulation.referee.collisions == []
 
 
-def test_the_lidar_sees_a_box_until_it_has_been_taken_in() -> None:
+def test_the_lidar_sees_a_box_until_the_warehouse_has_taken_it() -> None:
     simulation = exact(hall())
     _deliver(simulation)
 
@@ -205,71 +205,73 @@ def test_the_lidar_sees_a_box_until_it_has_been_taken_in() -> None:
     assert nearest_ahead() > 1.0
 
 
-def test_boxes_stand_near_the_middles_of_their_cells() -> None:
+def test_boxes_stand_near_the_centres_of_their_cells() -> None:
     plan = find_world("taxi")
     offsets = []
     for seed in range(20):
         boxes = build(plan, np.random.default_rng(seed)).referee.boxes
-        offsets += [np.array(box.position) / CELL - (box.first_cell.x + 0.5, box.first_cell.y + 0.5) for box in boxes]
-        assert tuple(box.first_cell for box in boxes) == plan.boxes
+        offsets += [
+            np.array(box.position) / CELL - (box.initial_cell.x + 0.5, box.initial_cell.y + 0.5) for box in boxes
+        ]
+        assert tuple(box.initial_cell for box in boxes) == plan.boxes
     lengths = np.hypot(*np.array(offsets).T) * CELL
-    assert LARGEST_BOX_OFFSET / 2 < lengths.max() <= LARGEST_BOX_OFFSET + 1e-6
+    assert MAX_BOX_OFFSET / 2 < lengths.max() <= MAX_BOX_OFFSET + 1e-6
 
 
-def test_boxes_at_rest_stay_where_they_are() -> None:
+def test_boxes_at_rest_do_not_move() -> None:
     simulation = exact(hall())
     before = simulation.physics.box_positions.copy()
     drive(simulation, 0.1, 0.5, 20.0)
     assert_allclose(simulation.physics.box_positions, before, atol=1e-6)
 
 
-def _adventure(simulation: Simulation) -> bytes:
-    """Everything that a robot is told and that the referee sees in an eventful half minute."""
-    told = b""
+def _eventful_run(simulation: Simulation) -> bytes:
+    """All measurements, the history and the collisions of twelve eventful seconds."""
+    measured = b""
     for linear, angular, seconds in ((0.5, 0.0, 3.0), (0.0, 1.0, 2.0), (-0.4, 0.3, 3.0), (0.6, -0.5, 4.0)):
         for measurement in drive(simulation, linear, angular, seconds):
-            told += measurement.ranges.tobytes() if isinstance(measurement, Scan) else repr(measurement).encode()
+            measured += measurement.ranges.tobytes() if isinstance(measurement, Scan) else repr(measurement).encode()
         simulation.robot.close_latch()
-    return told + simulation.referee.history.tobytes() + repr(simulation.referee.collisions).encode()
+    return measured + simulation.referee.history.tobytes() + repr(simulation.referee.collisions).encode()
 
 
-def test_same_plan_same_seed_same_commands_same_bytes() -> None:
+def test_the_same_plan_seed_and_commands_give_the_same_bytes() -> None:
     plan = place_boxes(find_world("rooms"), 4, np.random.default_rng(0))
-    runs = [_adventure(build(plan, np.random.default_rng(seed))) for seed in (1, 1, 2)]
+    runs = [_eventful_run(build(plan, np.random.default_rng(seed))) for seed in (1, 1, 2)]
     assert runs[0] == runs[1]
     assert runs[0] != runs[2]
 
 
-def test_two_simulations_do_not_disturb_each_other() -> None:
-    alone = _adventure(exact(hall()))
+def test_simulations_are_independent_of_each_other() -> None:
+    alone = _eventful_run(exact(hall()))
     first, second = exact(hall()), exact(hall())
     _deliver(second)
     second.robot.open_latch()
-    assert _adventure(first) == alone
+    assert _eventful_run(first) == alone
 
 
-def test_a_plan_without_a_robot_is_refused() -> None:
+def test_a_plan_without_a_robot_is_rejected() -> None:
     with pytest.raises(InputError, match="has no robot"):
         build(FloorPlan("plan", 3, 3), np.random.default_rng(0))
 
 
-def test_the_lidar_may_turn_slower_but_only_in_step_with_the_odometry() -> None:
+def test_the_lidars_rate_must_divide_that_of_the_odometry() -> None:
     simulation = build(hall(), np.random.default_rng(0), lidar=LidarSpecification(rate=5.0, beams=90))
     scans = [found for found in drive(simulation, 0.0, 0.0, 2.0) if isinstance(found, Scan)]
     assert np.allclose(np.diff([scan.time for scan in scans]), 0.2)
     assert len(scans[0].ranges) == 90
-    with pytest.raises(ValueError, match="cannot turn at 7"):
+    with pytest.raises(ValueError, match=r"rate of 7\.0 Hz must divide"):
         build(hall(), np.random.default_rng(0), lidar=LidarSpecification(rate=7.0))
 
 
 def _speed(work: Callable[[], object], simulation: Simulation) -> float:
-    """Simulated seconds for each second of the processor."""
+    """Simulated time ÷ processor time."""
     started, before = time.process_time(), simulation.time
     work()
     return (simulation.time - before) / (time.process_time() - started)
 
 
-def test_it_is_much_faster_than_time() -> None:
+def test_the_simulation_is_much_faster_than_real_time() -> None:
     plan = place_boxes(find_world("rooms"), 4, np.random.default_rng(0))
     simulation = build(plan, np.random.default_rng(0))
     drive(simulation, 0.3, 0.0, 1.0)  # kernels get compiled
@@ -282,7 +284,7 @@ def test_it_is_much_faster_than_time() -> None:
     assert max(_speed(wander, simulation) for _ in range(3)) > 75  # 250 on an idle machine
 
 
-def test_commands_last_until_the_next_one() -> None:
+def test_a_command_lasts_until_the_next_one() -> None:
     simulation = exact(hall())
     simulation.robot.command(Velocity(0.3))
     while simulation.time < 0.3:

@@ -1,4 +1,4 @@
-"""A robot without physics: it moves exactly as commanded, through a world whose lidar readings are exact."""
+"""A robot without physics: it moves exactly as commanded, and its scans are exact."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from wherry.floorplan.plan import Cell, FloorPlan
-from wherry.realization.tracking import OnePose
+from wherry.realization.pose_tracker import SinglePoseEstimator
 from wherry.robot import Body, Odometry, Scan, Velocity
 from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
@@ -18,11 +18,11 @@ LATCH_REACH = 0.05  # m
 
 
 class KinematicRobot:
-    """A `Robot` that stops at nothing: a test that drives it into a wall sees that it did.
+    """A `Robot` without collisions: it can be driven into a wall, which `nearest_wall` shows.
 
     Args:
-        plan: The world with its boxes, which stand in the middles of their cells.
-        odom_from_world: Where the world's origin is in the odom frame.
+        plan: The world with its boxes, which stand in the centres of their cells.
+        odom_from_world: The world frame in the odom frame.
     """
 
     def __init__(self, plan: FloorPlan, odom_from_world: Pose = IDENTITY) -> None:
@@ -75,13 +75,13 @@ class KinematicRobot:
         self.nearest_wall = min(self.nearest_wall, float(np.hypot(ends[:, 0], ends[:, 1]).min()))
 
 
-class Odometric(OnePose):
-    """A `Corrector` that believes the wheels: base_link in a map whose origin is given in the odom frame."""
+class Odometric(SinglePoseEstimator):
+    """A `PoseEstimator` by odometry alone, on a map whose frame is given in the odom frame."""
 
     def __init__(self, odom_from_map: Pose = IDENTITY) -> None:
-        self.corrections = 0
+        self.updates = 0
         self._map_from_odom = odom_from_map.inverse
 
-    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
-        self.corrections += 1
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        self.updates += 1
         return self._map_from_odom @ odometry.pose

@@ -11,7 +11,7 @@ from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.robot import Body, Scan
 from wherry.simulation.lidar import Lidar, LidarSpecification
 from wherry.simulation.model import BODY
-from wherry.simulation.solids import Solids
+from wherry.simulation.static_geometry import StaticGeometry
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
@@ -44,19 +44,19 @@ def perfect_map(plan: FloorPlan, map_from_world: Pose = IDENTITY, resolution: fl
     cells = np.argwhere(np.ones((height, width), np.bool_))
     points = map_from_world.inverse.transform(grid.centres(cells))
     inside = np.all((points > 0) & (points < size), axis=1)
-    solid = is_solid(Solids.of(plan), points)
+    solid = is_solid(StaticGeometry.from_plan(plan), points)
     values = np.where(solid, 1.0, np.where(inside, 0.0, UNKNOWN)).astype(np.float32)
     return OccupancyGrid(values.reshape(height, width), resolution, grid.origin)
 
 
-def is_solid(solids: Solids, points: Floats) -> NDArray[np.bool_]:
+def is_solid(geometry: StaticGeometry, points: Floats) -> NDArray[np.bool_]:
     """[N] whether points [N, 2] m, world frame, lie in a wall or an obstacle."""
-    columns = np.searchsorted(solids.xs, points[:, 0], side="right") - 1
-    rows = np.searchsorted(solids.ys, points[:, 1], side="right") - 1
-    height, width = solids.kinds.shape
+    columns = np.searchsorted(geometry.xs, points[:, 0], side="right") - 1
+    rows = np.searchsorted(geometry.ys, points[:, 1], side="right") - 1
+    height, width = geometry.kinds.shape
     inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
     solid = np.zeros(len(points), np.bool_)
-    solid[inside] = solids.kinds[rows[inside], columns[inside]] != 0
+    solid[inside] = geometry.kinds[rows[inside], columns[inside]] != 0
     return solid
 
 
@@ -73,7 +73,7 @@ class MovableLidar:
     def __init__(self, plan: FloorPlan, noise: float = 0.0, body: Body = BODY, beams: int = 360) -> None:
         specification = LidarSpecification(noise=noise, beams=beams)
         self.body = body
-        self._lidar = Lidar(specification, Solids.of(plan), np.random.default_rng(7))
+        self._lidar = Lidar(specification, StaticGeometry.from_plan(plan), np.random.default_rng(7))
 
     def scan(self, base: Pose, boxes: Floats | None = None) -> Scan:
         """The scan of a robot with base_link at a pose in the world frame, among boxes [B, 2] m."""

@@ -1,4 +1,4 @@
-"""``wherry deliver``: the whole way from knowing nothing to everything delivered."""
+"""``wherry deliver``: a simulated delivery from exploration to the score."""
 
 from __future__ import annotations
 
@@ -42,22 +42,22 @@ def deliver(
 ) -> None:
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
     from wherry.kernels import are_compiled
-    from wherry.pipelines.delivery import simulated as delivery
+    from wherry.pipelines.delivery.simulated import DeliverySettings, prepare_delivery, warm_up
     from wherry.simulation.model import LASER_HEIGHT
     from wherry.trace.records import combine_sinks
     from wherry.views.terminal import DeliveryProgress, print_rules, print_table
 
-    settings = delivery.Settings(
+    settings = DeliverySettings(
         world=world, boxes=boxes, seed=seed, map_file=map_file, rules_file=rules, learner=learner, out=out
     )
     compiled = are_compiled()
-    run = delivery.prepare(settings)
+    run = prepare_delivery(settings)
     console = output.console()
     if not compiled:
-        console.print("Compiling the inner loops; that takes half a minute, and is done once.")
-        delivery.warm_up()
+        console.print("Compiling the kernels: this takes half a minute, and is done once.")
+        warm_up()
     for cell in run.unreachable:
-        console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from below cannot be reached by any robot.")
+        console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from the bottom cannot be reached.")
     with (
         recorded(record, laser_height=LASER_HEIGHT) as (recording, recorded_robot),
         film_sinks(run.simulation, rerun=rerun, video=video) as film,
@@ -66,7 +66,7 @@ def deliver(
         with DeliveryProgress(console, len(run.plan.boxes)) as progress:
             result = run(combine_sinks(progress, sink, recording, film), recorded_robot)
         print_rules(console, run.rules)
-        print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.verdict}", result.figures)
+        print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.verdict}", result.metrics)
         say(console, f"Pictures, map and rules: {run.out / 'report.html'}")
     for what, path in {"Bag": record, "Rerun": rerun, "Film": video}.items():
         if path is not None:

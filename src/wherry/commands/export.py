@@ -41,7 +41,7 @@ def gazebo(
     """Write a world, the robot, and launch files for Gazebo Sim with ROS 2 and for classic Gazebo with ROS 1."""
     from wherry.floorplan.world_files import find_world
     from wherry.gazebo.export import GazeboExportSettings, export_world
-    from wherry.pipelines.delivery.simulated import order_of
+    from wherry.realization.mission import order_from_plan
 
     files = export_world(
         GazeboExportSettings(world=world, folder=folder, generation=generation, boxes=boxes, seed=seed, force=force)
@@ -50,7 +50,7 @@ def gazebo(
     say(console, f"Written to {folder}: {', '.join(path.name for path in files)}")
     say(console, f"Gazebo Sim and ROS 2: ros2 launch {folder / 'gazebo.launch.py'}")
     say(console, f"Classic Gazebo and ROS 1: roslaunch {folder / 'classic.launch'}")
-    cells = " ".join(f"--warehouse {x:g},{y:g}" for x, y in order_of(find_world(world)).warehouse.tolist())
+    cells = " ".join(f"--warehouse {x:g},{y:g}" for x, y in order_from_plan(find_world(world)).warehouse.tolist())
     say(console, f"The agent: wherry ros2 deliver {cells}")
     if as_json:
         print_json({"folder": str(folder), "files": [path.name for path in files]})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +22,13 @@ from wherry.floorplan.world_files import find_world
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
 from wherry.navigation.controller import safe_velocity
-from wherry.pipelines.delivery.agent import Delivery, delivery_learner
-from wherry.pipelines.delivery.page import pictures_of
-from wherry.pipelines.delivery.simulated import order_of
-from wherry.realization.mission import Mission
+from wherry.pipelines.delivery.agent import DeliveryEpisode, delivery_learner
+from wherry.pipelines.delivery.page import choose_pictures
+from wherry.realization.mission import Mission, order_from_plan
 from wherry.robot import Odometry
 from wherry.simulation import Simulation, build
 from wherry.simulation.ground_truth import true_map
-from wherry.simulation.picture import Photographer
+from wherry.simulation.rendering import SceneRenderer
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import Record, RobotSnapshot
 from wherry.views.snapshot_svg import MapBackground, draw_snapshot
@@ -77,8 +77,8 @@ def figures() -> Iterator[tuple[str, bytes]]:
     yield "fig1a-taxi.png", _png(render_rgb(taxi.plan, taxi_sprites(state)))
     plan = place_boxes(find_world(BUILDING), 4, np.random.default_rng(SEED))
     simulation = build(plan, np.random.default_rng(SEED))
-    with Photographer(simulation, 1000, 1000) as photographer:
-        yield "fig1b-world.png", _png(photographer.overhead())
+    with closing(SceneRenderer(simulation, 1000, 1000)) as renderer:
+        yield "fig1b-world.png", _png(renderer.overhead())
     laser, carrying = _delivery_pictures(simulation, plan)
     yield "fig3-laser.svg", laser.encode()
     for index, picture in enumerate(_particles()):
@@ -97,11 +97,11 @@ def _delivery_pictures(simulation: Simulation, plan: FloorPlan) -> tuple[str, st
     records: list[Record] = []
     world_from_map = simulation.physics.robot_pose  # the map frame is the robot's start pose
     rng = np.random.default_rng(SEED)
-    ready = Mission(simulation.robot, order_of(plan), records.append, rng).explore()
-    delivery = Delivery(ready, delivery_learner("bayes"), records.append, rng)
+    ready = Mission(simulation.robot, order_from_plan(plan), records.append, rng).explore()
+    delivery = DeliveryEpisode(ready, delivery_learner("bayes"), records.append, rng)
     for _ in delivery:
         pass
-    carrying, _, mapping, _ = pictures_of(records, delivery.ready, plan, world_from_map)
+    carrying, _, mapping, _ = choose_pictures(records, delivery.world, plan, world_from_map)
     return mapping.svg, carrying.svg
 
 

@@ -37,7 +37,7 @@ from wherry.ros.description import robot_description
 from wherry.simulation import build
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.model import robot_urdf
-from wherry.simulation.scenes import choose_scene
+from wherry.simulation.seeded_worlds import seed_world
 from wherry.simulation.simulator import LATCH_REACH
 from wherry.space.pose import Pose
 
@@ -82,10 +82,10 @@ def export_world(settings: GazeboExportSettings) -> tuple[Path, ...]:
     """
     if settings.generation not in GENERATIONS:
         raise InputError("--generation", settings.generation, f"is none of {', '.join(GENERATIONS)}")
-    scene = choose_scene(find_world(settings.world), settings.boxes, settings.seed)
-    files = export_files(scene.plan, scene.physics, GENERATIONS[settings.generation])
+    world = seed_world(find_world(settings.world), settings.boxes, settings.seed)
+    files = export_files(world.plan, world.physics_rng, GENERATIONS[settings.generation])
     _prepare_folder(settings.folder, force=settings.force)
-    files = {**files, MARKER_FILE: _marker(settings, scene.plan, files)}
+    files = {**files, MARKER_FILE: _marker(settings, world.plan, files)}
     for name, text in files.items():
         write_atomically(settings.folder / name, text)
     return tuple(settings.folder / name for name in files)

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from wherry.simulation.model import WHEEL_GRIP, robot_urdf
+from wherry.simulation.model import WHEEL_FRICTION, robot_urdf
 
 ROOT_LINK = "base_footprint"  # has no mass
 TREAD_WIDTH = 0.002  # m, of the disc that replaces a wheel: a wide one scrubs when the robot turns on the spot
@@ -135,7 +135,7 @@ def _link(element: ET.Element, positions: Mapping[str, tuple[float, float, float
         mass=_child(inertial, "mass").get("value", ""),
         inertial_pose=_pose(inertial),
         inertia=dict(_child(inertial, "inertia").items()),
-        friction=WHEEL_GRIP if is_wheel else 0.0 if name == "caster" else DEFAULT_FRICTION,
+        friction=WHEEL_FRICTION if is_wheel else 0.0 if name == "caster" else DEFAULT_FRICTION,
         collisions=tuple(_collisions(element, is_wheel=is_wheel)),
         visuals=tuple(_visuals(element, colours)),
     )

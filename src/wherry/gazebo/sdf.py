@@ -35,13 +35,13 @@ from wherry.simulation.model import (
     BOX_MASS,
     BOX_RADIUS,
     COLOURS,
-    FLOOR_GRIP,
-    MOTOR_TORQUE,
+    FLOOR_FRICTION,
+    MAX_MOTOR_TORQUE,
     WALL_HEIGHT,
-    WHEEL_GRIP,
+    WHEEL_FRICTION,
 )
 from wherry.simulation.simulator import ODOMETRY_RATE
-from wherry.simulation.solids import OBSTACLE, WALL, Solids
+from wherry.simulation.static_geometry import OBSTACLE, WALL, StaticGeometry
 from wherry.space.pose import Floats, Pose
 
 TIME_STEP = 0.001  # s, Gazebo's default; contacts jitter at the simulator's 5 ms
@@ -185,7 +185,7 @@ class _World:
 
 
 def _solid_cuboids(plan: FloorPlan) -> Iterator[_Cuboid]:
-    solids = Solids.of(plan)
+    solids = StaticGeometry.from_plan(plan)
     for name, kind in (("wall", WALL), ("obstacle", OBSTACLE)):
         for index, (left, bottom, right, top) in enumerate(solids.rectangles(kind).tolist()):
             centre = ((left + right) / 2, (bottom + top) / 2, WALL_HEIGHT / 2)
@@ -233,10 +233,10 @@ def _constants() -> dict[str, object]:
         "BOX_MASS": BOX_MASS,
         "BOX_RADIUS": BOX_RADIUS,
         "COLOURS": COLOURS,
-        "FLOOR_GRIP": FLOOR_GRIP,
+        "FLOOR_FRICTION": FLOOR_FRICTION,
         "GRAVITY": GRAVITY,
         "HOUSING_FLAG": HOUSING_FLAG,
-        "MOTOR_TORQUE": MOTOR_TORQUE,
+        "MAX_MOTOR_TORQUE": MAX_MOTOR_TORQUE,
         "ODOMETRY_RATE": ODOMETRY_RATE,
         "OPENING_SECONDS": OPENING_SECONDS,
         "ROBOT": ROBOT,
@@ -244,7 +244,7 @@ def _constants() -> dict[str, object]:
         "TIME_STEP": TIME_STEP,
         "TRACK": TRACK,
         "VISIBILITY_MASK": VISIBILITY_MASK,
-        "WHEEL_GRIP": WHEEL_GRIP,
+        "WHEEL_FRICTION": WHEEL_FRICTION,
         "WHEEL_RADIUS": WHEEL_RADIUS,
         "pi": math.pi,
         "topics": latch_topics,

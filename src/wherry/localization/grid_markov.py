@@ -16,7 +16,8 @@ from wherry.localization.parameters import AmclParameters
 from wherry.localization.sensor import SENSOR_MODELS, valid_beams
 from wherry.robot import Odometry, Scan
 from wherry.space.distance_field import DistanceField
-from wherry.space.occupancy import OccupancyGrid, cell_centres
+from wherry.space.grid_cells import cell_centres
+from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
 Floats = NDArray[np.float64]
@@ -148,7 +149,7 @@ class GridMarkov:
     def _poses(self, cells: NDArray[np.int64]) -> Floats:
         """[N, 3] m, m, rad, map frame: centres of cells given by flat indices [N]."""
         heading, row, column = np.unravel_index(cells, self._belief.shape)
-        positions = cell_centres(np.column_stack([row, column]), self._cell, self._origin)
+        positions = cell_centres(np.column_stack([row, column]), self._origin, self._cell)
         return np.column_stack([positions, self._headings[heading]])
 
     def _normalize(self) -> None:

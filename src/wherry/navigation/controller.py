@@ -1,7 +1,7 @@
-"""Driving a differential drive along paths and to exact poses: functions from where it is to what to command.
+"""Motion controllers of a differential drive: path following, docking along a line, turning, and collision avoidance.
 
-Nothing is remembered between two calls; each is given the pose and answers with the velocity to command now, or None
-once it has arrived. Driving in reverse is driving forwards with the robot's back as its front.
+Each controller is a stateless function from the pose to the velocity to command now, or None at the goal. In reverse
+the robot's back leads.
 """
 
 from __future__ import annotations
@@ -15,24 +15,25 @@ from wherry.navigation.path import NO_DISCS
 from wherry.robot import Body, Scan, Velocity
 from wherry.space.pose import Floats, Pose, wrap
 
-LOOK_AHEAD = 0.3  # m along the path (Coulter 1992)
-TURN_FIRST = math.radians(35.0)  # a path that leads off by more than this is begun by turning on the spot
-POSITION_TOLERANCE = 0.01  # m
-HEADING_TOLERANCE = math.radians(1.0)
-BRAKING = 0.5  # share of the acceleration that slowing down is planned with; the rest is for what was not planned
+LOOKAHEAD_DISTANCE = 0.3  # m along the path (Coulter 1992)
+ROTATE_IN_PLACE_ANGLE = math.radians(35.0)  # heading error above which the robot turns on the spot
+POSITION_TOLERANCE = 0.01  # m, goal tolerance
+HEADING_TOLERANCE = math.radians(1.0)  # goal tolerance
+DECELERATION_FRACTION = 0.5  # planned deceleration ÷ largest acceleration; the rest is a reserve
 HEADING_GAIN = 2.5  # rad/s per rad
-LATERAL_GAIN = 3.0  # rad of heading per m beside the line
-CREEP = 0.02  # m/s, the slowest that is still a movement
-CREEP_TURN = 0.08  # rad/s
-STOP_DISTANCE = 0.04  # m that a safe robot keeps from what it sees in its way
-SIDE_DISTANCE = 0.02  # m that it keeps at its sides
-AGREEING_BEAMS = 3  # the third shortest gap counts
-REACTION_TIME = 0.15  # s from a scan until what is commanded because of it takes hold
-STRAIGHT = 1e-3  # 1/m; a way that bends less is straight
+LATERAL_GAIN = 3.0  # rad of heading per m of lateral error
+MIN_LINEAR_SPEED = 0.02  # m/s that a goal is approached at, at least
+MIN_ANGULAR_SPEED = 0.08  # rad/s that a heading is approached at, at least
+BEND_SLOWDOWN = 0.7  # fraction of the speed that is lost at a heading error of ROTATE_IN_PLACE_ANGLE
+STOP_DISTANCE = 0.04  # m between the robot's front and an obstacle at which it stops
+SIDE_CLEARANCE = 0.02  # m between the robot's side and an obstacle that it passes
+MIN_OBSTACLE_BEAMS = 3  # beams that must show an obstacle, so that the noise of a single one does not stop the robot
+REACTION_TIME = 0.15  # s from a scan until the velocity commanded because of it takes effect
+MIN_CURVATURE = 1e-3  # 1/m, below which an arc is treated as a straight line
 
 
 def follow_path(pose: Pose, path: Floats, body: Body, *, reverse: bool = False) -> Velocity | None:
-    """Follow a path to its end (pure pursuit, Coulter 1992, slowed down where the path bends).
+    """Follow a path to its end (pure pursuit, Coulter 1992, with less speed in bends).
 
     Args:
         pose: base_link in the map frame.
@@ -41,20 +42,21 @@ def follow_path(pose: Pose, path: Floats, body: Body, *, reverse: bool = False) 
         reverse: Whether the robot's back leads.
 
     Returns:
-        What to command now; None within `POSITION_TOLERANCE` of the path's end, or once it has been driven past.
+        The velocity to command now; None within `POSITION_TOLERANCE` of the path's end, or once beyond it.
     """
-    target, rest, direction = _look_ahead(pose, path)
+    target, remaining, direction = _lookahead_point(pose, path)
     end = path[-1]
-    beyond = (end[0] - pose.x) * math.cos(direction) + (end[1] - pose.y) * math.sin(direction)
-    if rest <= POSITION_TOLERANCE or (rest < LOOK_AHEAD and beyond <= POSITION_TOLERANCE):
+    along = (end[0] - pose.x) * math.cos(direction) + (end[1] - pose.y) * math.sin(direction)
+    if remaining <= POSITION_TOLERANCE or (remaining < LOOKAHEAD_DISTANCE and along <= POSITION_TOLERANCE):
         return None
     bearing = math.atan2(target[1] - pose.y, target[0] - pose.x)
     error = wrap(bearing - _leading_heading(pose, reverse=reverse))
-    if abs(error) > TURN_FIRST:
+    if abs(error) > ROTATE_IN_PLACE_ANGLE:
         return Velocity(0.0, _turning_speed(error, body))
     distance = math.hypot(target[0] - pose.x, target[1] - pose.y)
     curvature = 2.0 * math.sin(error) / max(distance, POSITION_TOLERANCE)
-    speed = min(_braking_speed(rest, body), body.max_linear * (1.0 - 0.7 * abs(error) / TURN_FIRST))
+    bend_speed = body.max_linear * (1.0 - BEND_SLOWDOWN * abs(error) / ROTATE_IN_PLACE_ANGLE)
+    speed = min(_braking_speed(remaining, body), bend_speed)
     if abs(curvature) * speed > body.max_angular:
         speed = body.max_angular / abs(curvature)
     return Velocity(-speed if reverse else speed, speed * curvature)
@@ -71,55 +73,54 @@ def turn_to(pose: Pose, heading: float, body: Body) -> Velocity | None:
 def drive_line(
     pose: Pose, goal: Pose, body: Body, *, reverse: bool = False, speed: float = math.inf
 ) -> Velocity | None:
-    """Drive along the straight line that leads through a goal at the goal's heading, and stop level with it.
-
-    This is how a robot docks: it comes in along the line, and corrects to it what it stands beside it.
+    """Drive along the straight line through a goal at the goal's heading, and stop level with the goal (docking).
 
     Args:
         pose: base_link in the map frame.
-        goal: Where to stop, and which way to look there.
+        goal: Where to stop, and the heading there, map frame.
         body: The robot's limits.
-        reverse: Whether the robot's back leads; it looks along the goal's heading all the same.
-        speed: m/s, at most.
+        reverse: Whether the robot's back leads; its heading is the goal's all the same.
+        speed: Largest speed, m/s.
 
     Returns:
-        What to command now; None once the robot is level with the goal, to within `POSITION_TOLERANCE`.
+        The velocity to command now; None once the robot is level with the goal, to within `POSITION_TOLERANCE`.
     """
-    seen = pose.relative_to(goal)
+    offset = pose.relative_to(goal)
     sign = -1.0 if reverse else 1.0
-    rest = -sign * seen.x
-    if rest <= POSITION_TOLERANCE / 2.0:
+    remaining = -sign * offset.x
+    if remaining <= POSITION_TOLERANCE / 2.0:
         return None
-    # Aim back at the line, less steeply the nearer it is.
-    aim = -sign * math.atan(LATERAL_GAIN * seen.y)
-    error = wrap(aim - seen.theta)
-    if abs(error) > TURN_FIRST:
+    # The desired heading converges to the line's as the lateral error shrinks.
+    desired = -sign * math.atan(LATERAL_GAIN * offset.y)
+    error = wrap(desired - offset.theta)
+    if abs(error) > ROTATE_IN_PLACE_ANGLE:
         return Velocity(0.0, _turning_speed(error, body))
-    linear = min(_braking_speed(rest, body), speed)
+    linear = min(_braking_speed(remaining, body), speed)
     angular = float(np.clip(HEADING_GAIN * error, -body.max_angular, body.max_angular))
     return Velocity(sign * linear, angular)
 
 
 def go_to(pose: Pose, goal: Pose, body: Body, *, reverse: bool = False) -> Velocity | None:
-    """Go straight to a pose: turn towards it, drive there, turn to its heading.
+    """Drive straight to a pose: turn towards it, drive there, turn to its heading.
 
     Args:
         pose: base_link in the map frame.
-        goal: Where to stop, and which way to look there.
+        goal: Where to stop, and the heading there, map frame.
         body: The robot's limits.
         reverse: Whether the robot's back leads on the way.
 
     Returns:
-        What to command now; None within `POSITION_TOLERANCE` and `HEADING_TOLERANCE` of the goal.
+        The velocity to command now; None within `POSITION_TOLERANCE` and `HEADING_TOLERANCE` of the goal.
     """
     distance = pose.distance_to(goal)
     if distance <= POSITION_TOLERANCE:
         return turn_to(pose, goal.theta, body)
     bearing = math.atan2(goal.y - pose.y, goal.x - pose.x)
     error = wrap(bearing - _leading_heading(pose, reverse=reverse))
-    # Near the goal a small step aside is a large angle: what matters is whether the line still passes close by.
-    if abs(error) > TURN_FIRST or (
-        distance * abs(math.sin(error)) > POSITION_TOLERANCE / 2.0 and distance < LOOK_AHEAD
+    # Near the goal the heading error grows without bound, so the lateral error decides whether to turn.
+    lateral_error = distance * abs(math.sin(error))
+    if abs(error) > ROTATE_IN_PLACE_ANGLE or (
+        lateral_error > POSITION_TOLERANCE / 2.0 and distance < LOOKAHEAD_DISTANCE
     ):
         return Velocity(0.0, _turning_speed(error, body))
     linear = _braking_speed(distance, body) * max(math.cos(error), 0.0)
@@ -130,118 +131,123 @@ def go_to(pose: Pose, goal: Pose, body: Body, *, reverse: bool = False) -> Veloc
 def clear_distance(
     scan: Scan, body: Body, *, reverse: bool = False, curvature: float = 0.0, ignore: Floats = NO_DISCS
 ) -> float:
-    """How far the robot can drive on along an arc before its round body meets what the lidar sees now.
+    """The distance that the robot's round footprint can move along an arc before it touches what the scan shows.
 
     Args:
-        scan: The last one.
+        scan: The last scan.
         body: The robot's shape.
         reverse: Whether it drives backwards.
-        curvature: κ, 1/m, of the arc, positive where it bends to the robot's left as it looks along its way.
-        ignore: [K, 3] m, base_link frame: x, y and radius of discs whose readings do not count, such as the box that
-            the robot is about to dock on. The load in the fork is always ignored.
+        curvature: Curvature κ of the arc, 1/m, positive for a bend to the left as seen in the direction of travel.
+        ignore: [K, 3] x, y, radius, m, base_link frame, of discs whose readings are ignored, such as the box to dock
+            on. A box in the fork is always ignored.
 
     Returns:
-        m along the arc; ``inf`` if nothing is seen in the way, at least 0.
+        Distance along the arc, m, at least 0; ``inf`` without an obstacle in the way.
     """
     points = body.lidar.transform(scan.points())
-    load = np.array([[0.0, 0.0, 1.5 * body.box_radius]])
+    load = np.array([[0.0, 0.0, body.load_radius]])
     for x, y, radius in np.vstack([load, ignore]):
         points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > radius]
     if reverse:
         points = -points
     points = points[points[:, 0] > 0.0]
-    gaps = (
-        _gaps_straight(points, body.radius) if abs(curvature) < STRAIGHT else _gaps_arc(points, body.radius, curvature)
-    )
-    if not len(gaps):
+    if abs(curvature) < MIN_CURVATURE:
+        distances = _distances_straight(points, body.radius)
+    else:
+        distances = _distances_on_arc(points, body.radius, curvature)
+    if not len(distances):
         return math.inf
-    # The least of many noisy readings is too short by more than their noise; whatever is near enough to matter is met
-    # by several beams.
-    agreed = min(AGREEING_BEAMS, len(gaps)) - 1
-    return max(float(np.partition(gaps, agreed)[agreed]), 0.0)
+    rank = min(MIN_OBSTACLE_BEAMS, len(distances)) - 1
+    return max(float(np.partition(distances, rank)[rank]), 0.0)
 
 
-def _gaps_straight(points: Floats, radius: float) -> Floats:
-    """[M] m that a disc can move along x until it touches those of the points [N, 2] m that are in its way."""
+def _distances_straight(points: Floats, radius: float) -> Floats:
+    """[M] distances, m, that a disc can move along x until it touches each of the points [N, 2], m, in its way."""
     points = points[np.abs(points[:, 1]) < radius]
-    # A circle of the body's radius touches a point that lies aside by y when its middle is so far before it.
-    gaps: Floats = points[:, 0] - np.sqrt(radius**2 - points[:, 1] ** 2)
-    return gaps
+    # The disc touches a point at lateral offset y when its centre is √(r² − y²) before the point.
+    distances: Floats = points[:, 0] - np.sqrt(radius**2 - points[:, 1] ** 2)
+    return distances
 
 
-def _gaps_arc(points: Floats, radius: float, curvature: float) -> Floats:
-    """[M] m along an arc, likewise: law of cosines in the triangle of the arc's centre, the point and the disc."""
-    turn = 1.0 / curvature
-    points = points * np.array([1.0, math.copysign(1.0, curvature)])  # bend to the left
-    turn = abs(turn)
-    away = np.hypot(points[:, 0], points[:, 1] - turn)
+def _distances_on_arc(points: Floats, radius: float, curvature: float) -> Floats:
+    """[M] as `_distances_straight`, along an arc: law of cosines in the triangle of arc centre, point and disc."""
+    points = points * np.array([1.0, math.copysign(1.0, curvature)])  # mirrored so that the arc bends to the left
+    turn_radius = abs(1.0 / curvature)
+    from_centre = np.hypot(points[:, 0], points[:, 1] - turn_radius)
     with np.errstate(divide="ignore", invalid="ignore"):
-        cosine = (turn**2 + away**2 - radius**2) / (2.0 * turn * away)
+        cosine = (turn_radius**2 + from_centre**2 - radius**2) / (2.0 * turn_radius * from_centre)
     in_way = np.abs(cosine) <= 1.0
-    bearing = np.arctan2(points[in_way, 0], turn - points[in_way, 1])  # from the arc's beginning, around its centre
-    gaps: Floats = turn * (bearing - np.arccos(cosine[in_way]))
-    return gaps
+    bearing = np.arctan2(points[in_way, 0], turn_radius - points[in_way, 1])  # around the arc's centre, from its start
+    distances: Floats = turn_radius * (bearing - np.arccos(cosine[in_way]))
+    return distances
 
 
 def safe_velocity(velocity: Velocity, scan: Scan, body: Body, *, ignore: Floats = NO_DISCS) -> Velocity:
-    """Slow a command down so that the robot can stop `STOP_DISTANCE` before anything that it sees in its way.
+    """Slow a command down so that the robot can stop `STOP_DISTANCE` before every obstacle that the scan shows.
 
     Args:
-        velocity: What was to be commanded.
-        scan: The last one.
+        velocity: The command.
+        scan: The last scan.
         body: The robot's shape and limits.
-        ignore: As in `clear_distance`.
+        ignore: [K, 3] x, y, radius, m, base_link frame, of discs whose readings are ignored, as in `clear_distance`.
 
     Returns:
-        The same curve, driven slowly enough; where it must stop, only its turning, which is safe for a round body.
+        A command along the same arc, slow enough; where the robot must stop, only the command's angular velocity,
+        which is safe for a round footprint.
     """
     if velocity.linear == 0.0:
         return velocity
     reverse = velocity.linear < 0.0
     curvature = velocity.angular / velocity.linear
-    wider = replace(body, radius=body.radius + SIDE_DISTANCE)
-    clear = clear_distance(scan, wider, reverse=reverse, curvature=-curvature if reverse else curvature, ignore=ignore)
-    gap = clear + SIDE_DISTANCE - STOP_DISTANCE
+    inflated = replace(body, radius=body.radius + SIDE_CLEARANCE)
+    clear = clear_distance(
+        scan, inflated, reverse=reverse, curvature=-curvature if reverse else curvature, ignore=ignore
+    )
+    gap = clear + SIDE_CLEARANCE - STOP_DISTANCE
     if gap <= 0.0:
         return Velocity(0.0, velocity.angular)
-    # Between the scan and the moment when the command takes hold, the robot drives on.
-    deceleration = BRAKING * body.max_linear_acceleration
-    lag = deceleration * REACTION_TIME
-    allowed = math.sqrt(lag**2 + 2.0 * deceleration * gap) - lag if math.isfinite(gap) else math.inf
-    share = min(1.0, allowed / abs(velocity.linear))
-    return Velocity(velocity.linear * share, velocity.angular * share)
+    # Largest v that stops within the gap: v · REACTION_TIME + v² / (2 · deceleration) = gap.
+    deceleration = DECELERATION_FRACTION * body.max_linear_acceleration
+    reaction_speed = deceleration * REACTION_TIME
+    allowed = math.inf
+    if math.isfinite(gap):
+        allowed = math.sqrt(reaction_speed**2 + 2.0 * deceleration * gap) - reaction_speed
+    scale = min(1.0, allowed / abs(velocity.linear))
+    return Velocity(velocity.linear * scale, velocity.angular * scale)
 
 
 def _leading_heading(pose: Pose, *, reverse: bool) -> float:
-    """Where the leading end of the robot looks, rad, map frame."""
+    """Heading of the robot's leading end, rad, map frame."""
     return wrap(pose.theta + math.pi) if reverse else pose.theta
 
 
 def _braking_speed(distance: float, body: Body) -> float:
-    """The speed, m/s, from which the robot can stop within a distance, m."""
-    return min(body.max_linear, max(math.sqrt(2.0 * BRAKING * body.max_linear_acceleration * distance), CREEP))
+    """Speed from which the robot can stop within a distance, m; m/s."""
+    deceleration = DECELERATION_FRACTION * body.max_linear_acceleration
+    return min(body.max_linear, max(math.sqrt(2.0 * deceleration * distance), MIN_LINEAR_SPEED))
 
 
 def _turning_speed(error: float, body: Body) -> float:
-    """The turning speed, rad/s, from which the robot can stop within an angle, rad."""
-    speed = math.sqrt(2.0 * BRAKING * body.max_angular_acceleration * abs(error))
-    return math.copysign(min(body.max_angular, max(min(speed, HEADING_GAIN * 2.0 * abs(error)), CREEP_TURN)), error)
+    """Angular velocity that reduces a heading error, rad, and from which the robot can stop within it; rad/s."""
+    deceleration = DECELERATION_FRACTION * body.max_angular_acceleration
+    speed = min(math.sqrt(2.0 * deceleration * abs(error)), HEADING_GAIN * 2.0 * abs(error))
+    return math.copysign(min(body.max_angular, max(speed, MIN_ANGULAR_SPEED)), error)
 
 
-def _look_ahead(pose: Pose, path: Floats) -> tuple[Floats, float, float]:
-    """The point to steer at, [2] m; how much of the path is left, m; the direction of its last stretch, rad."""
+def _lookahead_point(pose: Pose, path: Floats) -> tuple[Floats, float, float]:
+    """[2] point to steer towards, m; length of the path that remains, m; direction of its last segment, rad."""
     position = np.array([pose.x, pose.y])
     if len(path) == 1:
         path = np.vstack([position, path])
-    starts, stretches = path[:-1], np.diff(path, axis=0)
-    lengths = np.hypot(*stretches.T)
-    shares = np.einsum("ij,ij->i", position - starts, stretches) / np.maximum(lengths, 1e-9) ** 2
-    feet = starts + np.clip(shares, 0.0, 1.0)[:, None] * stretches
-    distances = np.hypot(*(feet - position).T)
+    starts, segments = path[:-1], np.diff(path, axis=0)
+    lengths = np.hypot(*segments.T)
+    fractions = np.einsum("ij,ij->i", position - starts, segments) / np.maximum(lengths, 1e-9) ** 2
+    projections = starts + np.clip(fractions, 0.0, 1.0)[:, None] * segments
+    distances = np.hypot(*(projections - position).T)
     nearest = len(distances) - 1 - int(np.argmin(distances[::-1]))  # the last one, where a path crosses itself
-    done = np.concatenate([[0.0], np.cumsum(lengths)])
-    along = done[nearest] + float(np.hypot(*(feet[nearest] - starts[nearest])))
-    rest = done[-1] - along + distances[nearest]
-    ahead = min(along + LOOK_AHEAD, done[-1])
-    target = np.array([np.interp(ahead, done, path[:, 0]), np.interp(ahead, done, path[:, 1])])
-    return target, float(rest), math.atan2(stretches[-1, 1], stretches[-1, 0])
+    arc_length = np.concatenate([[0.0], np.cumsum(lengths)])
+    along = arc_length[nearest] + float(np.hypot(*(projections[nearest] - starts[nearest])))
+    remaining = arc_length[-1] - along + distances[nearest]
+    ahead = min(along + LOOKAHEAD_DISTANCE, arc_length[-1])
+    target = np.array([np.interp(ahead, arc_length, path[:, 0]), np.interp(ahead, arc_length, path[:, 1])])
+    return target, float(remaining), math.atan2(segments[-1, 1], segments[-1, 0])

@@ -1,8 +1,8 @@
-"""Where to look next while a map is being made: frontiers, weighed by what would be seen (Yamauchi 1997).
+"""Frontier exploration: the next best viewpoint on a map that is being built (Yamauchi 1997).
 
-A frontier is where free space that is known meets what is not. From places near each frontier, rays are cast to count
-how much of the unknown a lidar there would see; the best place sees much for a short way (González-Baños & Latombe
-2002).
+A frontier is where known free space borders on unknown space. At candidate positions near the frontiers, rays are cast
+to compute the unknown area that a lidar would see there; the best viewpoint sees much for a low travel cost
+(González-Baños & Latombe 2002).
 """
 
 from __future__ import annotations
@@ -20,115 +20,126 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.raycast import traverse
 
-SIGHT = 6.0  # m that a lidar is trusted to see
-RAYS = 360
-PLACES = 48  # at most so many places are weighed
-LEAST_GAIN = 0.05  # m² of the unknown that are worth going for
-LEAST_FRONTIER = 0.15  # m, frontiers shorter than this are gaps between beams
-CLOSE_BY = 0.35  # m; a place that near to where the robot has looked already shows nothing new
-WAY_SCALE = 4.0  # m of way that halve what a gain is worth, and a little more
+SENSOR_RANGE = 6.0  # m that the lidar is assumed to see
+RAYS = 360  # rays cast from a candidate
+MAX_CANDIDATES = 48  # candidate positions that are evaluated
+CANDIDATE_SPACING = 0.5  # m, side of the square blocks of which each gives one candidate
+MIN_GAIN = 0.05  # m² of visible unknown area that make a viewpoint worthwhile
+MIN_FRONTIER_LENGTH = 0.15  # m; shorter frontiers are gaps between beams
+VISITED_RADIUS = 0.35  # m around a visited viewpoint within which no candidate shows anything new
+COST_SCALE = 4.0  # m of travel cost that reduce a viewpoint's utility by a factor e
 
 
 @dataclass(frozen=True, slots=True)
 class Viewpoint:
-    """A place worth going to.
+    """A position to explore from.
 
     Attributes:
         position: [2] m, map frame.
-        gain: m² of the unknown that a lidar would see there.
-        way: m, what it costs to get there (`travel_costs`).
+        gain: Unknown area that a lidar would see there, m².
+        travel_cost: Cost of the way there, m, from `travel_costs`.
     """
 
     position: Floats
     gain: float
-    way: float
+    travel_cost: float
 
     @property
-    def worth(self) -> float:
-        """Gain, discounted by the way."""
-        return self.gain * math.exp(-self.way / WAY_SCALE)
-
-
-def frontier_cells(grid: OccupancyGrid) -> NDArray[np.bool_]:
-    """[H, W] free cells beside unknown ones, in groups long enough not to be gaps between beams."""
-    beside = ndimage.binary_dilation(grid.unknown) & grid.free
-    labels, count = ndimage.label(beside, structure=np.ones((3, 3)))
-    sizes = np.bincount(labels.ravel(), minlength=count + 1)
-    sizes[0] = 0
-    long_enough: NDArray[np.bool_] = sizes[labels] * grid.resolution >= LEAST_FRONTIER
-    return long_enough
+    def utility(self) -> float:
+        """The gain, discounted exponentially by the travel cost, m² (González-Baños & Latombe 2002, section 5)."""
+        return self.gain * math.exp(-self.travel_cost / COST_SCALE)
 
 
 def next_viewpoint(
-    grid: OccupancyGrid, costmap: Costmap, pose: Pose, looked: Floats, *, least_gain: float = LEAST_GAIN
+    grid: OccupancyGrid, costmap: Costmap, pose: Pose, visited: Floats, *, min_gain: float = MIN_GAIN
 ) -> Viewpoint | None:
-    """Choose where to look next.
+    """Choose the viewpoint with the highest utility.
 
     Args:
         grid: The map so far.
-        costmap: Where the robot may be on it.
+        costmap: Where the robot fits on it.
         pose: base_link in the map frame.
-        looked: [K, 2] m, map frame: where it was sent before; not sent there again.
-        least_gain: m² of the unknown that are worth going for.
+        visited: [K, 2] viewpoints tried before, m, map frame, which are not chosen again.
+        min_gain: Smallest gain of a viewpoint, m².
 
     Returns:
-        The best viewpoint; None if nothing that can be reached shows anything unknown: the map is finished.
+        The best viewpoint; None if no reachable one has the smallest gain, and the map is complete.
     """
-    ways = travel_costs(costmap, np.array([pose.x, pose.y]))
-    places = _places(grid, costmap, ways)
-    if len(looked):
-        nearest = np.hypot(*(places[:, None, :] - looked[None, :, :]).transpose(2, 0, 1)).min(axis=1)
-        places = places[nearest > CLOSE_BY]
+    costs = travel_costs(costmap, np.array([pose.x, pose.y]))
+    candidates = _not_visited(_candidates(grid, costmap, costs), visited)
     viewpoints = [
-        Viewpoint(place, visible_unknown(grid, place), float(ways[costmap.cell_at(place)])) for place in places
+        Viewpoint(position, visible_unknown_area(grid, position), float(costs[costmap.cell_at(position)]))
+        for position in candidates
     ]
-    worthwhile = [viewpoint for viewpoint in viewpoints if viewpoint.gain >= least_gain]
-    return max(worthwhile, key=lambda viewpoint: viewpoint.worth, default=None)
+    worthwhile = [viewpoint for viewpoint in viewpoints if viewpoint.gain >= min_gain]
+    return max(worthwhile, key=lambda viewpoint: viewpoint.utility, default=None)
 
 
-def visible_unknown(grid: OccupancyGrid, place: Floats) -> float:
-    """The area, m², of unknown cells that a lidar at a place, [2] m, map frame, would see through or end in.
+def frontier_cells(grid: OccupancyGrid) -> NDArray[np.bool_]:
+    """[H, W] True for free cells that border on unknown ones, in components of at least `MIN_FRONTIER_LENGTH`."""
+    is_frontier = ndimage.binary_dilation(grid.unknown) & grid.free
+    labels, count = ndimage.label(is_frontier, structure=np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    sizes[0] = 0
+    is_long: NDArray[np.bool_] = sizes[labels] * grid.resolution >= MIN_FRONTIER_LENGTH
+    return is_long
 
-    What is unknown is taken for transparent, so this is an upper bound; each cell counts once.
+
+def visible_unknown_area(grid: OccupancyGrid, position: Floats) -> float:
+    """Area, m², of the unknown cells that rays from a position, [2] m, map frame, cross before an occupied one.
+
+    Unknown cells are assumed to be transparent, so this is an upper bound; each cell counts once.
     """
-    start = grid.origin.inverse.transform(place[None, :])[0] / grid.resolution
+    start = grid.origin.inverse.transform(position[None, :])[0] / grid.resolution
     angles = np.linspace(0.0, math.tau, RAYS, endpoint=False)
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    cells = _count_unknown(grid.occupied, grid.unknown, start, directions, SIGHT / grid.resolution)
+    cells = _count_unknown(grid.occupied, grid.unknown, start, directions, SENSOR_RANGE / grid.resolution)
     return cells * grid.resolution**2
 
 
-def _places(grid: OccupancyGrid, costmap: Costmap, ways: Floats) -> Floats:
-    """[N, 2] m: reachable places as near as can be to the frontiers, at most `PLACES`, spread evenly over them."""
+def _candidates(grid: OccupancyGrid, costmap: Costmap, costs: Floats) -> Floats:
+    """[N, 2] m, map frame: for each frontier cell the nearest reachable cell, thinned out to `MAX_CANDIDATES`."""
     frontier = frontier_cells(grid)
-    reachable = np.isfinite(ways)
+    reachable = np.isfinite(costs)
     if not frontier.any() or not reachable.any():
         return np.zeros((0, 2))
     _, nearest = ndimage.distance_transform_edt(~reachable, return_indices=True)
     cells = np.unique(nearest[:, frontier].T, axis=0).astype(np.int64)
-    # One place a block of half a metre is enough, the cheapest to get to.
-    block = max(round(0.5 / grid.resolution), 1)
-    order = np.lexsort((cells[:, 1], cells[:, 0], ways[cells[:, 0], cells[:, 1]]))
+    cells = _cheapest_of_each_block(cells, costs, max(round(CANDIDATE_SPACING / grid.resolution), 1))
+    if len(cells) > MAX_CANDIDATES:
+        cells = cells[np.linspace(0, len(cells) - 1, MAX_CANDIDATES).round().astype(np.int64)]
+    return costmap.centres(cells)
+
+
+def _cheapest_of_each_block(cells: NDArray[np.int64], costs: Floats, block: int) -> NDArray[np.int64]:
+    """[M, 2] of cells [N, 2] the one with the lowest travel cost in each block of block × block cells, by cost."""
+    order = np.lexsort((cells[:, 1], cells[:, 0], costs[cells[:, 0], cells[:, 1]]))
     _, first = np.unique(cells[order] // block, axis=0, return_index=True)
-    chosen = cells[order][np.sort(first)]
-    if len(chosen) > PLACES:
-        chosen = chosen[np.linspace(0, len(chosen) - 1, PLACES).round().astype(np.int64)]
-    return costmap.centres(chosen)
+    return cells[order][np.sort(first)]
+
+
+def _not_visited(candidates: Floats, visited: Floats) -> Floats:
+    """[M, 2] m: the candidates [N, 2] that are not near a visited viewpoint [K, 2]."""
+    if not len(visited):
+        return candidates
+    nearest = np.hypot(*(candidates[:, None, :] - visited[None, :, :]).transpose(2, 0, 1)).min(axis=1)
+    remaining: Floats = candidates[nearest > VISITED_RADIUS]
+    return remaining
 
 
 @kernel
 def _count_unknown(
     occupied: NDArray[np.bool_], unknown: NDArray[np.bool_], start: Floats, directions: Floats, limit: float
 ) -> int:
-    """How many unknown cells rays cross before they meet an occupied one; cells, each counted once."""
+    """Number of distinct unknown cells that rays cross before an occupied one; start and limit in cells."""
     height, width = occupied.shape
-    seen = np.zeros((height, width), np.bool_)
+    counted = np.zeros((height, width), np.bool_)
     count = 0
     for n in range(len(directions)):
         for column, row, _ in traverse(start[0], start[1], directions[n, 0], directions[n, 1], limit):
             if not (0 <= row < height and 0 <= column < width) or occupied[row, column]:
                 break
-            if unknown[row, column] and not seen[row, column]:
-                seen[row, column] = True
+            if unknown[row, column] and not counted[row, column]:
+                counted[row, column] = True
                 count += 1
     return count

@@ -1,4 +1,4 @@
-"""Shortest paths that keep away from walls (A*, Hart et al. 1968, on a grid of clearances)."""
+"""Shortest paths on a costmap that penalizes low clearance (A*, Hart et al. 1968; Dijkstra 1959)."""
 
 from __future__ import annotations
 
@@ -12,24 +12,27 @@ from numpy.typing import NDArray
 
 from wherry.kernels import kernel
 from wherry.space.distance_field import obstacle_distances
-from wherry.space.occupancy import OccupancyGrid, cell_centres
+from wherry.space.grid_cells import cell_centres, cells_at
+from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
-PREFERRED_CLEARANCE = 0.15  # m beyond the robot's radius: closer to walls than this, a metre costs more
-WALL_COST = 8.0  # how many more metres a metre costs that touches a wall
+INFLATION_DISTANCE = 0.15  # m beyond the robot's radius within which low clearance raises the cost
+WALL_COST = 8.0  # additional cost of a metre, m, driven in contact with a wall
+SNAP_DISTANCE = 0.3  # m within which a start or a goal in collision is moved to the nearest passable cell
+SHORTCUT_TOLERANCE = 1e-6  # relative cost by which a straight line may exceed the path that it replaces
 NO_DISCS = np.zeros((0, 3))
-STEPS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))  # to a cell's neighbours: rows, columns
+STEPS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))  # rows and columns to the neighbours
 
 
 @dataclass(frozen=True)
 class Costmap:
-    """Where the middle of a round robot may be, and how gladly.
+    """Where the centre of a round robot may be, and the cost of driving there.
 
     Attributes:
-        clearance: [H, W] float32 m, from a grid cell's middle to the nearest thing that is in the way.
-        passable: [H, W] whether the robot fits there.
-        cost: [H, W] float32, what a metre costs there: 1 in the open, more beside walls, ``inf`` where it does not fit.
-        resolution: m, a grid cell's side.
+        clearance: [H, W] float32, distance from a grid cell's centre to the nearest obstacle, m.
+        passable: [H, W] True where the robot fits.
+        cost: [H, W] float32, cost of a metre, m: 1 in open space, more near obstacles, ``inf`` where it does not fit.
+        resolution: Side of a grid cell, m.
         origin: The outer corner of grid cell [0, 0] in the map frame.
     """
 
@@ -40,7 +43,7 @@ class Costmap:
     origin: Pose
 
     @classmethod
-    def of(
+    def from_grid(
         cls,
         grid: OccupancyGrid,
         radius: float,
@@ -53,34 +56,34 @@ class Costmap:
 
         Args:
             grid: The map.
-            radius: m, the robot's.
-            obstacles: [K, 3] m, map frame: x, y and radius of discs that are in the way too, as boxes are.
-            known_free: [K, 3] m, likewise: discs that are not, whatever the map says; the robot's own place is one
-                that its lidar does not see.
-            unknown_passable: Whether to drive where the map knows nothing.
+            radius: Radius of the robot's footprint, m.
+            obstacles: [K, 3] x, y, radius, m, map frame, of discs that are obstacles too, such as boxes.
+            known_free: [K, 3] x, y, radius, m, map frame, of discs whose unknown cells are free, such as the robot's
+                own place, which its lidar does not see.
+            unknown_passable: Whether the robot may drive through unknown space.
         """
         blocked = grid.occupied if unknown_passable else ~grid.free
-        blocked &= ~_inside(grid, known_free) | grid.occupied
-        # What lies outside the map is unknown too, which one row of cells around it stands for.
-        framed = np.pad(blocked, 1, constant_values=not unknown_passable)
-        distance = obstacle_distances(framed)
-        # From middle to middle; the thing in the way begins half a cell earlier.
+        blocked &= ~_in_discs(grid, known_free) | grid.occupied
+        # One row of cells around the map stands for the unknown space outside.
+        padded = np.pad(blocked, 1, constant_values=not unknown_passable)
+        distance = obstacle_distances(padded)
+        # The transform measures to the centre of an obstacle's cell; the obstacle begins half a cell before it.
         clearance = np.maximum(distance[1:-1, 1:-1] - 0.5, 0.0) * grid.resolution
         for x, y, disc in obstacles:
-            clearance = np.minimum(clearance, np.maximum(_distances(grid, x, y) - disc, 0.0))
+            clearance = np.minimum(clearance, np.maximum(grid.distances_to(np.array([x, y])) - disc, 0.0))
         passable = clearance >= radius
-        nearness = np.clip(1.0 - (clearance - radius) / PREFERRED_CLEARANCE, 0.0, 1.0)
-        cost = np.where(passable, 1.0 + WALL_COST * nearness**2, math.inf)
+        proximity = np.clip(1.0 - (clearance - radius) / INFLATION_DISTANCE, 0.0, 1.0)
+        cost = np.where(passable, 1.0 + WALL_COST * proximity**2, math.inf)
         return cls(clearance.astype(np.float32), passable, cost.astype(np.float32), grid.resolution, grid.origin)
 
     def cell_at(self, point: Floats) -> tuple[int, int]:
         """Row and column of the grid cell that contains a point, [2] m, map frame; it may lie outside the map."""
-        column, row = np.floor(self.origin.inverse.transform(point[None, :2])[0] / self.resolution).astype(np.int64)
+        row, column = cells_at(point[None, :2], self.origin, self.resolution)[0]
         return int(row), int(column)
 
     def centres(self, cells: NDArray[np.int64]) -> Floats:
         """[N, 2] m, map frame: the middles of grid cells [N, 2] (row, column)."""
-        return cell_centres(cells, self.resolution, self.origin)
+        return cell_centres(cells, self.origin, self.resolution)
 
     def is_passable(self, point: Floats) -> bool:
         """Whether the robot fits at a point, [2] m, map frame."""
@@ -89,7 +92,15 @@ class Costmap:
         return 0 <= row < height and 0 <= column < width and bool(self.passable[row, column])
 
     def nearest_passable(self, point: Floats, within: float = math.inf) -> tuple[int, int] | None:
-        """Row and column of the passable cell nearest to a point, [2] m, map frame; None if none is so near, m."""
+        """Row and column of the passable cell nearest to a point.
+
+        Args:
+            point: [2] m, map frame.
+            within: Largest distance of the cell from the point, m.
+
+        Returns:
+            None if there is none within the distance.
+        """
         if self.is_passable(point):
             return self.cell_at(point)
         cells = np.argwhere(self.passable)
@@ -101,32 +112,32 @@ class Costmap:
             return None
         return int(cells[nearest, 0]), int(cells[nearest, 1])
 
-    def roomiest(self, point: Floats, within: float) -> tuple[int, int]:
-        """Row and column of the cell around a point, [2] m, map frame, with the greatest clearance.
+    def max_clearance_cell(self, point: Floats, within: float) -> tuple[int, int]:
+        """Row and column of the cell with the largest clearance in the square around a point.
 
         Args:
-            point: On the map.
-            within: m.
+            point: [2] m, map frame, on the map.
+            within: Half the square's side, m.
         """
         row, column = self.cell_at(point)
         reach = round(within / self.resolution)
         top, left = max(row - reach, 0), max(column - reach, 0)
-        around = self.clearance[top : row + reach + 1, left : column + reach + 1]
-        best = np.unravel_index(int(np.argmax(around)), around.shape)
+        window = self.clearance[top : row + reach + 1, left : column + reach + 1]
+        best = np.unravel_index(int(np.argmax(window)), window.shape)
         return top + int(best[0]), left + int(best[1])
 
 
-def shortest_path(costmap: Costmap, start: Floats, goal: Floats, *, within: float = 0.3) -> Floats | None:
-    """The cheapest way for the robot's middle, cut straight wherever that costs no more.
+def shortest_path(costmap: Costmap, start: Floats, goal: Floats, *, within: float = SNAP_DISTANCE) -> Floats | None:
+    """The cheapest path of the robot's centre, with shortcuts wherever a straight line costs no more.
 
     Args:
-        costmap: Where the robot may be.
+        costmap: Where the robot fits.
         start: [2] m, map frame.
         goal: [2] m, map frame.
-        within: m, how far from ``start`` and ``goal`` the nearest place may be where the robot fits.
+        within: Largest distance of the nearest passable cells from ``start`` and ``goal``, m.
 
     Returns:
-        [N, 2] m, map frame, from start to goal (or to the place nearest to it that fits); None if there is no way.
+        [N, 2] m, map frame, from the start to the goal or the nearest passable cell; None if there is no path.
     """
     first, last = costmap.nearest_passable(start, within), costmap.nearest_passable(goal, within)
     if first is None or last is None:
@@ -135,25 +146,25 @@ def shortest_path(costmap: Costmap, start: Floats, goal: Floats, *, within: floa
     if not math.isfinite(costs[last]):
         return None
     cells = _trace_back(parents, *last)
-    points = costmap.centres(cells[_shortcuts(costmap.cost, cells)])
+    points = costmap.centres(cells[_waypoints(costmap.cost, cells)])
     if costmap.is_passable(goal):
         points[-1] = goal[:2]
     if len(points) == 1 or not costmap.is_passable(start):
-        return np.vstack([start[:2], points])  # first of all to where the robot fits
+        return np.vstack([start[:2], points])  # a start in collision is left by the shortest way
     points[0] = start[:2]
     return points
 
 
-def travel_costs(costmap: Costmap, start: Floats, *, within: float = 0.3) -> NDArray[np.float64]:
-    """What it costs to get from a place to every other (Dijkstra 1959).
+def travel_costs(costmap: Costmap, start: Floats, *, within: float = SNAP_DISTANCE) -> NDArray[np.float64]:
+    """The cost of the cheapest path to every cell (Dijkstra 1959).
 
     Args:
-        costmap: Where the robot may be.
+        costmap: Where the robot fits.
         start: [2] m, map frame.
-        within: m, how far from ``start`` the nearest place may be where the robot fits.
+        within: Largest distance of the nearest passable cell from ``start``, m.
 
     Returns:
-        [H, W] m, each metre weighted by `Costmap.cost`; ``inf`` where the robot cannot get to.
+        [H, W] m, each metre weighted by `Costmap.cost`; ``inf`` where there is no path.
     """
     first = costmap.nearest_passable(start, within)
     if first is None:
@@ -162,19 +173,11 @@ def travel_costs(costmap: Costmap, start: Floats, *, within: float = 0.3) -> NDA
     return costs * costmap.resolution
 
 
-def _distances(grid: OccupancyGrid, x: float, y: float) -> Floats:
-    """[H, W] m, from the grid cells' middles to a point of the map frame."""
-    column, row = grid.origin.inverse.transform(np.array([[x, y]]))[0] / grid.resolution
-    rows, columns = np.arange(grid.shape[0])[:, None] + 0.5, np.arange(grid.shape[1])[None, :] + 0.5
-    distances: Floats = np.hypot(rows - row, columns - column) * grid.resolution
-    return distances
-
-
-def _inside(grid: OccupancyGrid, discs: Floats) -> NDArray[np.bool_]:
-    """[H, W] which grid cells' middles lie in one of the discs."""
+def _in_discs(grid: OccupancyGrid, discs: Floats) -> NDArray[np.bool_]:
+    """[H, W] which grid cells' centres lie in a disc, [K, 3] x, y, radius, m, map frame."""
     inside = np.zeros(grid.shape, np.bool_)
     for x, y, radius in discs:
-        inside |= _distances(grid, x, y) <= radius
+        inside |= grid.distances_to(np.array([x, y])) <= radius
     return inside
 
 
@@ -185,41 +188,41 @@ def _search(
     """A* over the eight neighbours, or Dijkstra to everywhere if the goal is negative.
 
     Returns:
-        [H, W] costs in cells, final for the goal and for every cell that is cheaper, and [H, W] the step, 0 to 7, that
-        led to each cell.
+        [H, W] cost so far (g), in cells, final for the goal and for every expanded cell; and [H, W] the step, 0 to 7,
+        that led to each cell.
     """
     height, width = cost.shape
-    costs = np.full((height, width), np.inf)
+    cost_so_far = np.full((height, width), np.inf)
     parents = np.full((height, width), np.int8(-1))
-    done = np.zeros((height, width), np.bool_)
-    costs[row, column] = 0.0
-    queue = [(0.0, row, column)]
-    while len(queue) > 0:
-        _, row, column = heapq.heappop(queue)
-        if done[row, column]:
+    is_expanded = np.zeros((height, width), np.bool_)
+    cost_so_far[row, column] = 0.0
+    open_list = [(0.0, row, column)]
+    while len(open_list) > 0:
+        _, row, column = heapq.heappop(open_list)
+        if is_expanded[row, column]:
             continue
-        done[row, column] = True
+        is_expanded[row, column] = True
         if row == goal_row and column == goal_column:
             break
         for step in range(8):
             down, right = STEPS[step]
             next_row, next_column = row + down, column + right
-            if not (0 <= next_row < height and 0 <= next_column < width) or done[next_row, next_column]:
+            if not (0 <= next_row < height and 0 <= next_column < width) or is_expanded[next_row, next_column]:
                 continue
             length = math.sqrt(down * down + right * right)
-            reached = costs[row, column] + length * 0.5 * (cost[row, column] + cost[next_row, next_column])
-            if reached < costs[next_row, next_column]:
-                costs[next_row, next_column] = reached
+            g = cost_so_far[row, column] + length * 0.5 * (cost[row, column] + cost[next_row, next_column])
+            if g < cost_so_far[next_row, next_column]:
+                cost_so_far[next_row, next_column] = g
                 parents[next_row, next_column] = step
-                rest = 0.0  # a metre costs at least 1, so the straight line never promises too little
+                h = 0.0  # the straight line is admissible, since a metre costs at least 1
                 if goal_row >= 0:
-                    rest = math.hypot(goal_row - next_row, goal_column - next_column)
-                heapq.heappush(queue, (reached + rest, next_row, next_column))
-    return costs, parents
+                    h = math.hypot(goal_row - next_row, goal_column - next_column)
+                heapq.heappush(open_list, (g + h, next_row, next_column))
+    return cost_so_far, parents
 
 
 def _trace_back(parents: NDArray[np.int8], row: int, column: int) -> NDArray[np.int64]:
-    """[N, 2] the cells that lead to one, from the start on."""
+    """[N, 2] cells of the path from the start to a cell."""
     cells = [(row, column)]
     while parents[row, column] >= 0:
         down, right = STEPS[parents[row, column]]
@@ -228,22 +231,22 @@ def _trace_back(parents: NDArray[np.int8], row: int, column: int) -> NDArray[np.
     return np.array(cells[::-1], dtype=np.int64)
 
 
-def _shortcuts(cost: NDArray[np.float32], cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """[M] which of a path's cells to keep, such that straight lines between them cost no more than the path."""
-    return np.array(_keep(cost, cells), dtype=np.int64)
+def _waypoints(cost: NDArray[np.float32], cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """[M] indices of the path's cells that remain when straight lines replace every stretch that costs no less."""
+    return np.array(_shortcut(cost, cells), dtype=np.int64)
 
 
 @kernel
-def _keep(cost: NDArray[np.float32], cells: NDArray[np.int64]) -> list[int]:
-    """As `_shortcuts`: from each kept cell on to the last one that a straight line reaches as cheaply."""
+def _shortcut(cost: NDArray[np.float32], cells: NDArray[np.int64]) -> list[int]:
+    """As `_waypoints`: from each waypoint to the last cell that a straight line reaches at no higher cost."""
     kept = [0]
     here = 0
     while here < len(cells) - 1:
         best = here + 1
-        along = _line_cost(cost, cells[here], cells[here + 1])
+        path_cost = _line_cost(cost, cells[here], cells[here + 1])
         for ahead in range(here + 2, len(cells)):
-            along += _line_cost(cost, cells[ahead - 1], cells[ahead])
-            if _line_cost(cost, cells[here], cells[ahead]) <= along * (1.0 + 1e-6):
+            path_cost += _line_cost(cost, cells[ahead - 1], cells[ahead])
+            if _line_cost(cost, cells[here], cells[ahead]) <= path_cost * (1.0 + SHORTCUT_TOLERANCE):
                 best = ahead
         kept.append(best)
         here = best
@@ -252,14 +255,14 @@ def _keep(cost: NDArray[np.float32], cells: NDArray[np.int64]) -> list[int]:
 
 @kernel
 def _line_cost(cost: NDArray[np.float32], start: NDArray[np.int64], end: NDArray[np.int64]) -> float:
-    """What the straight line between two cells' middles costs, in cells; sampled twice a cell."""
+    """Cost of the straight line between two cells' centres, in cells, by the trapezoidal rule at two samples a cell."""
     rows, columns = end[0] - start[0], end[1] - start[1]
     length = math.hypot(rows, columns)
     samples = max(int(2.0 * length), 1)
     total = 0.0
     for sample in range(samples + 1):
-        share = sample / samples
-        row, column = math.floor(start[0] + 0.5 + share * rows), math.floor(start[1] + 0.5 + share * columns)
+        fraction = sample / samples
+        row, column = math.floor(start[0] + 0.5 + fraction * rows), math.floor(start[1] + 0.5 + fraction * columns)
         weight = 0.5 if sample in (0, samples) else 1.0
         total += weight * cost[row, column]
     return total * length / samples

@@ -8,6 +8,7 @@ import platform
 import shutil
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -94,11 +95,11 @@ def _rendering() -> CheckResult:
 
     from wherry.floorplan.world_files import find_world  # noqa: PLC0415
     from wherry.simulation import build  # noqa: PLC0415
-    from wherry.simulation.picture import Photographer  # noqa: PLC0415
+    from wherry.simulation.rendering import SceneRenderer  # noqa: PLC0415
 
     world = build(find_world("small"), np.random.default_rng(0))
-    with Photographer(world, 64, 64) as photographer:
-        works = bool(np.ptp(photographer.overhead()))
+    with closing(SceneRenderer(world, 64, 64)) as renderer:
+        works = bool(np.ptp(renderer.overhead()))
     return CheckResult("rendering", works, "EGL, rendered an image", RENDERING_ADVICE)
 
 

@@ -1,1 +1,5 @@
-"""Where the two halves meet: what is sensed becomes a State, and an Action becomes motion (paper, section 7)."""
+"""The robot as an Environment: scans become States, and Actions become motion (paper, section 7)."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

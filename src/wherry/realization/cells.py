@@ -1,10 +1,9 @@
-"""From a map in metres to a floor plan in cells, from a live scan to the touch relations (paper, section 7)."""
+"""From a metric map to a floor plan of cells, and from a live scan to the touch relations (paper, section 7)."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+from numpy.typing import NDArray
 
 from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
 from wherry.robot import Scan
@@ -13,139 +12,150 @@ from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
-SLACK = 0.05  # m that a way may be narrower than the robot on a map, whose cells round by about as much
-PROBES = 13  # points at which the way from one cell to the next is looked at
-FEWEST_RETURNS = 2  # beams that must agree before the live scan says that a way is blocked
+CLEARANCE_TOLERANCE = 0.05  # m by which a passage may be narrower than the robot, as map cells round by about as much
+PASSAGE_SAMPLES = 13  # points at which the clearance between two cells' centres is sampled
+MIN_BLOCKING_BEAMS = 2  # beams that must end in a passage for it to be blocked
+BOX_MARGIN = 1.5  # box radii around a box's centre within which a beam ends on the box
 
 
-def plan_of_map(grid: OccupancyGrid, frame: CellFrame, radius: float, name: str = "map") -> FloorPlan:
-    """Read a map as cells: which ones a robot can stand in, and between which ones it can go.
+def floor_plan_from_map(grid: OccupancyGrid, frame: CellFrame, radius: float, name: str = "map") -> FloorPlan:
+    """Discretize a map: which cells the robot fits in, and between which neighbours it can drive.
 
     Args:
         grid: The map, without boxes.
-        frame: Where the cells lie.
-        radius: m, of the robot's footprint.
-        name: What to call the plan.
+        frame: Where the cells lie on the map.
+        radius: Radius of the robot's footprint, m.
+        name: Name of the plan.
 
     Returns:
-        A plan without robot, boxes or warehouse; its obstacles are all cells that the robot cannot stand in or that
-        the map does not know.
+        A plan without robot, boxes or warehouse. Its obstacles are the cells that are unknown, or in whose centre the
+        robot does not fit.
     """
     clearance = obstacle_distances(grid.occupied, grid.resolution)
-    height, width = grid.probability.shape
-    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) * grid.resolution
-    farthest = frame.cells_at(grid.origin.transform(corners)).max(axis=0)
-    columns, rows = int(farthest[0]) + 1, int(farthest[1]) + 1
-    needed = radius - SLACK
-
-    def looked_up(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], points: Floats) -> Floats:
-        """The grid's values at points [N, 2] m of the map frame; 0 beyond its edge."""
-        cells = np.floor(grid.origin.inverse.transform(points) / grid.resolution).astype(np.int64)
-        inside = np.all((cells >= 0) & (cells < (width, height)), axis=1)
-        found: Floats = np.zeros(len(points))
-        found[inside] = values[cells[inside, 1], cells[inside, 0]]
-        return found
-
+    min_clearance = radius - CLEARANCE_TOLERANCE
+    columns, rows = _extent(grid, frame)
     cells = [Cell(x, y) for y in range(rows) for x in range(columns)]
     centres = np.array([frame.centre(cell.x, cell.y) for cell in cells])
-    open_cells = (looked_up(clearance, centres) >= needed) & (looked_up(grid.free.astype(float), centres) > 0)
-    standable = {cell for cell, is_open in zip(cells, open_cells, strict=True) if is_open}
-
-    ways = [
-        (cell, direction)
-        for cell in standable
-        for direction in (Direction.NORTH, Direction.EAST)
-        if cell.neighbour(direction) in standable
-    ]
-    walls = set()
-    if ways:
-        shares = np.linspace(0, 1, PROBES)[None, :, None]
-        begins = np.array([frame.centre(cell.x, cell.y) for cell, _ in ways])[:, None, :]
-        ends = np.array([frame.centre(*_xy(cell.neighbour(direction))) for cell, direction in ways])[:, None, :]
-        probes = (begins + shares * (ends - begins)).reshape(-1, 2)
-        narrowest = looked_up(clearance, probes).reshape(len(ways), PROBES).min(axis=1)
-        walls = {Wall.between(*way) for way, width_m in zip(ways, narrowest, strict=True) if width_m < needed}
+    is_open = (_sample(grid, clearance, centres) >= min_clearance) & (_sample(grid, grid.free, centres) > 0)
+    open_cells = {cell for cell, is_cell_open in zip(cells, is_open, strict=True) if is_cell_open}
     return FloorPlan(
         name=name,
         width=columns,
         height=rows,
         cell_size=frame.cell_size,
-        walls=frozenset(walls),
-        obstacles=frozenset(set(cells) - standable),
+        walls=frozenset(_walls_between(open_cells, grid, clearance, frame, min_clearance)),
+        obstacles=frozenset(set(cells) - open_cells),
     )
 
 
+def _extent(grid: OccupancyGrid, frame: CellFrame) -> tuple[int, int]:
+    """Columns and rows of cells from the frame's origin to the map's farthest corner."""
+    height, width = grid.shape
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) * grid.resolution
+    last_column, last_row = frame.cells_at(grid.origin.transform(corners)).max(axis=0)
+    return int(last_column) + 1, int(last_row) + 1
+
+
+def _walls_between(
+    open_cells: set[Cell], grid: OccupancyGrid, clearance: Floats, frame: CellFrame, min_clearance: float
+) -> set[Wall]:
+    """The edges between open neighbours where the clearance, m, along the line between their centres is too small."""
+    passages = [
+        (cell, direction)
+        for cell in open_cells
+        for direction in (Direction.NORTH, Direction.EAST)
+        if cell.neighbour(direction) in open_cells
+    ]
+    if not passages:
+        return set()
+    starts = np.array([frame.centre(cell.x, cell.y) for cell, _ in passages])[:, None, :]
+    neighbours = [cell.neighbour(direction) for cell, direction in passages]
+    ends = np.array([frame.centre(cell.x, cell.y) for cell in neighbours])[:, None, :]
+    samples = starts + np.linspace(0, 1, PASSAGE_SAMPLES)[None, :, None] * (ends - starts)
+    narrowest = _sample(grid, clearance, samples.reshape(-1, 2)).reshape(len(passages), PASSAGE_SAMPLES).min(axis=1)
+    return {Wall.between(*passage) for passage, width in zip(passages, narrowest, strict=True) if width < min_clearance}
+
+
+def _sample(grid: OccupancyGrid, values: NDArray[np.float64] | NDArray[np.bool_], points: Floats) -> Floats:
+    """[N] the values [H, W] of the map's cells at points [N, 2], m, map frame; 0 beyond its edge."""
+    cells = grid.cells_at(points)
+    inside = grid.contains(cells)
+    sampled: Floats = np.zeros(len(points))
+    sampled[inside] = values[cells[inside, 0], cells[inside, 1]]
+    return sampled
+
+
 def occupied_cells(grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan) -> frozenset[Cell]:
-    """The cells in whose middle the map shows something: not a wall, nor an obstacle's face, but maybe a box."""
+    """The cells whose centre is occupied on the map, by a box perhaps; walls and obstacles' faces lie on the edges."""
     points = grid.occupied_points()
     cells = frame.cells_at(points)
-    middles = frame.centres(cells)
-    inner = np.hypot(*(points - middles).T) < frame.cell_size / 3
-    found = {Cell(x, y) for x, y in np.unique(cells[inner], axis=0).tolist()}
-    return frozenset(cell for cell in found if plan.contains(cell))
+    is_inner = np.hypot(*(points - frame.centres(cells)).T) < frame.cell_size / 3
+    occupied = {Cell(x, y) for x, y in np.unique(cells[is_inner], axis=0).tolist()}
+    return frozenset(cell for cell in occupied if plan.contains(cell))
 
 
-def _xy(cell: Cell) -> tuple[int, int]:
-    return cell.x, cell.y
-
-
-def ways_seen(
+def blocked_directions(
     scan: Scan, lidar: Pose, cell: Cell, frame: CellFrame, radius: float, boxes: Floats, box_radius: float
 ) -> dict[Direction, bool]:
-    """touch_N, touch_S, touch_E, touch_W from a live scan, as far as it shows them.
+    """touch_N, touch_S, touch_E, touch_W of a live scan, as far as the scan shows them.
 
-    A way is the strip, as wide as the robot, from the middle of the cell to where the robot's front would be in the
-    next one. It is blocked if beams end in it, on something other than a box; it is open if beams that cross it reach
-    beyond it; with a box in the fork the laser may see neither.
+    A passage is the strip, as wide as the robot, from the cell's centre to where the robot's front would be in the next
+    cell. It is blocked if beams end in it on something other than a box, and open if beams cross all of its width and
+    end beyond it. With a box in the fork the lidar may observe neither.
 
     Args:
         scan: The scan.
-        lidar: The lidar's pose in the map frame.
-        cell: The cell that the robot stands in.
-        frame: Where the cells lie.
-        radius: m, of the robot's footprint.
-        boxes: [B, 2] m, map frame: boxes on the floor or in the fork.
-        box_radius: m.
+        lidar: The lidar in the map frame.
+        cell: The robot's cell.
+        frame: Where the cells lie on the map.
+        radius: Radius of the robot's footprint, m.
+        boxes: [B, 2] centres of the boxes on the floor or in the fork, m, map frame.
+        box_radius: Radius of a box, m.
 
     Returns:
-        For each direction that the scan shows, whether the way is blocked.
+        For each direction that the scan shows, whether the passage is blocked.
     """
-    angles = scan.angles
-    met = scan.valid
-    reached = np.where(met, scan.ranges, np.where(np.isposinf(scan.ranges), scan.range_max, 0.0))
-    points = lidar.transform(np.column_stack([reached * np.cos(angles), reached * np.sin(angles)]))
+    ends, lengths, is_hit = _beam_ends(scan, lidar)
     for box in boxes:
-        met &= np.hypot(points[:, 0] - box[0], points[:, 1] - box[1]) > 1.5 * box_radius
-    middle = frame.centre(cell.x, cell.y)
-    seen = {}
+        is_hit &= np.hypot(ends[:, 0] - box[0], ends[:, 1] - box[1]) > BOX_MARGIN * box_radius
+    centre = frame.centre(cell.x, cell.y)
+    passage_length = frame.cell_size + radius - CLEARANCE_TOLERANCE
+    half_width = radius - CLEARANCE_TOLERANCE / 2
+    blocked = {}
     for direction in Direction:
         heading = frame.heading(direction.dx, direction.dy)
-        local = Pose(float(middle[0]), float(middle[1]), heading).inverse.transform(points)
-        along, aside = local[:, 0], np.abs(local[:, 1])
-        in_the_way = met & (along > 0) & (along < frame.cell_size + radius - SLACK) & (aside < radius - SLACK / 2)
-        beyond = (along >= frame.cell_size + radius - SLACK) & (aside < along) & (reached > 0)
-        if np.count_nonzero(in_the_way) >= FEWEST_RETURNS:
-            seen[direction] = True
-        elif _covers(local[beyond], frame.cell_size, radius):
-            seen[direction] = False
-    return seen
+        local = Pose(float(centre[0]), float(centre[1]), heading).inverse.transform(ends)
+        along, lateral = local[:, 0], np.abs(local[:, 1])
+        is_inside = is_hit & (along > 0) & (along < passage_length) & (lateral < half_width)
+        is_beyond = (along >= passage_length) & (lateral < along) & (lengths > 0)
+        if np.count_nonzero(is_inside) >= MIN_BLOCKING_BEAMS:
+            blocked[direction] = True
+        elif _cross_whole_width(local[is_beyond], frame.cell_size, radius):
+            blocked[direction] = False
+    return blocked
 
 
-def _covers(points: Floats, distance: float, radius: float) -> bool:
-    """Whether beams that go on beyond a way cross its far end at the left, in the middle and at the right.
+def _beam_ends(scan: Scan, lidar: Pose) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """[R, 2] beam ends, m, map frame; [R] beam lengths, m; [R] which beams hit something.
+
+    A beam without a return ends at the maximum range, an invalid one at the lidar.
+    """
+    is_hit = scan.valid
+    lengths = np.where(is_hit, scan.ranges, np.where(np.isposinf(scan.ranges), scan.range_max, 0.0))
+    ends = lidar.transform(np.column_stack([lengths * np.cos(scan.angles), lengths * np.sin(scan.angles)]))
+    return ends, lengths, is_hit
+
+
+def _cross_whole_width(points: Floats, distance: float, radius: float) -> bool:
+    """Whether beams cross the left, the middle and the right third of a passage's far end.
 
     Args:
-        points: [N, 2] m where the beams ended, seen from the way's beginning, x along it.
-        distance: m to the way's far end.
-        radius: m, half its width.
+        points: [N, 2] ends of the beams, m, in the frame of the passage's start, x along it.
+        distance: Distance of the passage's far end, m.
+        radius: Half the passage's width, m.
     """
     if not len(points):
         return False
-    crossing = points[:, 1] * distance / points[:, 0]
+    crossings = points[:, 1] * distance / points[:, 0]
     thirds = [(-radius, -radius / 3), (-radius / 3, radius / 3), (radius / 3, radius)]
-    return all(bool(np.any((crossing >= low) & (crossing <= high))) for low, high in thirds)
-
-
-def aligned(heading: float, frame: CellFrame) -> Direction:
-    """The direction of the grid that a heading of the map frame, rad, is nearest to."""
-    return min(Direction, key=lambda d: abs(math.remainder(frame.heading(d.dx, d.dy) - heading, math.tau)))
+    return all(bool(np.any((crossings >= low) & (crossings <= high))) for low, high in thirds)

@@ -1,4 +1,4 @@
-"""From an Action to motion: moves from cell to cell, and docking on boxes (paper, section 7)."""
+"""Execution of symbolic moves: driving from cell to cell, and docking on boxes (paper, section 7)."""
 
 from __future__ import annotations
 
@@ -7,69 +7,68 @@ import math
 import numpy as np
 
 from wherry.navigation.path import NO_DISCS
-from wherry.realization.boxes import round_things
+from wherry.realization.box_detection import detect_cylinders
 from wherry.realization.pilot import Pilot
 from wherry.space.pose import Floats, Pose
 
 DOCKING_SPEED = 0.3  # m/s
-LOOKS = 8  # scans after which a box that is not seen is not there
-SAME_PLACE = 0.1  # m
-NEAR_ENOUGH = 0.05  # m from the middle of a cell
+MAX_DETECTION_ATTEMPTS = 8  # scans in which a box to dock on is looked for
+DOCKING_GATE = 0.1  # m from the box's expected place to a detection of it
+CELL_TOLERANCE = 0.05  # m from a cell's centre within which a blocked robot has arrived
+BOX_CLEARANCE = 2.0  # box radii around the box to dock on in which readings are no obstacle
 
 
-def move(pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: bool, held: bool) -> bool:
-    """Drive straight from the middle of a cell to the middle of the next; if the laser stops the robot, drive back.
+def move_to_cell(pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: bool, held: bool) -> bool:
+    """Drive straight from one cell's centre to the next one's; if blocked, drive back.
 
     A robot with an empty fork drives forwards, so that it docks where a box stands. With a box in the fork it drives in
     reverse: the lidar at its back leads, and a box that is not held stays where it is.
 
     Args:
-        pilot: Drives.
-        home: [2] m, map frame: where to come back to.
-        goal: [2] m, map frame: the next cell's middle, or that of the box on which to dock there.
+        pilot: Drives the robot.
+        home: [2] where to return to, m, map frame.
+        goal: [2] the next cell's centre, or that of the box to dock on there, m, map frame.
         docking: Whether a box stands at the goal.
         fork_full: Whether a box stands in the fork.
         held: Whether the latch holds it.
 
     Returns:
-        Whether the robot got there.
+        Whether the robot arrived.
     """
     times_lost = pilot.times_lost
     heading = math.atan2(goal[1] - pilot.pose.y, goal[0] - pilot.pose.x) + (math.pi if fork_full else 0.0)
-    pilot.turn(heading)
-    docking = docking and _shows_box(pilot, goal)  # else whatever stands there is in the way
-    if pilot.approach(
+    pilot.turn_to(heading)
+    docking = docking and _detects_box(pilot, goal)  # anything else at the goal is an obstacle
+    has_arrived = pilot.approach(
         Pose(float(goal[0]), float(goal[1]), heading),
         reverse=fork_full,
-        ignore=_disc(goal, pilot.body.box_radius) if docking else NO_DISCS,
+        ignore=_box_disc(goal, pilot.body.box_radius) if docking else NO_DISCS,
         speed=DOCKING_SPEED if docking else math.inf,
-    ):
+    )
+    if has_arrived or math.hypot(goal[0] - pilot.pose.x, goal[1] - pilot.pose.y) < CELL_TOLERANCE:
         return True
-    if math.hypot(goal[0] - pilot.pose.x, goal[1] - pilot.pose.y) < NEAR_ENOUGH:
-        return True  # between close walls the laser may stop it just before the middle of the cell
     if pilot.times_lost > times_lost:
-        return False  # the way back is not known
-    # Back the way it came; a box that it had in its fork and did not hold stands there still.
-    waiting = fork_full and not held
+        return False  # a robot that was lost does not know the way back
+    box_waits_at_home = fork_full and not held
     pilot.approach(
         Pose(float(home[0]), float(home[1]), heading),
         reverse=not fork_full,
-        ignore=_disc(home, pilot.body.box_radius) if waiting else NO_DISCS,
-        speed=DOCKING_SPEED if waiting else math.inf,
+        ignore=_box_disc(home, pilot.body.box_radius) if box_waits_at_home else NO_DISCS,
+        speed=DOCKING_SPEED if box_waits_at_home else math.inf,
     )
     return False
 
 
-def _shows_box(pilot: Pilot, place: Floats) -> bool:
-    """Whether one of a few scans shows a round thing at a place, [2] m, map frame."""
-    for _ in range(LOOKS):
+def _detects_box(pilot: Pilot, position: Floats) -> bool:
+    """Whether a box is detected at a position, [2] m, map frame, in one of a few scans."""
+    for _ in range(MAX_DETECTION_ATTEMPTS):
         lidar = pilot.pose @ pilot.body.lidar
-        found = lidar.transform(round_things(pilot.look(), pilot.body.box_radius))
-        if len(found) and np.hypot(*(found - place).T).min() < SAME_PLACE:
+        detections = lidar.transform(detect_cylinders(pilot.wait_for_scan(), pilot.body.box_radius))
+        if len(detections) and np.hypot(*(detections - position).T).min() < DOCKING_GATE:
             return True
     return False
 
 
-def _disc(middle: Floats, box_radius: float) -> Floats:
-    """[1, 3] m: x, y and radius within which what the laser sees is the box, and not in the way."""
-    return np.array([[middle[0], middle[1], 2.0 * box_radius]])
+def _box_disc(centre: Floats, box_radius: float) -> Floats:
+    """[1, 3] x, y, radius, m, of the disc around a box's centre in which readings are no obstacle."""
+    return np.array([[centre[0], centre[1], BOX_CLEARANCE * box_radius]])

@@ -1,17 +1,16 @@
-"""A delivery from the robot's side: explore and map, or find itself on a map; find the boxes; stand ready to act.
+"""A delivery mission from the robot's side: map or localize, find the boxes, and stand ready to act.
 
-Everything here is known from scans, odometry and the order. What the robot does after that is the agent's business: the
-mission hands it a `RobotEnvironment`, and is asked again when boxes have gone that stood in the way of something.
+The robot knows only scans, odometry and its order. A mission ends in a `SurveyedWorld`, in whose environment an agent
+acts; when a box is removed that stood in the way, the agent asks it to extend the survey.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from wherry.domains.delivery import DeliverySite
 from wherry.errors import InputError
@@ -19,66 +18,79 @@ from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import PRECISE_PARAMETERS
 from wherry.navigation.path import shortest_path
-from wherry.realization.boxes import Box
-from wherry.realization.correctors import SURE_SCANS, MapCorrector, Mapper, OwnMapper, Searcher
+from wherry.realization.box_tracks import BoxTrack
 from wherry.realization.environment import RobotEnvironment
-from wherry.realization.pilot import Pilot, Ride
-from wherry.realization.survey import Chart, Survey, costmap_of
-from wherry.realization.tracking import Corrector, PoseTracker
+from wherry.realization.global_localization import localize_globally
+from wherry.realization.pilot import DriveStatus, Pilot
+from wherry.realization.pose_estimators import Mapper, MapPoseEstimator, SlamMapper
+from wherry.realization.pose_tracker import PoseEstimator, PoseTracker
+from wherry.realization.surveyor import CellMap, Surveyor, costmap_around
 from wherry.robot import Robot
 from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import MapUpdate, Narration, Phase, Sink
 
-START_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad² of a pose that SLAM just gave
-LONGEST_LEG, MOST_LEGS = 1.5, 30  # m, and how many such legs a robot drives to find out where it is
+INITIAL_POSE_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad², of a pose on a map just built by SLAM
 
 
 @dataclass(frozen=True)
 class Order:
-    """What a robot is asked to do.
+    """What a robot is asked to deliver to where.
 
     Attributes:
-        warehouse: [K, 2] m, the middles of the warehouse's cells as seen from where the robot starts, x ahead.
-        cell_size: m, the side of the cells that the world is to be divided into: the robot's footprint and some room.
+        warehouse: [K, 2] centres of the warehouse's cells, m, in the frame of base_link at the start.
+        cell_size: Side of the cells into which the world is divided, m: the robot's footprint and some clearance.
     """
 
     warehouse: Floats
     cell_size: float
 
 
+def order_from_plan(plan: FloorPlan) -> Order:
+    """The order for a known world: its warehouse as seen from the robot's start, and its cell size.
+
+    Raises:
+        InputError: The plan has no robot.
+    """
+    if plan.start is None:
+        raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
+    start = Pose(*plan.centre(plan.start), math.atan2(plan.heading.dy, plan.heading.dx))
+    centres = np.array([plan.centre(cell) for cell in sorted(plan.warehouse)])
+    return Order(warehouse=start.inverse.transform(centres), cell_size=plan.cell_size)
+
+
 @dataclass(frozen=True)
-class Ready:
-    """A robot that stands in the middle of a cell and knows where everything is that it could see so far.
+class SurveyedWorld:
+    """What a robot knows after a survey; it stands in the centre of a cell.
 
     Attributes:
-        environment: Its world, to act in.
+        environment: The world to act in.
         grid: The map, without boxes.
-        frame: Where the cells lie on it.
-        plan: The map in cells.
-        look_further: See what has come within reach since then; None if that is nothing.
-        in_the_way: The names of the boxes on the floor behind which there would be something to see, the nearest first.
+        frame: Where the cells lie on the map.
+        plan: The map discretized into cells.
+        extend_survey: Surveys what has become reachable since; returns None if nothing has.
+        blocking_boxes: Names of the boxes on the floor whose removal would make more reachable, the nearest first.
     """
 
     environment: RobotEnvironment
     grid: OccupancyGrid
     frame: CellFrame
     plan: FloorPlan
-    look_further: Callable[[], Ready | None]
-    in_the_way: Callable[[], tuple[str, ...]]
+    extend_survey: Callable[[], SurveyedWorld | None]
+    blocking_boxes: Callable[[], tuple[str, ...]]
 
 
 class Mission:
-    """One robot's way from being switched on to standing ready to deliver, and on from there.
+    """One robot's mission from being switched on to standing ready to deliver, and its later surveys.
 
     Args:
-        robot: The robot; nobody else drives it meanwhile.
-        order: What it is asked to do.
-        sink: Told what happens.
-        rng: Where all randomness comes from.
-        mapper: Makes what maps, from the lidar's pose.
-        localizer: Makes what localizes on a finished map from the pose that is believed; None for our own.
+        robot: The robot, driven by this mission only.
+        order: What to deliver to where.
+        sink: Called with records of what the robot senses, does and says.
+        rng: Source of all randomness.
+        mapper: Makes the mapper, from the lidar's pose in the base_link frame.
+        localizer: Makes the pose estimator on a finished map, from the map and the current pose; None for AMCL.
     """
 
     def __init__(
@@ -88,179 +100,155 @@ class Mission:
         sink: Sink,
         rng: np.random.Generator,
         *,
-        mapper: Callable[[Pose], Mapper] = OwnMapper,
-        localizer: Callable[[OccupancyGrid, Pose], Corrector] | None = None,
+        mapper: Callable[[Pose], Mapper] = SlamMapper,
+        localizer: Callable[[OccupancyGrid, Pose], PoseEstimator] | None = None,
     ) -> None:
         self._robot = robot
         self._order = order
         self._sink = sink
         self._rng = rng
         self._mapper = mapper
-        self._localizer = localizer or self._own_localizer
+        self._localizer = localizer or self._amcl
 
-    def explore(self) -> Ready:
-        """Make a map by driving to where most is unknown, until nothing reachable is; then get ready on it.
+    def explore(self) -> SurveyedWorld:
+        """Build a map by frontier exploration, search it for boxes, and stand ready.
 
         Raises:
-            InputError: There is nothing to see, so that no cells can be laid.
+            InputError: The map has no walls to align cells with.
         """
         mapper = self._mapper(self._robot.body.lidar)
-        pilot = Pilot(self._robot, PoseTracker(mapper.corrector, mapper.start), self._sink)
-        self._say(pilot, Phase.EXPLORE, "I know nothing of this place, so I drive to where my laser will see most.")
-        survey = Survey(pilot, self._order.cell_size, mapper)
-        survey.run()
-        chart = survey.chart()
-        self._hand_over(pilot, chart)
-        return self._get_ready(survey, chart, mapper.start)
+        pilot = Pilot(self._robot, PoseTracker(mapper.pose_estimator, mapper.start), self._sink)
+        self._say(pilot, Phase.EXPLORE, "I have no map: I explore and drive to where my lidar will see most.")
+        surveyor = Surveyor(pilot, self._order.cell_size, mapper)
+        surveyor.survey()
+        cells = surveyor.cell_map()
+        self._finish_mapping(pilot, cells)
+        return self._stand_ready(surveyor, cells, mapper.start)
 
-    def find_itself(self, grid: OccupancyGrid) -> Ready:
-        """Find the robot's place on a map that it was given, then get ready on it.
+    def localize(self, grid: OccupancyGrid) -> SurveyedWorld:
+        """Localize globally on a given map, search it for boxes, and stand ready.
 
         Raises:
-            InputError: It fits nowhere on the map, however much the robot drives around.
+            InputError: The robot could not be localized, however much it drove around.
         """
+        pilot, map_from_start = localize_globally(self._robot, grid, self._sink, self._rng)
+        surveyor = Surveyor(pilot, self._order.cell_size, grid=grid)
+        surveyor.survey()
+        cells = surveyor.cell_map()
+        self._localize_without_boxes(pilot, grid, cells)
+        return self._stand_ready(surveyor, cells, map_from_start)
+
+    def _finish_mapping(self, pilot: Pilot, cells: CellMap) -> None:
+        """Hand the finished map to the sink, and localize on it from the current pose."""
+        self._sink(MapUpdate(pilot.time, cells.grid, 1.0, 0))
+        self._localize_on(cells.grid, pilot)
+
+    def _localize_without_boxes(self, pilot: Pilot, grid: OccupancyGrid, cells: CellMap) -> None:
+        """Localize on the map without its boxes, if the map localized on so far shows any."""
+        if not np.array_equal(grid.occupied, cells.grid.occupied):
+            self._localize_on(cells.grid, pilot)
+
+    def _localize_on(self, grid: OccupancyGrid, pilot: Pilot) -> None:
+        pilot.use_tracker(PoseTracker(self._localizer(grid, pilot.pose), pilot.pose))
+
+    def _amcl(self, grid: OccupancyGrid, pose: Pose) -> PoseEstimator:
+        """The particle filter on a map, from base_link in the map frame."""
         localizer = Localizer(grid, self._robot.body.lidar, PRECISE_PARAMETERS, self._rng)
-        localizer.initialize_globally()
-        searcher = Searcher(localizer)
-        pilot = Pilot(self._robot, PoseTracker(searcher, Pose()), self._sink)
-        self._say(pilot, Phase.LOCALIZE, "I have a map, but I do not know where I am on it.")
-        start = pilot.odometry.pose
-        pilot.look(SURE_SCANS)
-        for _ in range(MOST_LEGS):
-            if searcher.is_sure:
-                break
-            self._wander(pilot)
-        else:
-            raise InputError("map", "", "does not fit what the robot sees, or it looks the same in several places")
-        map_from_start = searcher.found @ pilot.odometry.pose.inverse @ start
-        pilot.localize_with(PoseTracker(MapCorrector(localizer), searcher.found))
-        self._say(pilot, Phase.LOCALIZE, "Now I know.")
-        survey = Survey(pilot, self._order.cell_size, grid=grid)
-        survey.run()
-        chart = survey.chart()
-        self._forget_boxes_on_map(pilot, grid, chart)
-        return self._get_ready(survey, chart, map_from_start)
+        localizer.initialize(pose, INITIAL_POSE_COVARIANCE)
+        return MapPoseEstimator(localizer)
 
-    def _wander(self, pilot: Pilot) -> None:
-        """Drive a metre or so to where there is room, for another view."""
-        scan = pilot.look()
-        reach = np.where(np.isnan(scan.ranges), 0.0, np.minimum(scan.ranges, LONGEST_LEG + pilot.body.radius))
-        half = max(round(math.radians(20.0) / abs(scan.angle_increment)), 1)
-        room = ndimage.minimum_filter1d(reach, 2 * half + 1, mode="wrap")
-        widest = np.flatnonzero(room >= 0.8 * room.max())
-        beam = int(self._rng.choice(widest))
-        heading = pilot.pose.theta + float(scan.angles[beam])
-        pilot.turn(heading)
-        leg = max(float(room[beam]) - 2.0 * pilot.body.radius, 0.0)
-        goal = pilot.pose @ Pose(leg)
-        pilot.approach(goal, reverse=False)
+    def _stand_ready(self, surveyor: Surveyor, cells: CellMap, map_from_start: Pose) -> SurveyedWorld:
+        """Make the environment, and drive to the centre of a cell."""
+        boxes = _boxes_in_open_cells(cells, surveyor)
+        self._say(surveyor.pilot, Phase.SURVEY, f"I found {_count(len(boxes))}.")
+        environment = RobotEnvironment(surveyor.pilot, cells.frame, self._site(cells, map_from_start), boxes)
+        return self._surveyed_world(surveyor, cells, map_from_start, environment)
 
-    def _hand_over(self, pilot: Pilot, chart: Chart) -> None:
-        """End mapping: go on by localization on the map, from the pose that is believed now."""
-        self._sink(MapUpdate(pilot.time, chart.grid, 1.0, 0))
-        pilot.localize_with(PoseTracker(self._localizer(chart.grid, pilot.pose), pilot.pose))
+    def _surveyed_world(
+        self, surveyor: Surveyor, cells: CellMap, map_from_start: Pose, environment: RobotEnvironment
+    ) -> SurveyedWorld:
+        """Drive to the centre of a cell, and return what is known now."""
+        self._drive_to_cell_centre(surveyor.pilot, cells, environment)
+        on_floor = {box.name for box in environment.boxes_on_floor}
 
-    def _forget_boxes_on_map(self, pilot: Pilot, grid: OccupancyGrid, chart: Chart) -> None:
-        """Localize on the map without its boxes, if the one that was localized on shows any."""
-        if not np.array_equal(grid.occupied, chart.grid.occupied):
-            pilot.localize_with(PoseTracker(self._localizer(chart.grid, pilot.pose), pilot.pose))
+        def extend_survey() -> SurveyedWorld | None:
+            if on_floor <= {box.name for box in environment.boxes_on_floor}:
+                return None  # more becomes reachable only when a box is removed
+            return self._extend_survey(surveyor, cells, map_from_start, environment)
 
-    def _own_localizer(self, grid: OccupancyGrid, pose: Pose) -> Corrector:
-        """Our own particle filter on a map."""
-        localizer = Localizer(grid, self._robot.body.lidar, PRECISE_PARAMETERS, self._rng)
-        localizer.initialize(pose, START_COVARIANCE)
-        return MapCorrector(localizer)
+        def blocking_boxes() -> tuple[str, ...]:
+            return _blocking_boxes(surveyor, environment)
 
-    def _get_ready(self, survey: Survey, chart: Chart, map_from_start: Pose) -> Ready:
-        """Say what was found, and stand in the middle of a cell."""
-        boxes = _boxes_on(chart, survey)
-        self._say(survey.pilot, Phase.SURVEY, f"I found {_count(len(boxes))}.")
-        environment = RobotEnvironment(survey.pilot, chart.frame, self._site(chart, map_from_start), boxes)
-        return self._stand_ready(survey, chart, map_from_start, environment)
+        return SurveyedWorld(environment, cells.grid, cells.frame, cells.plan, extend_survey, blocking_boxes)
 
-    def _stand_ready(self, survey: Survey, chart: Chart, map_from_start: Pose, environment: RobotEnvironment) -> Ready:
-        """Stand in the middle of a cell."""
-        self._centre(survey.pilot, chart, environment)
-        standing = {box.name for box in environment.standing}
-
-        def look_further() -> Ready | None:
-            if standing <= {box.name for box in environment.standing}:
-                return None  # as long as no box has gone, nothing more has come within reach
-            return self._look_further(survey, chart, map_from_start, environment)
-
-        def in_the_way() -> tuple[str, ...]:
-            return _in_the_way(survey, environment)
-
-        return Ready(environment, chart.grid, chart.frame, chart.plan, look_further, in_the_way)
-
-    def _look_further(
-        self, survey: Survey, before: Chart, map_from_start: Pose, environment: RobotEnvironment
-    ) -> Ready | None:
-        """See what came within reach when a box went; None if that is nothing."""
-        pilot, mapper = survey.pilot, survey.mapper
-        standing = [box.place for box in environment.standing]
-        survey.begin_anew(standing, environment.taken)
-        if not survey.would_show_more() or not environment.step_aside():
+    def _extend_survey(
+        self, surveyor: Surveyor, before: CellMap, map_from_start: Pose, environment: RobotEnvironment
+    ) -> SurveyedWorld | None:
+        """Survey what became reachable when a box was removed; None if nothing did."""
+        pilot, mapper = surveyor.pilot, surveyor.mapper
+        known = [box.track for box in environment.boxes_on_floor]
+        surveyor.update_boxes(known, environment.picked_up)
+        if not surveyor.has_more_to_observe() or not environment.leave_unheld_box():
             return None
         phase = Phase.SURVEY if mapper is None else Phase.EXPLORE
-        self._say(pilot, phase, "A box has gone that stood in my way: I look at what lies behind.")
+        self._say(pilot, phase, "A box that blocked my way is gone: I survey what lies behind it.")
         if mapper is not None:
-            pilot.stand()
+            pilot.stop()
             mapper.resume(pilot.pose)
-            pilot.localize_with(PoseTracker(mapper.corrector, pilot.pose))
-        survey.run()
-        chart = survey.chart()
+            pilot.use_tracker(PoseTracker(mapper.pose_estimator, pilot.pose))
+        surveyor.survey()
+        cells = surveyor.cell_map()
         if mapper is not None:
-            self._hand_over(pilot, chart)
+            self._finish_mapping(pilot, cells)
         else:
-            self._forget_boxes_on_map(pilot, before.grid, chart)
-        boxes = _boxes_on(chart, survey)
-        known = {box.number for box in standing}
-        more = sum(box.number not in known for box in boxes)
-        self._say(pilot, Phase.SURVEY, f"I found {_count(more)} more." if more else "I found no more boxes.")
-        environment.learn_of(chart.frame, self._site(chart, map_from_start), boxes)
-        return self._stand_ready(survey, chart, map_from_start, environment)
+            self._localize_without_boxes(pilot, before.grid, cells)
+        boxes = _boxes_in_open_cells(cells, surveyor)
+        known_ids = {track.track_id for track in known}
+        new = sum(track.track_id not in known_ids for track in boxes)
+        self._say(pilot, Phase.SURVEY, f"I found {_count(new)} more." if new else "I found no more boxes.")
+        environment.update_map(cells.frame, self._site(cells, map_from_start), boxes)
+        return self._surveyed_world(surveyor, cells, map_from_start, environment)
 
-    def _site(self, chart: Chart, map_from_start: Pose) -> DeliverySite:
-        """The site on a map, with as much of the warehouse as the map shows."""
-        tiles = chart.frame.cells_at(map_from_start.transform(self._order.warehouse))
-        warehouse = {Cell(int(x), int(y)) for x, y in tiles}
-        return DeliverySite.of_plan(replace(chart.plan, warehouse=frozenset(warehouse & set(chart.plan.cells()))))
+    def _site(self, cells: CellMap, map_from_start: Pose) -> DeliverySite:
+        """The walls and as much of the warehouse as the map shows."""
+        warehouse_cells = cells.frame.cells_at(map_from_start.transform(self._order.warehouse))
+        warehouse = {Cell(int(x), int(y)) for x, y in warehouse_cells}
+        return DeliverySite.of_plan(replace(cells.plan, warehouse=frozenset(warehouse & set(cells.plan.cells()))))
 
-    def _centre(self, pilot: Pilot, chart: Chart, environment: RobotEnvironment) -> None:
-        """Drive to the middle of the nearest cell without a box."""
-        frame, plan = chart.frame, chart.plan
-        boxes = [box.place for box in environment.standing]
-        taken = {Cell(*frame.cell_at(box.x, box.y)) for box in boxes}
-        free = [cell for cell in plan.distances(Cell(*frame.cell_at(pilot.pose.x, pilot.pose.y))) if cell not in taken]
-        costmap = costmap_of(chart.grid, pilot, boxes)
-        reverse = pilot.load.held
-        for cell in free:  # the nearest first
-            middle = frame.centre(cell.x, cell.y)
-            path = shortest_path(costmap, np.array([pilot.pose.x, pilot.pose.y]), middle)
-            if path is not None and pilot.follow(path, reverse=reverse) is Ride.ARRIVED:
-                pilot.go_to(Pose(float(middle[0]), float(middle[1]), frame.heading(1, 0)), reverse=reverse)
+    def _drive_to_cell_centre(self, pilot: Pilot, cells: CellMap, environment: RobotEnvironment) -> None:
+        """Drive to the centre of the nearest cell without a box that can be reached."""
+        frame = cells.frame
+        boxes = [box.track for box in environment.boxes_on_floor]
+        with_box = {Cell(*frame.cell_at(track.x, track.y)) for track in boxes}
+        moves = cells.plan.distances(Cell(*frame.cell_at(pilot.pose.x, pilot.pose.y)))  # the nearest first
+        costmap = costmap_around(pilot, cells.grid, boxes)
+        reverse = pilot.boxes.is_holding
+        for cell in (cell for cell in moves if cell not in with_box):
+            centre = frame.centre(cell.x, cell.y)
+            path = shortest_path(costmap, np.array([pilot.pose.x, pilot.pose.y]), centre)
+            if path is not None and pilot.follow(path, reverse=reverse) is DriveStatus.ARRIVED:
+                pilot.go_to(Pose(float(centre[0]), float(centre[1]), frame.heading(1, 0)), reverse=reverse)
                 return
-        self._say(pilot, Phase.SURVEY, "I do not get to the middle of any cell.")
+        self._say(pilot, Phase.SURVEY, "I cannot reach the centre of any cell.")
 
     def _say(self, pilot: Pilot, phase: Phase, text: str) -> None:
         self._sink(Narration(pilot.time, phase, text))
 
 
-def _boxes_on(chart: Chart, survey: Survey) -> Sequence[Box]:
-    """The boxes that a survey has found and that stand where a robot can."""
-    return [box for box in survey.boxes() if chart.plan.is_open(Cell(*chart.frame.cell_at(box.x, box.y)))]
+def _boxes_in_open_cells(cells: CellMap, surveyor: Surveyor) -> list[BoxTrack]:
+    """The boxes found that stand in cells which the robot fits in."""
+    return [box for box in surveyor.boxes() if cells.plan.is_open(Cell(*cells.frame.cell_at(box.x, box.y)))]
 
 
-def _in_the_way(survey: Survey, environment: RobotEnvironment) -> tuple[str, ...]:
-    """As `Ready.in_the_way`."""
-    if environment.holding:
+def _blocking_boxes(surveyor: Surveyor, environment: RobotEnvironment) -> tuple[str, ...]:
+    """As `SurveyedWorld.blocking_boxes`; empty while the robot holds a box, since it can hold only one."""
+    if environment.is_holding:
         return ()
-    boxes = {box.name: box.place for box in environment.standing}
-    survey.begin_anew(list(boxes.values()), environment.taken)
-    pose = survey.pilot.pose
-    nearest = sorted(boxes, key=lambda name: math.hypot(boxes[name].x - pose.x, boxes[name].y - pose.y))
-    return tuple(name for name in nearest if survey.would_show_more(without=boxes[name]))
+    tracks = {box.name: box.track for box in environment.boxes_on_floor}
+    surveyor.update_boxes(list(tracks.values()), environment.picked_up)
+    pose = surveyor.pilot.pose
+    nearest = sorted(tracks, key=lambda name: math.hypot(tracks[name].x - pose.x, tracks[name].y - pose.y))
+    return tuple(name for name in nearest if surveyor.has_more_to_observe(without=tracks[name]))
 
 
 def _count(boxes: int) -> str:

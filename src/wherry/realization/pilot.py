@@ -1,100 +1,85 @@
-"""The one who holds the wheel: receives measurements, keeps the pose, and drives turns, lines and paths."""
+"""The pilot: receives measurements, tracks the pose, and drives turns, lines and paths until they end."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import dataclass
+from enum import Enum, auto
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wherry.navigation.controller import drive_line, follow_path, go_to, safe_velocity, turn_to
 from wherry.navigation.path import NO_DISCS
-from wherry.realization.tracking import PoseTracker
-from wherry.robot import Body, Odometry, Robot, Scan, Velocity
+from wherry.realization.load import mask_load
+from wherry.realization.pose_tracker import PoseTracker
+from wherry.robot import Odometry, Robot, Scan, Velocity
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import TIME_TOLERANCE, Narration, Phase, RobotSnapshot, Sink
 
-STANDSTILL = Velocity()
-LOOKING_AROUND = Velocity(0.0, 0.6)
-LONGEST_SEARCH = 30.0  # s
+ZERO_VELOCITY = Velocity()
+RECOVERY_VELOCITY = Velocity(0.0, 0.6)  # m/s, rad/s, of the turn on the spot that looks for new views when lost
+RECOVERY_TIMEOUT = 30.0  # s
+DRIVE_TIMEOUT = 60.0  # s; where the pose estimate jumps back and forth, a goal may never be reached
+MAX_BLOCKED_ODOMETRY = 20  # consecutive odometry messages at which the robot is blocked before a drive is given up
+STANDSTILL_SPEED = 0.005  # m/s and rad/s, below which the robot stands still
+RECORD_PERIOD = 0.2  # s from one `RobotSnapshot` record to the next
 NO_POINTS = np.empty((0, 2))
-SHOWN_EVERY = 0.2  # s between two records of what is seen
-STILL = 0.005  # m/s and rad/s; slower than this, the robot stands
-FORK_REACH = 1.5  # box radii around base_link within which a reading is of a box in the fork
-LONGEST_DRIVE = 60.0  # s after which a drive is given up; where the pose jumps to and fro, a goal may never be reached
-PATIENCE = 20  # odometry messages in a row that the laser may hold the robot up before a drive is given up
 
 
-class Ride(Enum):
-    """How a drive ended."""
+class DriveStatus(Enum):
+    """How a drive ended.
 
-    ARRIVED = "arrived"
-    HELD_UP = "the laser saw something in the way, or it took too long"
-    CUT_SHORT = "there was no more reason to go on"
-    LOST = "the robot no longer knew where it was"
+    Attributes:
+        ARRIVED: At the goal.
+        BLOCKED: The scan shows an obstacle in the way, or the drive timed out.
+        PREEMPTED: The caller's condition for ending it came true.
+        LOST: The pose became unreliable.
+    """
+
+    ARRIVED = auto()
+    BLOCKED = auto()
+    PREEMPTED = auto()
+    LOST = auto()
 
 
-Steering = Callable[[Pose], Velocity | None]
-"""From base_link in the map frame to what to command now, or None on arrival."""
+Controller = Callable[[Pose], Velocity | None]
+"""From base_link in the map frame to the velocity to command now, or None at the goal."""
 
-Watcher = Callable[[Scan, Pose], None]
-"""Told each scan, with base_link in the map frame when it was taken."""
+ScanCallback = Callable[[Scan, Pose], None]
+"""Called with each scan and base_link in the map frame at its time."""
 
 
 @dataclass(frozen=True, slots=True)
-class Load:
-    """What the robot carries and where the boxes are, as far as driving and showing are concerned.
+class KnownBoxes:
+    """The boxes that the robot knows of, as far as driving and records need them.
 
     Attributes:
-        boxes: [B, 2] m, map frame, on the floor.
-        held: Whether the latch holds a box.
+        positions: [B, 2] centres of the boxes on the floor, m, map frame.
+        is_holding: Whether the latch holds a box.
     """
 
-    boxes: Floats
-    held: bool
-
-
-def without_load(scan: Scan, body: Body) -> Scan:
-    """The scan without the readings of a box in the fork, which say nothing of where the robot is."""
-    in_fork = _of_load(scan, body)
-    return replace(scan, ranges=np.where(in_fork, math.nan, scan.ranges)) if in_fork.any() else scan
-
-
-def shows_load(scan: Scan, body: Body) -> bool:
-    """Whether the lidar sees a box in the fork."""
-    return bool(_of_load(scan, body).any())
-
-
-def _of_load(scan: Scan, body: Body) -> NDArray[np.bool_]:
-    """[R] which beams end where a box in the fork stands."""
-    with np.errstate(invalid="ignore"):
-        x, y = body.lidar.x + scan.ranges * np.cos(scan.angles), body.lidar.y + scan.ranges * np.sin(scan.angles)
-        in_fork: NDArray[np.bool_] = np.hypot(x, y) < FORK_REACH * body.box_radius
-    return in_fork
-
-
-def _ahead(path: Floats, pose: Pose) -> Floats:
-    """[M, 2] m: the path from the place on it that is nearest to the robot on; less than two points are no path."""
-    if len(path) < 2:
-        return NO_POINTS
-    here, begins, legs = np.array([pose.x, pose.y]), path[:-1], np.diff(path, axis=0)
-    lengths = np.maximum((legs**2).sum(axis=1), np.finfo(float).tiny)
-    share = np.clip(((here - begins) * legs).sum(axis=1) / lengths, 0.0, 1.0)
-    places = begins + share[:, None] * legs
-    nearest = int(np.argmin(np.hypot(*(places - here).T)))
-    return np.vstack([places[nearest], path[nearest + 1 :]])
+    positions: Floats
+    is_holding: bool
 
 
 class Pilot:
-    """Drives a robot; nobody else receives from it or commands it.
+    """Drives a robot; the only one that receives its measurements and commands it.
 
     Args:
         robot: The robot.
-        tracker: Keeps its pose.
-        sink: Told what is seen.
+        tracker: Tracks its pose.
+        sink: Called with records of what the robot senses and says.
+
+    Attributes:
+        robot: The robot.
+        body: The robot's shape and limits.
+        tracker: Tracks the pose.
+        sink: Called with records.
+        time: Time of the last measurement, s, robot's clock.
+        boxes: The boxes that the robot knows of.
+        scan_callbacks: Called with each scan and the pose at its time.
+        times_lost: How often the pose has become unreliable.
     """
 
     def __init__(self, robot: Robot, tracker: PoseTracker, sink: Sink) -> None:
@@ -103,8 +88,8 @@ class Pilot:
         self.tracker = tracker
         self.sink = sink
         self.time = 0.0
-        self.load = Load(NO_POINTS, held=False)
-        self.watchers: list[Watcher] = []
+        self.boxes = KnownBoxes(NO_POINTS, is_holding=False)
+        self.scan_callbacks: list[ScanCallback] = []
         self.times_lost = 0
         self._scan: Scan | None = None
         self._odometry: Odometry | None = None
@@ -113,7 +98,7 @@ class Pilot:
 
     @property
     def pose(self) -> Pose:
-        """base_link in the map frame now."""
+        """base_link in the map frame at the last measurement's time."""
         return self.tracker.pose
 
     @property
@@ -130,124 +115,135 @@ class Pilot:
             self.receive()
         return self._scan
 
-    def localize_with(self, tracker: PoseTracker) -> None:
-        """Go on with another way of keeping the pose."""
-        tracker.hear(self.odometry)
+    def use_tracker(self, tracker: PoseTracker) -> None:
+        """Replace the pose tracker; the new one starts at the last odometry."""
+        tracker.add_odometry(self.odometry)
         self.tracker = tracker
 
     def receive(self) -> None:
-        """Wait for the next measurement and take it in."""
+        """Wait for the next measurement and process it."""
         measurement = self.robot.receive()
         self.time = measurement.time
         if isinstance(measurement, Odometry):
             self._odometry = measurement
-            self.tracker.hear(measurement)
+            self.tracker.add_odometry(measurement)
             return
         self._scan = measurement
-        self.tracker.see(without_load(measurement, self.body))
-        for watch in self.watchers:
-            watch(measurement, self.pose)
+        self.tracker.add_scan(mask_load(measurement, self.body))
+        for callback in self.scan_callbacks:
+            callback(measurement, self.pose)
         if self.time >= self._next_record:
-            self._next_record = self.time + SHOWN_EVERY - TIME_TOLERANCE
-            self._show(measurement)
+            self._next_record = self.time + RECORD_PERIOD - TIME_TOLERANCE
+            self._record(measurement)
 
-    def look(self, scans: int = 1) -> Scan:
-        """Wait for so many new scans and return the last one."""
-        for _ in range(scans):
+    def wait_for_scan(self, count: int = 1) -> Scan:
+        """Wait for a number of new scans and return the last one."""
+        for _ in range(count):
             previous = self._scan
             while self._scan is previous:
                 self.receive()
         return self.scan
 
-    def stand(self) -> None:
+    def stop(self) -> None:
         """Stop, and wait until the wheels stand still."""
-        self.robot.command(STANDSTILL)
+        self.robot.command(ZERO_VELOCITY)
         self.receive()
         velocity = self.odometry.velocity
-        while abs(velocity.linear) > STILL or abs(velocity.angular) > STILL:
-            self.robot.command(STANDSTILL)
+        while abs(velocity.linear) > STANDSTILL_SPEED or abs(velocity.angular) > STANDSTILL_SPEED:
+            self.robot.command(ZERO_VELOCITY)
             self.receive()
             velocity = self.odometry.velocity
 
-    def turn(self, heading: float) -> None:
-        """Turn on the spot to a heading, rad, map frame; the robot is round, so nothing can be in its way."""
+    def turn_to(self, heading: float) -> None:
+        """Turn on the spot to a heading, rad, map frame; a round robot cannot hit anything while it turns."""
         self._drive(lambda pose: turn_to(pose, heading, self.body))
 
-    def follow(self, path: Floats, *, reverse: bool = False, until: Callable[[], bool] = lambda: False) -> Ride:
-        """Drive along a path until its end, until the laser sees something in the way, or ``until``.
+    def follow(
+        self, path: Floats, *, reverse: bool = False, is_preempted: Callable[[], bool] = lambda: False
+    ) -> DriveStatus:
+        """Follow a path to its end, until the robot is blocked, or until preempted.
 
         Args:
-            path: [N, 2] m, map frame.
-            reverse: Whether the back leads.
-            until: Asked again and again whether to leave off.
+            path: [N, 2] waypoints, m, map frame.
+            reverse: Whether the robot's back leads.
+            is_preempted: Called before each command; the drive ends when it returns True.
         """
         self._path = path
-        ride = self._drive(lambda pose: follow_path(pose, path, self.body, reverse=reverse), until=until)
+        status = self._drive(
+            lambda pose: follow_path(pose, path, self.body, reverse=reverse), is_preempted=is_preempted
+        )
         self._path = NO_POINTS
-        return ride
+        return status
 
     def approach(self, goal: Pose, *, reverse: bool, ignore: Floats = NO_DISCS, speed: float = math.inf) -> bool:
-        """Drive along the straight line through a goal until level with it, or until the laser stops the robot.
+        """Drive along the straight line through a goal until level with it, or until the robot is blocked.
 
         Args:
-            goal: Where to stop and which way to look there, map frame.
-            reverse: Whether the back leads.
-            ignore: [K, 3] m, map frame: x, y, radius of discs that are not in the way: the box to dock on.
-            speed: m/s at most.
+            goal: Where to stop, and the heading there, map frame.
+            reverse: Whether the robot's back leads.
+            ignore: [K, 3] x, y, radius, m, map frame, of discs that are no obstacles, such as the box to dock on.
+            speed: Largest speed, m/s.
 
         Returns:
-            Whether the robot got there.
+            Whether the robot arrived.
         """
         self._path = np.array([[self.pose.x, self.pose.y], [goal.x, goal.y]])
-        ride = self._drive(lambda pose: drive_line(pose, goal, self.body, reverse=reverse, speed=speed), ignore=ignore)
+        status = self._drive(
+            lambda pose: drive_line(pose, goal, self.body, reverse=reverse, speed=speed), ignore=ignore
+        )
         self._path = NO_POINTS
-        return ride is Ride.ARRIVED
+        return status is DriveStatus.ARRIVED
 
     def go_to(self, goal: Pose, *, reverse: bool = False) -> bool:
-        """Go straight to a pose that is near, and turn to its heading there."""
-        return self._drive(lambda pose: go_to(pose, goal, self.body, reverse=reverse)) is Ride.ARRIVED
+        """Drive straight to a near pose, turn to its heading there, and return whether the robot arrived."""
+        return self._drive(lambda pose: go_to(pose, goal, self.body, reverse=reverse)) is DriveStatus.ARRIVED
 
-    def _drive(self, steer: Steering, *, ignore: Floats = NO_DISCS, until: Callable[[], bool] = lambda: False) -> Ride:
-        """Command what the steering says until it has arrived, or the laser or ``until`` stops it."""
-        held_up, deadline = 0, self.time + LONGEST_DRIVE
-        while held_up < PATIENCE and self.time < deadline:
-            if self.tracker.lost:
-                self._find_again()
-                return Ride.LOST
-            if until():
-                return Ride.CUT_SHORT  # whatever comes next may go on without a stop
-            wanted = steer(self.pose)
+    def _drive(
+        self, controller: Controller, *, ignore: Floats = NO_DISCS, is_preempted: Callable[[], bool] = lambda: False
+    ) -> DriveStatus:
+        """Command the controller's velocity, slowed down by the scan, until the drive ends."""
+        blocked, deadline = 0, self.time + DRIVE_TIMEOUT
+        while blocked < MAX_BLOCKED_ODOMETRY and self.time < deadline:
+            if self.tracker.is_lost:
+                self._recover()
+                return DriveStatus.LOST
+            if is_preempted():
+                return DriveStatus.PREEMPTED  # without a stop, since another drive follows
+            wanted = controller(self.pose)
             if wanted is None:
-                self.stand()
-                return Ride.ARRIVED
+                self.stop()
+                return DriveStatus.ARRIVED
             velocity = safe_velocity(wanted, self.scan, self.body, ignore=self._in_base_frame(ignore))
-            stopped = wanted.linear != 0.0 and abs(velocity.linear) < STILL  # it only ever creeps up to a wall
-            held_up = held_up + 1 if stopped else 0
+            is_blocked = wanted.linear != 0.0 and abs(velocity.linear) < STANDSTILL_SPEED  # close to a wall it creeps
+            blocked = blocked + 1 if is_blocked else 0
             self.robot.command(velocity)
             self.receive()
-        self.stand()
-        return Ride.HELD_UP
+        self.stop()
+        return DriveStatus.BLOCKED
 
-    def _find_again(self) -> None:
-        """Stop, and turn slowly for new views until the robot knows again where it is, or has looked long enough."""
-        self.stand()
+    def _recover(self) -> None:
+        """Stop, and turn slowly for new views until the pose is reliable again or the recovery times out."""
+        self.stop()
         self.times_lost += 1
-        self.sink(Narration(self.time, Phase.LOCALIZE, "I no longer know where I am: I stop and look around."))
-        deadline = self.time + LONGEST_SEARCH
-        while self.tracker.lost and self.time < deadline:
-            self.robot.command(LOOKING_AROUND)
+        self.sink(
+            Narration(self.time, Phase.LOCALIZE, "I am lost: I stop and turn on the spot until I am localized again.")
+        )
+        deadline = self.time + RECOVERY_TIMEOUT
+        while self.tracker.is_lost and self.time < deadline:
+            self.robot.command(RECOVERY_VELOCITY)
             self.receive()
-        self.stand()
-        words = "I do not find out where I am." if self.tracker.lost else "Now I know where I am."
-        self.sink(Narration(self.time, Phase.LOCALIZE, words))
+        self.stop()
+        text = "I could not localize myself." if self.tracker.is_lost else "I am localized again."
+        self.sink(Narration(self.time, Phase.LOCALIZE, text))
 
     def _in_base_frame(self, discs: Floats) -> Floats:
-        """[K, 3] m: discs of the map frame, x, y, radius, as seen from the robot."""
+        """[K, 3] x, y, radius, m, of discs of the map frame in the base_link frame."""
         if not len(discs):
             return discs
         return np.column_stack([self.pose.inverse.transform(discs[:, :2]), discs[:, 2]])
 
-    def _show(self, scan: Scan) -> None:
+    def _record(self, scan: Scan) -> None:
+        """Hand a record of the scan, the pose and the path to the sink."""
         lidar = self.pose @ self.body.lidar
         self.sink(
             RobotSnapshot(
@@ -255,9 +251,21 @@ class Pilot:
                 pose=self.pose,
                 lidar=lidar,
                 points=lidar.transform(scan.points()).astype(np.float32),
-                particles=self.tracker.corrector.particles.astype(np.float32),
-                path=_ahead(self._path, self.pose).astype(np.float32),
-                boxes=self.load.boxes.astype(np.float32),
-                has_load=self.load.held,
+                particles=self.tracker.estimator.particles.astype(np.float32),
+                path=_remaining_path(self._path, self.pose).astype(np.float32),
+                boxes=self.boxes.positions.astype(np.float32),
+                has_load=self.boxes.is_holding,
             )
         )
+
+
+def _remaining_path(path: Floats, pose: Pose) -> Floats:
+    """[M, 2] m, map frame: the path from its point nearest to the robot to its end; empty for fewer than two points."""
+    if len(path) < 2:
+        return NO_POINTS
+    position, starts, segments = np.array([pose.x, pose.y]), path[:-1], np.diff(path, axis=0)
+    squared_lengths = np.maximum((segments**2).sum(axis=1), np.finfo(float).tiny)
+    fractions = np.clip(((position - starts) * segments).sum(axis=1) / squared_lengths, 0.0, 1.0)
+    projections = starts + fractions[:, None] * segments
+    nearest = int(np.argmin(np.hypot(*(projections - position).T)))
+    return np.vstack([projections[nearest], path[nearest + 1 :]])

@@ -1,6 +1,5 @@
-"""A world without hardware: floor plans become MuJoCo models with a `Robot` in them (paper, sections 1 and 3)."""
+"""The simulated robot: floor plans become MuJoCo models with a `Robot` in them (paper, sections 1 and 3)."""
 
-from wherry.simulation.referee import BoxPlace, BoxTruth, Collision, Referee
-from wherry.simulation.simulator import Simulation, build
+import lazy_loader
 
-__all__ = ["BoxPlace", "BoxTruth", "Collision", "Referee", "Simulation", "build"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""The drive: velocity commands become wheel speeds, and the wheels' turns become odometry."""
+"""The differential drive: velocity commands become wheel speeds, and wheel rotations become odometry."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from wherry.robot import Body, Odometry, Velocity
 from wherry.space.pose import Floats, Pose
 
 WHEEL_RADIUS = 0.05  # m
-TRACK = 0.32  # m, between the wheels
-SILENCE = 0.35  # s without a command before the drive brakes; it stands within 0.5 s
-BRAKING = 5.0  # m/s² and, times 1 / half the track, rad/s²: how hard it brakes then
+TRACK = 0.32  # m between the wheels
+COMMAND_TIMEOUT = 0.35  # s without a command after which the drive brakes, to stand still within 0.5 s
+BRAKING_DECELERATION = 5.0  # m/s² of each wheel after the command timeout
 
 
 class Drive:
@@ -27,10 +27,14 @@ class Drive:
         self._body = body
         self._target = Velocity()
         self._current = Velocity()
-        self._commanded = -math.inf
+        self._last_command = -math.inf
 
     def command(self, velocity: Velocity, time: float) -> None:
-        """Follow a velocity from now on; what is above the limits is cut off.
+        """Accelerate towards a velocity, clipped to the limits.
+
+        Args:
+            velocity: The target velocity.
+            time: Time of the command, s.
 
         Raises:
             ValueError: A component is not a finite number.
@@ -39,15 +43,15 @@ class Drive:
             raise ValueError(f"a velocity must be finite, not {velocity}")
         linear, angular = self._body.max_linear, self._body.max_angular
         self._target = Velocity(_clip(velocity.linear, linear), _clip(velocity.angular, angular))
-        self._commanded = time
+        self._last_command = time
 
     def wheel_speeds(self, time: float, period: float) -> tuple[float, float]:
-        """Left and right wheel, rad/s, for the next ``period`` seconds."""
+        """Speeds of the left and the right wheel, rad/s, for the ``period``, s, that begins at a time, s."""
         target, current = self._target, self._current
         linear, angular = self._body.max_linear_acceleration, self._body.max_angular_acceleration
-        if time - self._commanded > SILENCE:
+        if time - self._last_command > COMMAND_TIMEOUT:
             target = Velocity()
-            linear, angular = BRAKING, BRAKING / (TRACK / 2)
+            linear, angular = BRAKING_DECELERATION, BRAKING_DECELERATION / (TRACK / 2)
         if current != target:
             self._current = Velocity(
                 current.linear + _clip(target.linear - current.linear, linear * period),
@@ -58,27 +62,27 @@ class Drive:
 
 
 @dataclass(frozen=True, slots=True)
-class EncoderErrors:
-    """How wrong the wheels' encoders are.
+class WheelOdometryErrors:
+    """Errors of the odometry.
 
     Attributes:
-        scale: σ of the share by which a wheel's radius differs from what the robot believes, drawn once for each wheel.
-        noise: σ of the share by which each reading's distance is wrong.
+        scale: σ of the relative error of each wheel's radius, drawn once for each wheel.
+        noise: σ of the relative error of the distance in each reading.
     """
 
     scale: float = 0.002
     noise: float = 0.03
 
 
-class Encoders:
-    """Measures how far the wheels turn and adds it up to odometry, which therefore drifts.
+class WheelOdometry:
+    """Integrates the wheels' rotations to a pose, which drifts by the errors.
 
     Args:
-        errors: How wrong they are.
-        rng: Where the errors come from.
+        errors: Errors of the odometry.
+        rng: Source of the errors.
     """
 
-    def __init__(self, errors: EncoderErrors, rng: np.random.Generator) -> None:
+    def __init__(self, errors: WheelOdometryErrors, rng: np.random.Generator) -> None:
         self._noise = errors.noise
         self._scales = 1.0 + errors.scale * rng.standard_normal(2)
         self._rng = rng
@@ -86,12 +90,12 @@ class Encoders:
         self._pose = Pose()
 
     def read(self, time: float, angles: Floats, period: float) -> Odometry:
-        """Add up what the wheels turned since the last reading, along an arc.
+        """Integrate the rotation since the last reading along an arc.
 
         Args:
-            time: s.
-            angles: [2] rad, of the left and the right wheel.
-            period: s, since the last reading.
+            time: Time of the reading, s.
+            angles: [2] angles of the left and the right wheel, rad.
+            period: Time since the last reading, s.
         """
         turned = np.zeros(2) if self._angles is None else angles - self._angles
         self._angles = angles.copy()
@@ -102,12 +106,12 @@ class Encoders:
 
 
 def _arc(length: float, turn: float) -> Pose:
-    """Where an arc ends that begins along the x axis, turns by ``turn`` rad and is ``length`` m long."""
+    """End of an arc that starts along the x axis, turns by ``turn``, rad, and is ``length``, m, long."""
     half = turn / 2
     chord = length * math.sin(half) / half if half else length
     return Pose(chord * math.cos(half), chord * math.sin(half), turn)
 
 
 def _clip(value: float, limit: float) -> float:
-    """The value in [−limit, limit] that is nearest."""
+    """The value clipped to [−limit, limit]."""
     return max(-limit, min(limit, value))

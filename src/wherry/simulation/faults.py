@@ -1,4 +1,4 @@
-"""What can go wrong with a robot, on demand: it is carried off, its wheels slip, its lidar goes blind."""
+"""Faults that a simulation can inject: a kidnapped robot, slipping wheels, a blind lidar."""
 
 from __future__ import annotations
 
@@ -9,31 +9,30 @@ from contextlib import contextmanager
 import numpy as np
 
 from wherry.floorplan.plan import Cell, FloorPlan
-from wherry.simulation.model import BODY, BOX_RADIUS, WHEEL_GRIP
-from wherry.simulation.referee import BoxPlace
+from wherry.simulation.model import BODY, BOX_RADIUS, WHEEL_FRICTION
+from wherry.simulation.referee import BoxStatus
 from wherry.simulation.simulator import Simulation
-from wherry.simulation.solids import clearance
+from wherry.simulation.static_geometry import clearance
 from wherry.space.pose import Pose
 
-ELBOW_ROOM = 0.03  # m, between the robot and anything else where it is put down
+MIN_CLEARANCE = 0.03  # m between the robot and everything else where it is placed
 
 
 def kidnap(simulation: Simulation, pose: Pose) -> None:
-    """Carry the robot, and the box that it holds, to another place; its wheels do not notice.
+    """Move the robot, and the box that it holds, to a pose in the world frame, without any odometry.
 
     Raises:
-        ValueError: The robot would stand in something.
+        ValueError: The robot would collide there.
     """
     if not _is_free(simulation, pose):
-        raise ValueError(f"something stands at {pose}")
+        raise ValueError(f"the robot would collide at {pose}")
     simulation.physics.place_robot(pose, simulation.held)
 
 
 def random_pose(simulation: Simulation, rng: np.random.Generator) -> Pose:
-    """A place where the robot could be, in a cell that it can reach; uniform over the free floor and all headings."""
+    """A collision-free pose, world frame, uniform over the free floor of the reachable cells and over all headings."""
     plan = simulation.plan
-    assert plan.start is not None  # noqa: S101 - `build` made sure of it
-    cells = sorted(plan.distances(plan.start))
+    cells = reachable_cells(plan)
     while True:
         cell = cells[rng.integers(len(cells))]
         x, y = rng.uniform((cell.x, cell.y), (cell.x + 1, cell.y + 1)) * plan.cell_size
@@ -43,10 +42,10 @@ def random_pose(simulation: Simulation, rng: np.random.Generator) -> Pose:
 
 
 def random_cell_pose(plan: FloorPlan, rng: np.random.Generator) -> Pose:
-    """A random heading at the centre of a random cell that the robot can reach and that holds no box.
+    """A pose, world frame, at the centre of a random reachable cell without a box, with a random heading.
 
     Args:
-        plan: The building, with its boxes at their cells.
+        plan: The floor plan, with its boxes placed.
         rng: Source of the randomness.
     """
     cells = [cell for cell in reachable_cells(plan) if cell not in plan.boxes]
@@ -65,34 +64,34 @@ def cell_pose(plan: FloorPlan, cell: Cell, heading: float) -> Pose:
 
 @contextmanager
 def slippery(simulation: Simulation, friction: float = 0.03) -> Iterator[None]:
-    """Let the wheels slip whenever the robot speeds up, slows down or turns.
+    """Make the wheels slip whenever the robot accelerates, brakes or turns.
 
     Args:
-        simulation: The world.
-        friction: Coefficient of friction between wheels and floor; 1.0 when all is well.
+        simulation: The simulation.
+        friction: Friction coefficient between wheels and floor; `WHEEL_FRICTION` without the fault.
     """
-    simulation.physics.grip_wheels(friction)
+    simulation.physics.set_wheel_friction(friction)
     try:
         yield
     finally:
-        simulation.physics.grip_wheels(WHEEL_GRIP)
+        simulation.physics.set_wheel_friction(WHEEL_FRICTION)
 
 
 @contextmanager
 def blind(simulation: Simulation) -> Iterator[None]:
-    """Let the lidar turn without a reading: every range is NaN."""
-    simulation.lidar.blind = True
+    """Make every range of the lidar NaN."""
+    simulation.lidar.is_blind = True
     try:
         yield
     finally:
-        simulation.lidar.blind = False
+        simulation.lidar.is_blind = False
 
 
 def _is_free(simulation: Simulation, pose: Pose) -> bool:
-    """Whether the robot, turned any way, would touch nothing."""
-    room = clearance(simulation.solids, np.array([[pose.x, pose.y]]))[0] - BODY.radius
+    """Whether the robot's round footprint has enough clearance at a pose."""
+    gap = clearance(simulation.geometry, np.array([[pose.x, pose.y]]))[0] - BODY.radius
     for index, box in enumerate(simulation.referee.boxes):
-        if box.place is BoxPlace.FLOOR and index != simulation.held:
+        if box.status is BoxStatus.ON_FLOOR and index != simulation.held:
             distance = math.hypot(box.position[0] - pose.x, box.position[1] - pose.y)
-            room = min(room, distance - BOX_RADIUS - BODY.radius)
-    return bool(room >= ELBOW_ROOM)
+            gap = min(gap, distance - BOX_RADIUS - BODY.radius)
+    return bool(gap >= MIN_CLEARANCE)

@@ -1,4 +1,4 @@
-"""The simulated lidar: exact rays against walls, obstacles and boxes, then the noise of a real one."""
+"""The simulated lidar: exact ranges to walls, obstacles and boxes, with Gaussian noise."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 
 from wherry.kernels import kernel
 from wherry.robot import Scan
-from wherry.simulation.solids import Solids
+from wherry.simulation.static_geometry import StaticGeometry
 from wherry.space.pose import Floats, Pose
 
 
 @dataclass(frozen=True, slots=True)
 class LidarSpecification:
-    """A small time-of-flight lidar that turns all the way round.
+    """Data sheet of a small time-of-flight lidar with a field of view of 360°.
 
     Attributes:
-        beams: In a turn; beam 0 looks backwards, as is usual in ROS.
-        rate: Hz; a whole number of the odometry's periods of 0.05 s lies between two scans.
-        range_min: m; a box in the fork is 0.07 m away.
-        range_max: m.
-        noise: σ, m, of every range.
+        beams: Number of beams in a scan; beam 0 points backwards, as is usual in ROS.
+        rate: Scans a second, Hz; the scan period must be a multiple of the odometry's period of 0.05 s.
+        range_min: Shortest range, m; a box in the fork is 0.07 m away.
+        range_max: Longest range, m.
+        noise: Standard deviation σ of a range, m.
     """
 
     beams: int = 360
@@ -34,64 +34,66 @@ class LidarSpecification:
 
 
 class Lidar:
-    """Makes scans.
+    """Simulates scans.
 
     Args:
-        specification: Its data sheet.
-        solids: The walls and obstacles; boxes are given with each scan, as they move.
-        rng: Where the noise comes from.
+        specification: The data sheet.
+        geometry: The walls and obstacles; boxes are passed with each scan, as they move.
+        rng: Source of the noise.
 
     Attributes:
-        blind: Whether every reading fails.
+        specification: The data sheet.
+        is_blind: Whether every range is NaN.
     """
 
-    def __init__(self, specification: LidarSpecification, solids: Solids, rng: np.random.Generator) -> None:
+    def __init__(self, specification: LidarSpecification, geometry: StaticGeometry, rng: np.random.Generator) -> None:
         self.specification = specification
-        self.blind = False
+        self.is_blind = False
         self._angles: Floats = np.linspace(-math.pi, math.pi, specification.beams, endpoint=False)
-        self._solids = solids
+        self._geometry = geometry
         self._rng = rng
 
     def scan(self, time: float, pose: Pose, boxes: Floats, box_radius: float) -> Scan:
-        """One turn of the lidar, measured at one instant.
+        """A scan, all beams measured at the same time.
 
         Args:
-            time: s.
-            pose: The lidar's, in the world frame.
-            boxes: [B, 2] m, world frame, the middles of the boxes on the floor or in the fork.
-            box_radius: m.
+            time: Time of the scan, s.
+            pose: The lidar in the world frame.
+            boxes: [B, 2] centres of the boxes on the floor or in the fork, m, world frame.
+            box_radius: Radius of a box, m.
         """
         lidar = self.specification
-        ranges = cast_rays(self._solids, pose, self._angles, boxes, box_radius)
+        ranges = exact_ranges(self._geometry, pose, self._angles, boxes, box_radius)
         ranges += lidar.noise * self._rng.standard_normal(lidar.beams)
         ranges[ranges > lidar.range_max] = math.inf
-        if self.blind:
+        if self.is_blind:
             ranges[:] = math.nan
         return Scan(time, ranges, -math.pi, math.tau / lidar.beams, lidar.range_min, lidar.range_max)
 
 
-def cast_rays(solids: Solids, pose: Pose, angles: Floats, boxes: Floats, box_radius: float) -> Floats:
-    """How far the nearest surface is along each ray, exactly.
+def exact_ranges(geometry: StaticGeometry, pose: Pose, angles: Floats, boxes: Floats, box_radius: float) -> Floats:
+    """Exact ranges along rays.
 
-    A ray steps from line to line of the solids' grid until it enters a solid element (Amanatides and Woo 1987, on lines
-    that are not evenly spaced); boxes are circles. MuJoCo's `mj_multiRay` gives the same in four times the time.
+    A ray steps from line to line of the geometry's grid until it enters a solid element (Amanatides & Woo 1987, for
+    lines that are not evenly spaced, unlike `wherry.space.raycast`); boxes are circles. MuJoCo's `mj_multiRay` returns
+    the same in four times the time.
 
     Args:
-        solids: The walls and obstacles.
-        pose: Where the rays start, in the world frame, within the outer walls.
-        angles: [R] rad, their directions, from the pose's x axis.
-        boxes: [B, 2] m, world frame, the middles of cylinders.
-        box_radius: m.
+        geometry: The walls and obstacles.
+        pose: Where the rays start, world frame, within the outer walls.
+        angles: [R] directions of the rays from the pose's x axis, rad.
+        boxes: [B, 2] centres of cylinders, m, world frame.
+        box_radius: Radius of the cylinders, m.
 
     Returns:
-        [R] m; 0 if the rays start in something solid.
+        [R] m; 0 if the rays start in a solid element.
     """
     directions = np.column_stack([np.cos(angles + pose.theta), np.sin(angles + pose.theta)])
-    return _cast_rays(solids.xs, solids.ys, solids.kinds, (pose.x, pose.y), directions, boxes, box_radius)
+    return _exact_ranges(geometry.xs, geometry.ys, geometry.kinds, (pose.x, pose.y), directions, boxes, box_radius)
 
 
 @kernel
-def _cast_rays(
+def _exact_ranges(
     xs: Floats,
     ys: Floats,
     kinds: NDArray[np.uint8],
@@ -100,7 +102,7 @@ def _cast_rays(
     boxes: Floats,
     radius: float,
 ) -> Floats:
-    """As `cast_rays`, for directions [R, 2] of length 1."""
+    """As `exact_ranges`, for unit vectors [R, 2]."""
     x, y = origin
     first_column, first_row = np.searchsorted(xs, x, side="right") - 1, np.searchsorted(ys, y, side="right") - 1
     ranges = np.empty(len(directions))
@@ -119,8 +121,8 @@ def _cast_rays(
                 row += 2 * up - 1
         for b in range(len(boxes)):
             along = (boxes[b, 0] - x) * dx + (boxes[b, 1] - y) * dy
-            beside = (boxes[b, 1] - y) * dx - (boxes[b, 0] - x) * dy
-            if along > 0.0 and abs(beside) < radius:
-                length = min(length, along - np.sqrt(radius * radius - beside * beside))
+            lateral = (boxes[b, 1] - y) * dx - (boxes[b, 0] - x) * dy
+            if along > 0.0 and abs(lateral) < radius:
+                length = min(length, along - np.sqrt(radius * radius - lateral * lateral))
         ranges[r] = max(length, 0.0)
     return ranges

@@ -1,4 +1,4 @@
-"""From a floor plan and the robot's URDF to a MuJoCo model (paper, sections 1 and 3, Fig. 1b)."""
+"""The MuJoCo model of a floor plan with the robot of the URDF in it (paper, sections 1 and 3, Fig. 1b)."""
 
 from __future__ import annotations
 
@@ -10,23 +10,28 @@ import numpy as np
 from wherry.floorplan.plan import FloorPlan
 from wherry.robot import Body
 from wherry.simulation.drive import WHEEL_RADIUS
-from wherry.simulation.solids import OBSTACLE, WALL, Solids
+from wherry.simulation.static_geometry import OBSTACLE, WALL, StaticGeometry
 from wherry.space.pose import Floats, Pose
 
 TIMESTEP = 0.005  # s
 WALL_HEIGHT = 0.5  # m
-LIDAR_HEIGHT = 0.20  # m, over the floor
-LASER_HEIGHT = round(LIDAR_HEIGHT - WHEEL_RADIUS, 6)  # m, of the frame laser over base_link, as the URDF has it
-BOX_RADIUS, BOX_HEIGHT, BOX_MASS = 0.10, 0.30, 1.5  # m, m, kg
-WHEEL_GRIP, FLOOR_GRIP = 1.0, 0.3  # coefficients of friction: rubber on the floor, a box on the floor
-MOTOR_GAIN, MOTOR_TORQUE = 1.0, 2.0  # N·m for each rad/s that a wheel is too slow; N·m at most
+LIDAR_HEIGHT = 0.20  # m above the floor
+LASER_HEIGHT = round(LIDAR_HEIGHT - WHEEL_RADIUS, 6)  # m of the laser frame above base_link, as in the URDF
+BOX_RADIUS = 0.10  # m
+BOX_HEIGHT = 0.30  # m
+BOX_MASS = 1.5  # kg
+WHEEL_FRICTION = 1.0  # friction coefficient of a rubber wheel on the floor
+FLOOR_FRICTION = 0.3  # friction coefficient of a box on the floor
+MOTOR_GAIN = 1.0  # N·m per rad/s of error in a wheel's speed
+MAX_MOTOR_TORQUE = 2.0  # N·m
+MAX_PICTURE_WIDTH, MAX_PICTURE_HEIGHT = 1920, 1080  # pixels
 COLOURS = {
     "floor": (0.72, 0.71, 0.68, 1),
     "wall": (0.33, 0.38, 0.46, 1),
     "obstacle": (0.50, 0.42, 0.34, 1),
     "warehouse": (0.30, 0.62, 0.38, 1),
 }
-HIDDEN_GROUP = 3  # not drawn; the robot's shapes for contacts, which its pictures cover
+HIDDEN_GROUP = 3  # geom group of the robot's collision shapes, which are not rendered
 BOX_COLOUR = (0.75, 0.18, 0.15, 1)
 
 BODY = Body(
@@ -41,39 +46,39 @@ BODY = Body(
 
 
 def robot_urdf() -> str:
-    """The robot's description, as RViz and Gazebo take it too."""
+    """The robot's description as URDF, which RViz and Gazebo use too."""
     return (resources.files("wherry.simulation") / "robot.urdf").read_text(encoding="utf-8")
 
 
-def build_model(plan: FloorPlan, solids: Solids, robot: Pose, boxes: Floats) -> mujoco.MjModel:
-    """Build the world.
+def build_model(plan: FloorPlan, geometry: StaticGeometry, robot: Pose, boxes: Floats) -> mujoco.MjModel:
+    """Build the MuJoCo model of a world.
 
-    The floor is a plane, walls and obstacles are boxes fixed to it, the boxes to be delivered stand freely. Names:
+    The floor is a plane, walls and obstacles are fixed cuboids, and the boxes to deliver are free bodies. Names:
     ``floor``, ``wall <k>``, ``obstacle <k>``, ``box <k>`` (body and geom), ``latch <k>`` (an inactive weld), and the
-    names of the URDF's links and joints with ``robot/`` before them.
+    names of the URDF's links and joints prefixed with ``robot/``.
 
     Args:
         plan: The building.
-        solids: Its walls and obstacles.
-        robot: base_footprint at first, in the world frame.
-        boxes: [B, 2] m, world frame, the middles of the boxes.
+        geometry: Its walls and obstacles.
+        robot: Initial pose of base_footprint, world frame.
+        boxes: [B, 2] initial centres of the boxes, m, world frame.
     """
     spec = mujoco.MjSpec()
     spec.modelname = "wherry"
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080  # the largest picture
-    _choose_physics(spec)
-    _add_building(spec, plan, solids)
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = MAX_PICTURE_WIDTH, MAX_PICTURE_HEIGHT
+    _configure_solver(spec)
+    _add_building(spec, plan, geometry)
     _add_robot(spec, robot)
     for index, (x, y) in enumerate(boxes):
         _add_box(spec, index, float(x), float(y))
     return spec.compile()
 
 
-def _choose_physics(spec: mujoco.MjSpec) -> None:
-    """Set the solver.
+def _configure_solver(spec: mujoco.MjSpec) -> None:
+    """Choose integrator, contact model and sleeping.
 
-    Measured with this robot: the discrete integrator drives straight and rolls without creeping at 5 ms, where the
-    implicit one creeps 2 % ahead of its wheels; boxes asleep cost nothing until they are touched.
+    With a time step of 5 ms the discrete integrator lets this robot roll without slip, where the implicit one moves it
+    2 % farther than its wheels turn. Boxes sleep, and cost no time, until they are touched.
     """
     spec.option.timestep = TIMESTEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
@@ -82,14 +87,14 @@ def _choose_physics(spec: mujoco.MjSpec) -> None:
     spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 
 
-def _add_building(spec: mujoco.MjSpec, plan: FloorPlan, solids: Solids) -> None:
-    """Add what stands fast, the warehouse's paint on the floor, and light."""
-    friction = [FLOOR_GRIP, 0.005, 0.0001]
+def _add_building(spec: mujoco.MjSpec, plan: FloorPlan, geometry: StaticGeometry) -> None:
+    """Add floor, walls, obstacles, the warehouse's floor marking, and light."""
+    friction = [FLOOR_FRICTION, 0.005, 0.0001]
     spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], friction=friction, rgba=COLOURS["floor"]
     )
     for name, kind in (("wall", WALL), ("obstacle", OBSTACLE)):
-        for index, (left, bottom, right, top) in enumerate(solids.rectangles(kind)):
+        for index, (left, bottom, right, top) in enumerate(geometry.rectangles(kind)):
             spec.worldbody.add_geom(
                 name=f"{name} {index}",
                 type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -114,10 +119,10 @@ def _add_building(spec: mujoco.MjSpec, plan: FloorPlan, solids: Solids) -> None:
 
 
 def _add_robot(spec: mujoco.MjSpec, pose: Pose) -> None:
-    """Add the URDF's robot, with motors and with feet that suit the physics.
+    """Add the robot of the URDF, with motors and with wheels that suit the contact model.
 
-    A wheel's edge touches the floor along a line; such a line scrubs when the robot turns on the spot (turning 9 % less
-    than its wheels say). A rounded tread touches in one point: here the wheels are ellipsoids of the URDF's size.
+    A cylinder touches the floor along a line, which scrubs when the robot turns on the spot: it turns 9 % less than its
+    wheels. The wheels are ellipsoids of the URDF's size, which touch the floor in one point.
     """
     robot = mujoco.MjSpec.from_string(robot_urdf())
     heading = [np.cos(pose.theta / 2), 0, 0, np.sin(pose.theta / 2)]
@@ -131,17 +136,17 @@ def _add_robot(spec: mujoco.MjSpec, pose: Pose) -> None:
         wheel = spec.geom(f"robot/{side}_wheel")
         wheel.type = mujoco.mjtGeom.mjGEOM_ELLIPSOID
         wheel.size = [WHEEL_RADIUS, WHEEL_RADIUS, wheel.size[1]]
-        wheel.condim, wheel.priority, wheel.friction = 4, 1, [WHEEL_GRIP, 0.005, 0.0001]
+        wheel.condim, wheel.priority, wheel.friction = 4, 1, [WHEEL_FRICTION, 0.005, 0.0001]
         joint = f"robot/{side}_wheel_joint"
         motor = spec.add_actuator(name=f"{side}_motor", target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.set_to_velocity(kv=MOTOR_GAIN)
-        motor.forcerange = [-MOTOR_TORQUE, MOTOR_TORQUE]
+        motor.forcerange = [-MAX_MOTOR_TORQUE, MAX_MOTOR_TORQUE]
     caster = spec.geom("robot/caster")
     caster.condim, caster.priority = 1, 1
 
 
 def _add_box(spec: mujoco.MjSpec, index: int, x: float, y: float) -> None:
-    """Add a box, asleep, and the latch that can hold it."""
+    """Add a sleeping box, and the inactive weld of the latch that can hold it."""
     body = spec.worldbody.add_body(name=f"box {index}", pos=[x, y, BOX_HEIGHT / 2])
     body.add_freejoint()
     body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
@@ -150,7 +155,7 @@ def _add_box(spec: mujoco.MjSpec, index: int, x: float, y: float) -> None:
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         size=[BOX_RADIUS, BOX_HEIGHT / 2, 0],
         mass=BOX_MASS,
-        friction=[FLOOR_GRIP, 0.005, 0.0001],
+        friction=[FLOOR_FRICTION, 0.005, 0.0001],
         rgba=BOX_COLOUR,
     )
     spec.add_equality(

@@ -1,56 +1,56 @@
-"""The referee: the only one who sees the simulator's truth, and scores a run by it."""
+"""The referee: records the ground truth of a simulated run, by which the run is scored."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, auto
 
 import numpy as np
 
 from wherry.floorplan.plan import Cell, FloorPlan
-from wherry.simulation.physics import Kind, Physics, Thing
-from wherry.simulation.solids import Solids, distances_to
+from wherry.simulation.physics import BodyKind, ContactBody, Physics
+from wherry.simulation.static_geometry import StaticGeometry, distances_to
 from wherry.space.pose import Floats, Pose
 
-FORK_REACH = 0.128  # m, from base_link to the prongs' tips
-FORK_HALF_WIDTH = 0.14  # m, from base_link to a prong's inner face
-EPISODE_GAP = 0.2  # s without contact after which touching the same thing counts again
-CELL_MARGIN = 0.1  # of a cell: how far the robot must be in another cell for it to count as entered
+FORK_REACH = 0.128  # m from base_link to the prongs' tips
+FORK_HALF_WIDTH = 0.14  # m from base_link to a prong's inner face
+COLLISION_GAP = 0.2  # s without contact after which touching the same body is a new collision
+CELL_MARGIN = 0.1  # cell sizes by which the robot must be inside a cell to have entered it
 
 
-class BoxPlace(Enum):
-    """Where a box is."""
+class BoxStatus(Enum):
+    """Progress of a box's delivery."""
 
-    FLOOR = "on the floor"
-    HELD = "held"
-    DELIVERED = "delivered"
+    ON_FLOOR = auto()
+    HELD = auto()
+    DELIVERED = auto()
 
 
 @dataclass(frozen=True, slots=True)
 class BoxTruth:
-    """A box as it is.
+    """The true state of a box.
 
     Attributes:
-        first_cell: Where it stood at first.
-        position: x and y, m, world frame; where it was let go, once it is delivered.
-        place: On the floor, held by the robot, or delivered.
+        initial_cell: The cell in which it stood at the start.
+        position: Centre x, y, m, world frame; where it was released, once it is delivered.
+        status: On the floor, held by the robot, or delivered.
     """
 
-    first_cell: Cell
+    initial_cell: Cell
     position: tuple[float, float]
-    place: BoxPlace
+    status: BoxStatus
 
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """A contact that must not be, from first touch to parting.
+    """A contact of the robot or its load with another body, from its beginning to its end.
 
     Attributes:
-        time: s, of the first touch.
-        mover: What was driven: ``robot`` or, if its load touched, ``box <k>``.
-        touched: What it touched: ``wall <k>``, ``obstacle <k>`` or ``box <k>``.
-        position: x and y, m, world frame.
+        time: Beginning of the contact, s.
+        mover: The body that the robot moved: ``robot``, or ``box <k>`` for its load.
+        touched: The body that it touched: ``wall <k>``, ``obstacle <k>`` or ``box <k>``.
+        position: Point of contact x, y, m, world frame.
     """
 
     time: float
@@ -60,44 +60,51 @@ class Collision:
 
 
 class Referee:
-    """Keeps the truth of a run. The simulation tells it; nothing that drives the robot may ask it.
+    """Records the ground truth of a run; nothing that drives the robot may read it.
 
     Args:
-        plan: The world.
-        solids: Its walls and obstacles.
+        plan: The floor plan.
+        geometry: Its walls and obstacles.
+
+    Attributes:
+        plan: The floor plan.
+        pose: base_link in the world frame.
+        time: Time of the pose, s.
+        collisions: All collisions so far.
+        boxes: The true state of each box.
     """
 
-    def __init__(self, plan: FloorPlan, solids: Solids) -> None:
+    def __init__(self, plan: FloorPlan, geometry: StaticGeometry) -> None:
         self.plan = plan
         self.pose = Pose()
         self.time = 0.0
         self.collisions: list[Collision] = []
         self.boxes: tuple[BoxTruth, ...] = ()
-        self._surfaces = solids.surfaces()
+        self._surfaces = geometry.surfaces()
         self._history: list[tuple[float, float, float, float]] = []
-        self._last_touch: dict[tuple[Thing, Thing], float] = {}
+        self._last_contact: dict[tuple[ContactBody, ContactBody], float] = {}
         self._cells: list[Cell] = []
 
     @property
     def delivered(self) -> int:
-        """How many boxes the warehouse has."""
-        return sum(box.place is BoxPlace.DELIVERED for box in self.boxes)
+        """Number of boxes delivered."""
+        return sum(box.status is BoxStatus.DELIVERED for box in self.boxes)
 
     @property
     def history(self) -> Floats:
-        """[T, 4] s, m, m, rad: times, and base_link in the world frame then, 20 times a second."""
+        """[T, 4] time, x, y, θ of base_link, s, m, m, rad, world frame, at 20 Hz."""
         return np.array(self._history, dtype=np.float64).reshape(-1, 4)
 
     @property
     def trajectory(self) -> tuple[Cell, ...]:
-        """The cells driven through; consecutive ones differ.
+        """The cells driven through, without repetition of the same cell in a row.
 
-        A cell counts as entered a tenth of a cell behind its border, so that standing on a border is one visit.
+        A cell is entered at `CELL_MARGIN` inside its border, so that a robot on a border does not change cells.
         """
         return tuple(self._cells)
 
     def wall_distance(self, points: Floats) -> Floats:
-        """How far points are from the nearest face of a wall or obstacle that can be seen from inside the building.
+        """Distances to the nearest face of a wall or obstacle that is visible from inside the building.
 
         Args:
             points: [N, 2] m, world frame.
@@ -108,44 +115,46 @@ class Referee:
         return distances_to(self._surfaces, points)
 
     def record(self, time: float, pose: Pose) -> None:
-        """Take note of where the robot is: s, and base_link in the world frame."""
+        """Record base_link in the world frame at a time, s."""
         self.time, self.pose = time, pose
         self._history.append((time, pose.x, pose.y, pose.theta))
         cell = self._entered(pose)
         if cell is not None and (not self._cells or self._cells[-1] != cell):
             self._cells.append(cell)
 
-    def watch(self, physics: Physics, held: int | None) -> None:
-        """Look at what touches what at this instant.
+    def record_contacts(self, physics: Physics, held: int | None) -> None:
+        """Record the collisions that begin now.
 
         Args:
-            physics: The world.
-            held: The box that the latch holds.
+            physics: The present state of the world.
+            held: Index of the box that the latch holds.
         """
-        for first, second, position in physics.touching():
+        for first, second, position in physics.contacts():
             load = held if held is not None else box_in_fork(physics.robot_pose, physics.box_positions)
-            driven = {Thing(Kind.ROBOT), Thing(Kind.BOX, load)} if load is not None else {Thing(Kind.ROBOT)}
-            if (first in driven) == (second in driven):
+            moving = {ContactBody(BodyKind.ROBOT)}
+            if load is not None:
+                moving.add(ContactBody(BodyKind.BOX, load))
+            if (first in moving) == (second in moving):
                 continue
-            mover, touched = (first, second) if first in driven else (second, first)
-            if physics.time - self._last_touch.get((mover, touched), -math.inf) > EPISODE_GAP:
-                place = (float(position[0]), float(position[1]))
-                self.collisions.append(Collision(physics.time, str(mover), str(touched), place))
-            self._last_touch[mover, touched] = physics.time
+            mover, touched = (first, second) if first in moving else (second, first)
+            if physics.time - self._last_contact.get((mover, touched), -math.inf) > COLLISION_GAP:
+                point = (float(position[0]), float(position[1]))
+                self.collisions.append(Collision(physics.time, str(mover), str(touched), point))
+            self._last_contact[mover, touched] = physics.time
 
     def _entered(self, pose: Pose) -> Cell | None:
-        """The cell that the robot is in, unless it is too near a border to tell."""
+        """The robot's cell; None within `CELL_MARGIN` of a border."""
         x, y = pose.x / self.plan.cell_size, pose.y / self.plan.cell_size
         inside = all(CELL_MARGIN <= part % 1 <= 1 - CELL_MARGIN for part in (x, y))
         return Cell(math.floor(x), math.floor(y)) if inside else None
 
 
 def box_in_fork(pose: Pose, boxes: Floats) -> int | None:
-    """Which box stands between the prongs.
+    """Index of the box between the prongs; None if there is none.
 
     Args:
         pose: base_link in the world frame.
-        boxes: [B, 3] m, world frame, the boxes' centres.
+        boxes: [B, 3] centres of the boxes, m, world frame.
     """
     if not len(boxes):
         return None

@@ -1,4 +1,4 @@
-"""The simulator: a floor plan becomes a world with a robot that senses and drives, and a referee that sees all."""
+"""The simulator: a floor plan becomes a world with a robot that senses and drives, and with a referee."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.robot import Body, Odometry, Robot, Scan, Velocity
-from wherry.simulation.drive import Drive, EncoderErrors, Encoders
+from wherry.simulation.drive import Drive, WheelOdometry, WheelOdometryErrors
 from wherry.simulation.lidar import Lidar, LidarSpecification
 from wherry.simulation.model import BODY, BOX_HEIGHT, LIDAR_HEIGHT, TIMESTEP, build_model
 from wherry.simulation.physics import Physics
-from wherry.simulation.referee import BoxPlace, BoxTruth, Referee
-from wherry.simulation.solids import Solids
+from wherry.simulation.referee import BoxStatus, BoxTruth, Referee
+from wherry.simulation.static_geometry import StaticGeometry
 from wherry.space.pose import Floats, Pose
 
 ODOMETRY_RATE = 20.0  # Hz
-LATCH_REACH = 0.05  # m, how far from base_link a box's middle may be for the latch to close around it
-LARGEST_BOX_OFFSET = 0.04  # m, how far boxes may stand from the middles of their cells
+LATCH_REACH = 0.05  # m between base_link and a box's centre, at most, for the latch to hold the box
+MAX_BOX_OFFSET = 0.04  # m between a box's centre and that of its cell
 
 
 def build(
@@ -28,17 +28,17 @@ def build(
     rng: np.random.Generator,
     *,
     lidar: LidarSpecification | None = None,
-    encoders: EncoderErrors | None = None,
+    odometry_errors: WheelOdometryErrors | None = None,
     box_offsets: Floats | None = None,
 ) -> Simulation:
-    """Build a world with a robot and boxes; the same plan, seed and commands give the same run, bit by bit.
+    """Build a simulation; the same plan, seed and commands give the same run, bit for bit.
 
     Args:
-        plan: The building, with a robot and with its boxes placed.
-        rng: Where the boxes' places in their cells and the sensors' noise come from.
+        plan: The floor plan, with a robot and with its boxes placed.
+        rng: Source of the boxes' offsets and of the sensors' noise.
         lidar: The lidar's data sheet; by default 360 beams at 10 Hz.
-        encoders: The wheel encoders' errors.
-        box_offsets: [B, 2] m, how far each box stands from the middle of its cell; by default random, up to 0.04 m.
+        odometry_errors: Errors of the wheel odometry; by default those of `WheelOdometryErrors`.
+        box_offsets: [B, 2] offset of each box from its cell's centre, m; by default random, at most `MAX_BOX_OFFSET`.
 
     Raises:
         InputError: The plan has no robot.
@@ -46,44 +46,55 @@ def build(
     """
     if plan.start is None:
         raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
-    of_boxes, of_encoders, of_lidar = rng.spawn(3)
-    solids = Solids.of(plan)
-    offsets = _random_offsets(len(plan.boxes), of_boxes) if box_offsets is None else box_offsets
+    box_rng, odometry_rng, lidar_rng = rng.spawn(3)
+    geometry = StaticGeometry.from_plan(plan)
+    offsets = _random_offsets(len(plan.boxes), box_rng) if box_offsets is None else box_offsets
     boxes = np.array([plan.centre(cell) for cell in plan.boxes]).reshape(-1, 2) + offsets
-    heading = math.atan2(plan.heading.dy, plan.heading.dx)
-    physics = Physics(build_model(plan, solids, Pose(*plan.centre(plan.start), heading), boxes), len(boxes))
+    robot = Pose(*plan.centre(plan.start), math.atan2(plan.heading.dy, plan.heading.dx))
+    physics = Physics(build_model(plan, geometry, robot, boxes), len(boxes))
     return Simulation(
         plan,
         physics,
-        Lidar(lidar or LidarSpecification(), solids, of_lidar),
-        Encoders(encoders or EncoderErrors(), of_encoders),
-        Referee(plan, solids),
-        solids,
+        Lidar(lidar or LidarSpecification(), geometry, lidar_rng),
+        WheelOdometry(odometry_errors or WheelOdometryErrors(), odometry_rng),
+        Referee(plan, geometry),
+        geometry,
     )
 
 
 class Simulation:
-    """A world in which time passes as the robot receives measurements.
+    """A simulated world whose time advances as the robot receives measurements.
 
     Attributes:
-        robot: What drives may know of it: a `Robot`.
-        referee: What is true.
+        plan: The floor plan.
+        physics: The physics engine.
+        lidar: The robot's lidar.
+        drive: The robot's drive.
+        referee: The ground truth.
+        geometry: The walls and obstacles.
+        robot: The `Robot`, which gives access to no ground truth.
     """
 
     def __init__(
-        self, plan: FloorPlan, physics: Physics, lidar: Lidar, encoders: Encoders, referee: Referee, solids: Solids
+        self,
+        plan: FloorPlan,
+        physics: Physics,
+        lidar: Lidar,
+        odometry: WheelOdometry,
+        referee: Referee,
+        geometry: StaticGeometry,
     ) -> None:
         self.plan = plan
         self.physics = physics
         self.lidar = lidar
         self.drive = Drive(BODY)
         self.referee = referee
-        self.solids = solids
-        self._encoders = encoders
-        self._scan_period, rest = divmod(ODOMETRY_RATE, lidar.specification.rate)  # in ticks of the odometry
-        if rest or not self._scan_period:
+        self.geometry = geometry
+        self._odometry = odometry
+        self._scan_period, remainder = divmod(ODOMETRY_RATE, lidar.specification.rate)  # odometry messages
+        if remainder or not self._scan_period:
             raise ValueError(
-                f"a lidar cannot turn at {lidar.specification.rate} Hz beside odometry at {ODOMETRY_RATE} Hz"
+                f"the lidar's rate of {lidar.specification.rate} Hz must divide the odometry's of {ODOMETRY_RATE} Hz"
             )
         self._steps = round(1 / (ODOMETRY_RATE * TIMESTEP))
         self._tick = 0
@@ -93,79 +104,79 @@ class Simulation:
 
     @property
     def time(self) -> float:
-        """s, since the world was built."""
+        """Time since the simulation was built, s."""
         return self._tick / ODOMETRY_RATE
 
     @property
     def held(self) -> int | None:
-        """Which box the latch holds."""
+        """Index of the box that the latch holds."""
         return self._held
 
     def measure(self) -> list[Scan | Odometry]:
-        """What the sensors say now."""
+        """The measurements at the present time: odometry, and a scan if it is due."""
         self.referee.record(self.time, self.physics.robot_pose)
-        self._show_boxes()
+        self._update_referee()
         measurements: list[Scan | Odometry] = [
-            self._encoders.read(self.time, self.physics.wheel_angles, 1 / ODOMETRY_RATE)
+            self._odometry.read(self.time, self.physics.wheel_angles, 1 / ODOMETRY_RATE)
         ]
         if self._tick % self._scan_period == 0:
             boxes = self.physics.box_positions
-            seen = boxes[boxes[:, 2] > LIDAR_HEIGHT - BOX_HEIGHT / 2, :2]
-            laser = self.physics.robot_pose @ BODY.lidar
-            measurements.append(self.lidar.scan(self.time, laser, seen, BODY.box_radius))
+            visible = boxes[boxes[:, 2] > LIDAR_HEIGHT - BOX_HEIGHT / 2, :2]
+            lidar = self.physics.robot_pose @ BODY.lidar
+            measurements.append(self.lidar.scan(self.time, lidar, visible, BODY.box_radius))
         return measurements
 
     def advance(self) -> None:
-        """Let time pass until the next measurement."""
+        """Simulate until the next measurement."""
         physics = self.physics
         for _ in range(self._steps):
             physics.step(*self.drive.wheel_speeds(physics.time, TIMESTEP))
-            self.referee.watch(physics, self._held)
+            self.referee.record_contacts(physics, self._held)
         self._tick += 1
 
     def close_latch(self) -> bool:
-        """Weld the box that stands in the fork, if there is one, to the robot; return whether it is held."""
+        """Weld the box in the fork, if any, to the robot; return whether the latch holds a box."""
         if self._held is None:
             distances = np.hypot(*(self.physics.box_positions[:, :2] - self.physics.robot_pose.as_array()[:2]).T)
-            near = [box for box in np.flatnonzero(distances <= LATCH_REACH) if box not in self._delivered]
-            if near:
-                self._held = int(near[0])
+            in_reach = [box for box in np.flatnonzero(distances <= LATCH_REACH) if box not in self._delivered]
+            if in_reach:
+                self._held = int(in_reach[0])
                 self.physics.hold(self._held)
-                self._show_boxes()
+                self._update_referee()
         return self._held is not None
 
     def open_latch(self) -> bool:
-        """Let the box go, if the robot is over the warehouse, whose conveyor takes it; return whether none is held."""
-        if self._held is not None and self._cell() in self.plan.warehouse:
+        """Release the box if the robot is over the warehouse, whose conveyor takes it; return whether none is held."""
+        if self._held is not None and self._robot_cell() in self.plan.warehouse:
             box = self._held
             x, y, _ = self.physics.box_positions[box].tolist()
             self.physics.release(box)
             self.physics.take_in(box)
             self._delivered[box] = (x, y)
             self._held = None
-            self._show_boxes()
+            self._update_referee()
         return self._held is None
 
-    def _cell(self) -> Cell:
-        """The cell that base_link is over."""
-        pose, size = self.physics.robot_pose, self.plan.cell_size
-        return Cell(math.floor(pose.x / size), math.floor(pose.y / size))
+    def _robot_cell(self) -> Cell:
+        """The cell that contains base_link."""
+        pose = self.physics.robot_pose
+        return self.plan.cell_at(pose.x, pose.y)
 
-    def _show_boxes(self) -> None:
-        """Tell the referee where the boxes are."""
-        places = self.physics.box_positions.tolist()
+    def _update_referee(self) -> None:
+        """Record the true state of the boxes."""
+        positions = self.physics.box_positions.tolist()
         boxes = []
         for box, cell in enumerate(self.plan.boxes):
-            x, y, _ = places[box]
-            place = BoxPlace.HELD if box == self._held else BoxPlace.FLOOR
+            x, y, _ = positions[box]
+            status = BoxStatus.HELD if box == self._held else BoxStatus.ON_FLOOR
             if box in self._delivered:
-                place = BoxPlace.DELIVERED
-            boxes.append(BoxTruth(cell, self._delivered.get(box, (x, y)), place))
+                status = BoxStatus.DELIVERED
+            boxes.append(BoxTruth(cell, self._delivered.get(box, (x, y)), status))
         self.referee.boxes = tuple(boxes)
 
 
 class SimulatedRobot:
-    """The robot in a simulation, as its driver sees it: sensors, wheels and latch, and nothing of the truth."""
+    """The `Robot` of a simulation: sensors, wheels and latch, without access to the ground truth."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -177,14 +188,14 @@ class SimulatedRobot:
         return BODY
 
     def receive(self) -> Scan | Odometry:
-        """Let time pass until the next measurement, and return it."""
+        """Simulate until the next measurement, and return it."""
         if not self._pending:
             self._simulation.advance()
             self._pending.extend(self._simulation.measure())
         return self._pending.popleft()
 
     def command(self, velocity: Velocity) -> None:
-        """Drive so until the next command, for half a second at most.
+        """Drive with a velocity until the next command, for half a second at most.
 
         Raises:
             ValueError: A component is not a finite number.
@@ -196,12 +207,12 @@ class SimulatedRobot:
         return self._simulation.close_latch()
 
     def open_latch(self) -> bool:
-        """Open the latch if the warehouse allows it; return whether the fork is free now."""
+        """Open the latch if the robot is over the warehouse; return whether the fork is empty now."""
         return self._simulation.open_latch()
 
 
 def _random_offsets(count: int, rng: np.random.Generator) -> Floats:
-    """[B, 2] m, uniform on a disc."""
+    """[B, 2] offsets, m, uniform on a disc."""
     angles = rng.uniform(0.0, math.tau, count)
-    lengths = LARGEST_BOX_OFFSET * np.sqrt(rng.uniform(0.0, 1.0, count))
+    lengths = MAX_BOX_OFFSET * np.sqrt(rng.uniform(0.0, 1.0, count))
     return np.column_stack([lengths * np.cos(angles), lengths * np.sin(angles)])

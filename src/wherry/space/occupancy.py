@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wherry.space.grid_cells import cell_centres, cells_at
 from wherry.space.pose import IDENTITY, Floats, Pose
 
 FREE_THRESHOLD = 0.196  # probability below which a cell is free, as in map_server
@@ -60,7 +61,7 @@ class OccupancyGrid:
         Returns:
             Rows and columns, [N, 2].
         """
-        return np.floor(self.origin.inverse.transform(points) / self.resolution).astype(np.int64)[:, ::-1]
+        return cells_at(points, self.origin, self.resolution)
 
     def contains(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which cells are on the grid.
@@ -85,25 +86,27 @@ class OccupancyGrid:
         Returns:
             Points in the map frame, [N, 2] m.
         """
-        return cell_centres(cells, self.resolution, self.origin)
+        return cell_centres(cells, self.origin, self.resolution)
+
+    def distances_to(self, point: Floats, window: tuple[slice, slice] = (slice(None), slice(None))) -> Floats:
+        """Distances of the grid cells' centres from a point.
+
+        Args:
+            point: [2] m, map frame.
+            window: Rows and columns, those outside the grid left out; by default the whole grid.
+
+        Returns:
+            [H, W] distances in the window, m.
+        """
+        column, row = self.origin.inverse.transform(point[None, :])[0] / self.resolution
+        height, width = self.shape
+        rows, columns = np.arange(height)[window[0], None] + 0.5, np.arange(width)[None, window[1]] + 0.5
+        distances: Floats = np.hypot(rows - row, columns - column) * self.resolution
+        return distances
 
     def occupied_points(self) -> Floats:
         """Centres of the occupied cells in the map frame, row by row, [N, 2] m."""
         return self.centres(np.argwhere(self.occupied))
-
-
-def cell_centres(cells: NDArray[np.int64], resolution: float, origin: Pose) -> Floats:
-    """The centres of a grid's cells.
-
-    Args:
-        cells: Rows and columns, [N, 2].
-        resolution: Side of a cell, m.
-        origin: Pose of the outer corner of cell [0, 0] in the map frame.
-
-    Returns:
-        Points in the map frame, [N, 2] m.
-    """
-    return origin.transform((cells[:, ::-1] + 0.5) * resolution)
 
 
 def probability_of(log_odds: NDArray[np.float32]) -> NDArray[np.float32]:

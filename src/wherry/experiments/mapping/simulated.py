@@ -14,13 +14,12 @@ from wherry.experiments.results import markdown_table
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.mapping.graph_slam import GraphSlam
-from wherry.pipelines.delivery.simulated import order_of
-from wherry.realization.correctors import SlamCorrector
-from wherry.realization.mission import Mission
-from wherry.realization.tracking import Corrector
+from wherry.realization.mission import Mission, order_from_plan
+from wherry.realization.pose_estimators import SlamPoseEstimator
+from wherry.realization.pose_tracker import PoseEstimator
 from wherry.robot import Odometry, Scan
 from wherry.simulation import build
-from wherry.simulation.scenes import choose_scene
+from wherry.simulation.seeded_worlds import seed_world
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
 from wherry.trace.records import null_sink
@@ -69,7 +68,7 @@ class TimedMapper:
 
     def __init__(self, lidar: Pose) -> None:
         self._slam = GraphSlam(lidar)
-        self._corrector = SlamCorrector(self._slam)
+        self._estimator = SlamPoseEstimator(self._slam)
         self.start = IDENTITY
         self.times: list[float] = []
         self.poses: list[Pose] = []
@@ -77,32 +76,32 @@ class TimedMapper:
         self.map_seconds = 0.0
 
     @property
-    def corrector(self) -> Corrector:
-        """This object."""
+    def pose_estimator(self) -> PoseEstimator:
+        """Itself."""
         return self
 
     @property
     def particles(self) -> NDArray[np.float64]:
-        """As `SlamCorrector.particles`."""
-        return self._corrector.particles
+        """As `SlamPoseEstimator.particles`."""
+        return self._estimator.particles
 
     @property
-    def lost(self) -> bool:
-        """As `SlamCorrector.lost`."""
-        return self._corrector.lost
+    def is_lost(self) -> bool:
+        """As `SlamPoseEstimator.is_lost`."""
+        return self._estimator.is_lost
 
-    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
-        """As `SlamCorrector.correct`."""
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        """As `SlamPoseEstimator.update`."""
         before = time.thread_time()
-        pose = self._corrector.correct(odometry, scan)
+        pose = self._estimator.update(odometry, scan)
         self.scan_seconds.append(time.thread_time() - before)
         self.times.append(scan.time)
         self.poses.append(pose)
         return pose
 
     def resume(self, pose: Pose) -> None:
-        """As `SlamCorrector.resume`."""
-        self._corrector.resume(pose)
+        """As `SlamPoseEstimator.resume`."""
+        self._estimator.resume(pose)
 
     def grid(self) -> OccupancyGrid:
         """The map so far."""
@@ -124,11 +123,13 @@ def explore(plan: FloorPlan, seed: int) -> ExplorationResult:
         plan: The world.
         seed: Seed of all randomness.
     """
-    scene = choose_scene(plan, None, seed)
-    simulation = build(scene.plan, scene.physics)
+    world = seed_world(plan, None, seed)
+    simulation = build(world.plan, world.physics_rng)
     world_from_map = simulation.physics.robot_pose
     mapper = TimedMapper(simulation.robot.body.lidar)
-    ready = Mission(simulation.robot, order_of(scene.plan), null_sink, scene.beliefs, mapper=lambda _: mapper).explore()
+    ready = Mission(
+        simulation.robot, order_from_plan(world.plan), null_sink, world.robot_rng, mapper=lambda _: mapper
+    ).explore()
     walls = world_from_map.transform(ready.grid.occupied_points())
     history = simulation.referee.history
     true = history[np.searchsorted(history[:, 0], np.array(mapper.times) - 1e-6), 1:]

@@ -1,10 +1,10 @@
-"""A film of a run in the simulated world: the robot from behind on the left, the whole building on the right."""
+"""A film of a simulated run: the robot from behind on the left, the whole building on the right."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -12,25 +12,25 @@ import numpy as np
 from wherry.errors import InputError
 from wherry.files import growing_file
 from wherry.simulation import Simulation
-from wherry.simulation.picture import Photographer
+from wherry.simulation.rendering import SceneRenderer
 from wherry.trace.records import Record, RobotSnapshot, Sink
 
-WIDTH, HEIGHT = 640, 720  # pixels of each of the two pictures
+WIDTH, HEIGHT = 640, 720  # pixels of each of the two views
 FRAME_RATE = 25  # Hz
-SPEED = 8.0  # times faster than the robot's clock
-PERIOD = SPEED / FRAME_RATE  # s on the robot's clock, from one frame to the next
+SPEED = 8.0  # s on the robot's clock per s of film
+FRAME_PERIOD = SPEED / FRAME_RATE  # s on the robot's clock from one frame to the next
 
 
 @contextmanager
 def filmed(path: Path, simulation: Simulation) -> Iterator[Sink]:
-    """A sink that films the simulation whenever the robot tells what it sees; H.264 in an MP4 file.
+    """A sink that renders the simulation at each robot snapshot; H.264 in an MP4 file.
 
     Args:
-        path: The film.
-        simulation: The world.
+        path: Path of the film, ending in .mp4.
+        simulation: The simulation.
 
     Raises:
-        InputError: The encoder is not installed, nothing can be rendered here, or the file cannot be written.
+        InputError: The encoder is not installed, nothing can be rendered, or the file cannot be written.
     """
     try:
         import av  # noqa: PLC0415 - an extra
@@ -39,22 +39,22 @@ def filmed(path: Path, simulation: Simulation) -> Iterator[Sink]:
     if path.suffix != ".mp4":
         raise InputError("--video", str(path), "must end in .mp4")
     with (
-        Photographer(simulation, WIDTH, HEIGHT) as photographer,
+        closing(SceneRenderer(simulation, WIDTH, HEIGHT)) as renderer,
         growing_file(path) as unfinished,
         av.open(unfinished, "w") as container,
     ):
         stream = container.add_stream("libx264", rate=FRAME_RATE, options={"crf": "23"})
         stream.width, stream.height, stream.pix_fmt = 2 * WIDTH, HEIGHT, "yuv420p"
-        shown = -1
+        last = -1  # index of the last frame encoded
 
-        def watch(record: Record) -> None:
-            nonlocal shown
-            if not isinstance(record, RobotSnapshot) or (number := math.floor(record.time / PERIOD)) <= shown:
+        def film(record: Record) -> None:
+            nonlocal last
+            if not isinstance(record, RobotSnapshot) or (index := math.floor(record.time / FRAME_PERIOD)) <= last:
                 return
-            picture = np.hstack([photographer.chase(), photographer.overhead()])
-            for _ in range(number - shown):  # a picture is shown until the next one
+            picture = np.hstack([renderer.chase(), renderer.overhead()])
+            for _ in range(index - last):  # a picture fills all frames since the last one
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(picture)))
-            shown = number
+            last = index
 
-        yield watch
+        yield film
         container.mux(stream.encode())

@@ -1,4 +1,4 @@
-"""The picture page of one delivery: which instants to show, and what to say of them."""
+"""The report page of a delivery: which snapshots are drawn, with which captions."""
 
 from __future__ import annotations
 
@@ -7,135 +7,151 @@ from collections.abc import Sequence
 import numpy as np
 
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
-from wherry.pipelines.delivery.score import Result
-from wherry.realization.mission import Ready
+from wherry.pipelines.delivery.score import DeliveryResult, DeliveryStatus
+from wherry.realization.mission import SurveyedWorld
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import MapUpdate, Narration, Record, RobotSnapshot, StepTaken
 from wherry.views.report import DeliveryReport, ReportPicture, render_report
 from wherry.views.snapshot_svg import MapBackground, draw_snapshot
 
-CLOSE_BY = 0.8  # m shown to each side of the robot in the close-up
+CLOSE_UP_RADIUS = 0.8  # m shown on each side of the robot in the close-up
 NO_POINTS = np.empty((0, 2))
 
 
-def page(result: Result, pictures: Sequence[ReportPicture], rules: Sequence[str], records: Sequence[Record]) -> str:
-    """The page as HTML.
+def render_page(
+    result: DeliveryResult, pictures: Sequence[ReportPicture], rules: Sequence[str], records: Sequence[Record]
+) -> str:
+    """Render the page as HTML.
 
     Args:
-        result: What the referee says.
-        pictures: From `pictures_of`.
-        rules: What was learnt, in words.
-        records: The run's trace.
+        result: The referee's score.
+        pictures: From `choose_pictures`.
+        rules: The learnt rules in words.
+        records: The run's records.
     """
-    good = result.status == "delivered"
-    lead = (
-        f"In the world “{result.world}” (seed {result.seed}) the robot brought {result.delivered} of {result.boxes} "
-        f"boxes to the warehouse, {result.real_time_factor:.0f} times faster than real time."
-    )
     return render_report(
         DeliveryReport(
             title="wherry: a delivery",
             verdict=result.verdict,
-            is_success=good,
-            summary=lead,
+            is_success=result.status is DeliveryStatus.DELIVERED,
+            summary=(
+                f"In the world “{result.world}” (seed {result.seed}) the robot delivered {result.delivered} of "
+                f"{result.boxes} boxes, {result.real_time_factor:.0f} times faster than real time."
+            ),
             pictures=pictures,
-            metrics=result.figures,
+            metrics=result.metrics,
             rules=rules,
             log=[record for record in records if isinstance(record, Narration)],
         )
     )
 
 
-def pictures_of(
-    records: Sequence[Record], ready: Ready, plan: FloorPlan, world_from_map: Pose | None
+def choose_pictures(
+    records: Sequence[Record], world: SurveyedWorld, plan: FloorPlan, world_from_map: Pose | None
 ) -> list[ReportPicture]:
-    """The delivery at its fullest, from afar and close by; the map half made; and the moment after the last box.
+    """Draw the most informative snapshots: carrying a box, the same close up, mapping, and the end.
 
     Args:
-        records: The run's trace.
-        ready: The robot's map and cells.
-        plan: The true plan, shown faintly under the map.
-        world_from_map: The map's frame in the world; None where nothing can be said of the truth.
+        records: The run's records.
+        world: The robot's map and cells.
+        plan: The true plan, whose walls are drawn faintly under the map.
+        world_from_map: The map frame in the world frame; None to draw no true walls.
     """
-    seen = [record for record in records if isinstance(record, RobotSnapshot)]
-    mapping = [record for record in seen if not len(record.particles)]
-    localized = [record for record in seen if len(record.particles)]
-    warehouse = _warehouse(ready)
-    walls = NO_POINTS.reshape(0, 2, 2) if world_from_map is None else _true_walls(plan, world_from_map.inverse)
-    body = ready.environment.pilot.body
-
-    def picture(
-        moment: RobotSnapshot, grid: OccupancyGrid, caption: str, around_robot: float | None = None
-    ) -> ReportPicture:
-        scene = MapBackground(grid, warehouse, walls, body.radius, body.box_radius)
-        driven = np.array([(record.pose.x, record.pose.y) for record in seen if record.time <= moment.time])
-        goals = _plan_at(records, moment.time)
-        return ReportPicture(
-            draw_snapshot(scene, moment, driven, goals, label=caption, around_robot=around_robot), caption
-        )
-
+    artist = _SnapshotArtist(records, world, plan, world_from_map)
+    mapping = [snapshot for snapshot in artist.snapshots if not len(snapshot.particles)]
+    localized = [snapshot for snapshot in artist.snapshots if len(snapshot.particles)]
     pictures = []
     if localized:
-        moment = _carrying(localized, records)
-        doing = "The robot brings a box to the warehouse" if moment.has_load else "The robot at work"
+        snapshot = _most_informative(localized, records)
+        doing = "The robot carries a box to the warehouse" if snapshot.has_load else "The robot at work"
         caption = (
-            f"{doing}, {moment.time:.0f} s after it was switched on: what its laser sees, where its particles say that "
-            "it is, and the cells that it means to drive through."
+            f"{doing}, {snapshot.time:.0f} s after its start: end points of the lidar's beams, particles of the "
+            "localization, and the cells of the plan."
         )
-        pictures.append(picture(moment, ready.grid, caption))
-        caption = "The same instant close by: the cloud of particles, the fork and what is in it."
-        pictures.append(picture(moment, ready.grid, caption, around_robot=CLOSE_BY))
+        pictures.append(artist.draw(snapshot, world.grid, caption))
+        caption = "The same snapshot close up: the particles, the fork and its load."
+        pictures.append(artist.draw(snapshot, world.grid, caption, around_robot=CLOSE_UP_RADIUS))
     if mapping:
-        moment = mapping[len(mapping) // 3]
-        grids = [record for record in records if isinstance(record, MapUpdate) and record.time <= moment.time]
-        grid = grids[-1].grid if grids else ready.grid
-        pictures.append(picture(moment, grid, f"The map after {moment.time:.0f} s of exploring."))
+        snapshot = mapping[len(mapping) // 3]
+        grid = _map_at(records, snapshot.time, world.grid)
+        pictures.append(artist.draw(snapshot, grid, f"The map after {snapshot.time:.0f} s of exploring."))
     if localized:
-        last = localized[-1]
-        pictures.append(picture(last, ready.grid, f"The end, after {last.time:.0f} s, and all the ways it drove."))
+        snapshot = localized[-1]
+        caption = f"The end, after {snapshot.time:.0f} s, with the whole trajectory."
+        pictures.append(artist.draw(snapshot, world.grid, caption))
     return pictures
 
 
-def _carrying(moments: Sequence[RobotSnapshot], records: Sequence[Record]) -> RobotSnapshot:
-    """An instant at the beginning of a long ride with a box, while others still wait; else whatever is most like it."""
+class _SnapshotArtist:
+    """Draws snapshots of a run on the map, with the trajectory until then and the plan; arguments as above."""
 
-    def telling(moment: RobotSnapshot) -> tuple[bool, bool, int, int]:
-        way_left = len(_plan_at(records, moment.time))
-        return moment.has_load, len(moment.path) > 1, min(len(moment.boxes), 1) * way_left, way_left
+    def __init__(
+        self, records: Sequence[Record], world: SurveyedWorld, plan: FloorPlan, world_from_map: Pose | None
+    ) -> None:
+        self.snapshots = [record for record in records if isinstance(record, RobotSnapshot)]
+        self._records = records
+        self._warehouse = _warehouse_corners(world)
+        no_walls = NO_POINTS.reshape(0, 2, 2)
+        self._walls = no_walls if world_from_map is None else _true_walls(plan, world_from_map.inverse)
+        self._body = world.environment.pilot.body
 
-    return max(moments, key=telling)
+    def draw(
+        self, snapshot: RobotSnapshot, grid: OccupancyGrid, caption: str, around_robot: float | None = None
+    ) -> ReportPicture:
+        """Draw a snapshot; around_robot, m, limits the picture to the robot's surroundings."""
+        background = MapBackground(grid, self._warehouse, self._walls, self._body.radius, self._body.box_radius)
+        positions = [(earlier.pose.x, earlier.pose.y) for earlier in self.snapshots if earlier.time <= snapshot.time]
+        goals = _plan_at(self._records, snapshot.time)
+        svg = draw_snapshot(background, snapshot, np.array(positions), goals, label=caption, around_robot=around_robot)
+        return ReportPicture(svg, caption)
+
+
+def _most_informative(snapshots: Sequence[RobotSnapshot], records: Sequence[Record]) -> RobotSnapshot:
+    """The snapshot with a load, a path, boxes on the floor and a long plan ahead, as far as there is one."""
+
+    def information(snapshot: RobotSnapshot) -> tuple[bool, bool, int, int]:
+        plan_length = len(_plan_at(records, snapshot.time))
+        has_boxes = min(len(snapshot.boxes), 1)
+        return snapshot.has_load, len(snapshot.path) > 1, has_boxes * plan_length, plan_length
+
+    return max(snapshots, key=information)
+
+
+def _map_at(records: Sequence[Record], time: float, default: OccupancyGrid) -> OccupancyGrid:
+    """The last map recorded until a time, s."""
+    updates = [record for record in records if isinstance(record, MapUpdate) and record.time <= time]
+    return updates[-1].grid if updates else default
 
 
 def _plan_at(records: Sequence[Record], time: float) -> Floats:
-    """[M, 2] m, map frame: the cells that the robot meant to drive through at an instant."""
+    """[M, 2] centres of the planned cells at a time, s; m, map frame."""
     plans = [record.plan for record in records if isinstance(record, StepTaken) and record.time <= time]
     return plans[-1].astype(float) if plans else NO_POINTS
 
 
-def _warehouse(ready: Ready) -> Floats:
-    """[K, 4, 2] m, map frame: the corners of the warehouse's cells."""
-    half = ready.frame.cell_size / 2
+def _warehouse_corners(world: SurveyedWorld) -> Floats:
+    """[K, 4, 2] corners of the warehouse's cells, m, map frame."""
+    half = world.frame.cell_size / 2
     square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
-    turned = Pose(theta=ready.frame.origin.theta).transform(square)
-    cells = sorted(ready.environment.site.warehouse)
-    return np.array([ready.frame.centre(cell.x, cell.y) + turned for cell in cells]).reshape(-1, 4, 2)
+    corners = Pose(theta=world.frame.origin.theta).transform(square)
+    cells = sorted(world.environment.site.warehouse)
+    return np.array([world.frame.centre(cell.x, cell.y) + corners for cell in cells]).reshape(-1, 4, 2)
 
 
 def _true_walls(plan: FloorPlan, map_from_world: Pose) -> Floats:
-    """[S, 2, 2] m, map frame: every edge of a cell that a wall, an obstacle or the plan's end makes impassable."""
-    size = plan.cell_size
-    segments = []
-    for cell in plan.cells():
-        for direction in Direction:
-            if plan.is_blocked(cell, direction):
-                segments.append(_edge(cell, direction, size))
-    ends = map_from_world.transform(np.array(segments).reshape(-1, 2))
-    return ends.reshape(-1, 2, 2)
+    """[S, 2, 2] ends of every cell edge that a wall, an obstacle or the plan's border blocks, m, map frame."""
+    edges = [
+        _edge(cell, direction, plan.cell_size)
+        for cell in plan.cells()
+        for direction in Direction
+        if plan.is_blocked(cell, direction)
+    ]
+    return map_from_world.transform(np.array(edges).reshape(-1, 2)).reshape(-1, 2, 2)
 
 
 def _edge(cell: Cell, direction: Direction, size: float) -> list[list[float]]:
-    """The two ends of a cell's edge, m, world frame."""
+    """[2, 2] ends of a cell's edge, m, world frame."""
     middle_x, middle_y = (cell.x + 0.5 + direction.dx / 2) * size, (cell.y + 0.5 + direction.dy / 2) * size
     along_x, along_y = abs(direction.dy) * size / 2, abs(direction.dx) * size / 2
     return [[middle_x - along_x, middle_y - along_y], [middle_x + along_x, middle_y + along_y]]

@@ -13,8 +13,8 @@ import numpy as np
 from wherry.errors import InputError
 from wherry.learning.rule_files.files import save_rules
 from wherry.learning.rules import RuleLearner
-from wherry.pipelines.delivery.agent import Delivery, beginning
-from wherry.realization.mission import Mission, Order, Ready
+from wherry.pipelines.delivery.agent import DeliveryEpisode, run_started
+from wherry.realization.mission import Mission, Order, SurveyedWorld
 from wherry.ros.encoding import encode_header, encode_pose
 from wherry.ros.messages import PoseWithCovariance, PoseWithCovarianceStamped
 from wherry.ros.names import RosNames
@@ -152,7 +152,9 @@ class NavigationStack:
         if is_own_map and not is_own_pose:
             transport.advertise(names.topics.initialpose)
 
-    def get_ready(self, order: Order, grid: OccupancyGrid | None, sink: Sink, rng: np.random.Generator) -> Ready:
+    def get_ready(
+        self, order: Order, grid: OccupancyGrid | None, sink: Sink, rng: np.random.Generator
+    ) -> SurveyedWorld:
         """Get a map and a pose, and find the boxes.
 
         Args:
@@ -167,7 +169,7 @@ class NavigationStack:
         latest_map = self._latest_map(grid)
         if self._pose is None:
             mission = Mission(self._robot, order, sink, rng)
-            return mission.explore() if latest_map is None else mission.find_itself(latest_map())
+            return mission.explore() if latest_map is None else mission.localize(latest_map())
         if latest_map is None:
             return Mission(self._robot, order, sink, rng, localizer=self._initialize_localization).explore()
         return self._explore_externally(order, latest_map, self._pose, sink, rng)
@@ -186,7 +188,7 @@ class NavigationStack:
         pose: ExternalPose,
         sink: Sink,
         rng: np.random.Generator,
-    ) -> Ready:
+    ) -> SurveyedWorld:
         """Explore while the external stack localizes."""
         pose.wait(self._timeout)
         if self._robot.odometry is None:
@@ -232,17 +234,17 @@ def run(
         RobotLostError: The connection to the robot is lost.
     """
     rng = np.random.default_rng(settings.seed)
-    sink(beginning("ROS", settings.learner, robot.body))
+    sink(run_started("ROS", settings.learner, robot.body))
     started_at = robot.time
-    delivery = Delivery(stack.get_ready(settings.order, settings.grid, sink, rng), settings.learner, sink, rng)
+    delivery = DeliveryEpisode(stack.get_ready(settings.order, settings.grid, sink, rng), settings.learner, sink, rng)
     actions = learning_steps = 0
     for step in delivery:
         actions += 1
         learning_steps += step.is_learning
-    environment = delivery.ready.environment
+    environment = delivery.world.environment
     duration = robot.time - started_at
     summary = RosDeliverySummary(environment.delivered, environment.remaining, actions, learning_steps, duration)
-    return summary, delivery.ready.grid
+    return summary, delivery.world.grid
 
 
 def save(out: Path, grid: OccupancyGrid, learner: RuleLearner) -> None:

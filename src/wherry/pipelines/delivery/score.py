@@ -1,37 +1,46 @@
-"""What a referee computes of a run: aligned errors, and the shortest delivery that there is."""
+"""The result of a delivery, and the shortest delivery that it is compared with."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
 
-DELIVERED, NOT_DELIVERED, STOPPED = 0, 1, 130  # exit statuses
+
+class DeliveryStatus(StrEnum):
+    """How a delivery ended; the values are those of result.json."""
+
+    DELIVERED = "delivered"
+    NOT_DELIVERED = "not delivered"
+    STOPPED = "stopped"
+
+
+EXIT_STATUS = {DeliveryStatus.DELIVERED: 0, DeliveryStatus.NOT_DELIVERED: 1, DeliveryStatus.STOPPED: 130}
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """What the referee says of a run; fields without a value could not be measured.
+class DeliveryResult:
+    """The referee's score of a delivery; None for a metric that could not be measured.
 
     Attributes:
-        delivered: Boxes that the warehouse has taken in.
-        boxes: Boxes that there were.
-        unreachable: Those that no robot could have delivered.
-        collisions: Contacts of the robot or its load with a wall, an obstacle or another box.
-        learning_steps: Actions whose outcome the robot could not predict.
-        actions: All actions.
-        path_ratio: Cells driven while following a complete plan ÷ the fewest on the true plan that do as much of the
-            job.
-        localization_rmse_m: m, of all poses after the map was finished, against the true ones.
-        map_error_m: m, median distance of mapped wall points to the true walls.
-        sim_seconds: s in the simulated world.
-        wall_seconds: s on the wall clock.
-        real_time_factor: Simulated ÷ wall-clock time.
-        seed: Of the run.
-        world: Its name.
-        status: "delivered", "not delivered" or "stopped".
+        delivered: Number of boxes that the warehouse has taken.
+        boxes: Number of boxes in the world.
+        unreachable: Number of boxes that no robot could have delivered.
+        collisions: Number of contacts of the robot or its load with a wall, an obstacle or another box.
+        learning_steps: Number of actions whose outcome the robot could not predict.
+        actions: Number of actions.
+        path_ratio: Cells driven while following complete plans ÷ fewest cells, on the true plan, of the same progress.
+        localization_rmse_m: Root mean square error of the position after mapping, m, map aligned with the world.
+        map_error_m: Median distance of the map's occupied cells from the true walls, m.
+        sim_seconds: Simulated time, s.
+        wall_seconds: Wall-clock time, s.
+        real_time_factor: Simulated time ÷ wall-clock time.
+        seed: Seed of the run.
+        world: Name of the world.
+        status: How the delivery ended.
     """
 
     delivered: int
@@ -48,92 +57,95 @@ class Result:
     real_time_factor: float
     seed: int
     world: str
-    status: str
+    status: DeliveryStatus
 
     def as_json(self) -> dict[str, object]:
-        """The fields, with figures rounded to what they can be trusted for."""
+        """The attributes, with floats rounded to four decimals."""
         return {name: round(value, 4) if isinstance(value, float) else value for name, value in asdict(self).items()}
 
     @property
-    def figures(self) -> dict[str, str]:
-        """The fields for people: in words, and with units."""
+    def metrics(self) -> dict[str, str]:
+        """The metrics for people: names in words, values with units."""
 
-        def metres(value: float | None) -> str:
+        def centimetres(value: float | None) -> str:
             return "not measured" if value is None else f"{100 * value:.1f} cm"
 
         return {
             "boxes delivered": f"{self.delivered} of {self.boxes}",
-            "boxes that nobody can reach": str(self.unreachable),
+            "boxes that cannot be reached": str(self.unreachable),
             "collisions": str(self.collisions),
             "actions": str(self.actions),
-            "of which it could not tell what they do": str(self.learning_steps),
+            "actions with an unpredictable outcome": str(self.learning_steps),
             "cells driven ÷ fewest possible, while delivering": (
                 "not measured" if self.path_ratio is None else f"{self.path_ratio:.2f}"
             ),
-            "localization error (rms)": metres(self.localization_rmse_m),
-            "map error (median)": metres(self.map_error_m),
+            "localization error (RMSE)": centimetres(self.localization_rmse_m),
+            "map error (median)": centimetres(self.map_error_m),
             "simulated time": f"{self.sim_seconds:.0f} s",
             "wall-clock time": f"{self.wall_seconds:.1f} s",
         }
 
     @property
     def verdict(self) -> str:
-        """The outcome in a few words."""
-        if self.status != "delivered":
-            return {"not delivered": "not all delivered", "stopped": "stopped"}[self.status]
+        """The result in a few words."""
+        if self.status is DeliveryStatus.STOPPED:
+            return "stopped"
+        if self.status is DeliveryStatus.NOT_DELIVERED:
+            return "not all delivered"
         if not self.unreachable:
             return "all delivered"
-        return "all delivered that can be reached" if self.delivered else "nothing can be reached"
+        return "all reachable boxes delivered" if self.delivered else "no box can be reached"
 
     @property
     def exit_status(self) -> int:
-        """What the command exits with."""
-        return {"delivered": DELIVERED, "not delivered": NOT_DELIVERED, "stopped": STOPPED}[self.status]
+        """Exit status of the command."""
+        return EXIT_STATUS[self.status]
 
 
-def shortest_delivery(plan: FloorPlan, robot: Cell, boxes: Iterable[Cell], *, loaded: bool) -> int | None:
-    """The fewest cells that a robot must drive to deliver all boxes, by breadth-first search over everything.
+def shortest_delivery(plan: FloorPlan, robot: Cell, boxes: Iterable[Cell], *, has_load: bool) -> int | None:
+    """The fewest cells that a robot must drive to deliver all boxes (breadth-first search, zero-cost actions first).
 
     The robot carries one box at a time, and with a full fork it cannot enter another box's cell.
 
     Args:
-        plan: The true plan; its own boxes and robot are not looked at.
-        robot: Where the robot is.
-        boxes: The boxes on the floor.
-        loaded: Whether the robot holds one more.
+        plan: The true plan; its own boxes and robot are ignored.
+        robot: The robot's cell.
+        boxes: The cells of the boxes on the floor.
+        has_load: Whether the robot holds one more box.
 
     Returns:
-        Moves, not counting pick-ups and drop-offs; None if it cannot be done. Grows with cells × 2^boxes.
+        Number of moves, without pick-ups and drop-offs; None if not all boxes can be delivered. The search grows with
+        cells × 2^boxes.
     """
-    start: _Situation = (robot, frozenset(boxes), loaded)
+    start: _State = (robot, frozenset(boxes), has_load)
     moves = {start: 0}
     queue = deque([start])
     while queue:
-        situation = queue.popleft()
-        _, left, carrying = situation
-        if not left and not carrying:
-            return moves[situation]
-        for following, cost in _next(plan, situation):
-            reached = moves[situation] + cost
-            if reached < moves.get(following, reached + 1):
-                moves[following] = reached
-                # What costs nothing is looked at first, so that situations come in the order of their moves.
-                (queue.append if cost else queue.appendleft)(following)
+        state = queue.popleft()
+        _, on_floor, carrying = state
+        if not on_floor and not carrying:
+            return moves[state]
+        for successor, cost in _successors(plan, state):
+            reached = moves[state] + cost
+            if reached < moves.get(successor, reached + 1):
+                moves[successor] = reached
+                # Zero-cost successors go first, so that states are expanded in the order of their moves.
+                (queue.append if cost else queue.appendleft)(successor)
     return None
 
 
-_Situation = tuple[Cell, frozenset[Cell], bool]
+_State = tuple[Cell, frozenset[Cell], bool]  # the robot's cell, the cells of boxes on the floor, whether it has a load
 
 
-def _next(plan: FloorPlan, situation: _Situation) -> Iterator[tuple[_Situation, int]]:
-    """What one action can lead to, and how many cells it drives."""
-    cell, left, carrying = situation
+def _successors(plan: FloorPlan, state: _State) -> Iterator[tuple[_State, int]]:
+    """The states that one action leads to, and the number of cells it drives."""
+    cell, on_floor, carrying = state
     if carrying and cell in plan.warehouse:
-        yield (cell, left, False), 0
-    if not carrying and cell in left:
-        yield (cell, left - {cell}, True), 0
-    full = carrying or cell in left
+        yield (cell, on_floor, False), 0
+    if not carrying and cell in on_floor:
+        yield (cell, on_floor - {cell}, True), 0
+    fork_full = carrying or cell in on_floor
     for direction in Direction:
         there = cell.neighbour(direction)
-        if not plan.is_blocked(cell, direction) and not (full and there in left):
-            yield (there, left, carrying), 1
+        if not plan.is_blocked(cell, direction) and not (fork_full and there in on_floor):
+            yield (there, on_floor, carrying), 1

@@ -1,60 +1,57 @@
-"""The delivery, end to end: a robot explores, maps, localizes itself, learns and delivers; a referee scores it.
+"""A simulated delivery from start to score: the robot explores, maps, localizes, learns and delivers.
 
-Only this file sees both the robot and the referee. The robot is told its order, nothing else.
+Only this package sees both the robot and the referee. The robot is given its order and nothing else.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import chain, count, groupby
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
 
-from wherry.episodes import Step
 from wherry.errors import InputError
-from wherry.evaluation import align, position_errors, root_mean_square
 from wherry.files import make_folder, write_atomically
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.learning.rule_files.files import save_rules
 from wherry.learning.rules import RuleLearner
-from wherry.pipelines.delivery.agent import Delivery, beginning, delivery_learner
-from wherry.pipelines.delivery.page import page, pictures_of
-from wherry.pipelines.delivery.score import Result, shortest_delivery
-from wherry.realization.mission import Mission, Order, Ready
+from wherry.pipelines.delivery.agent import DeliveryEpisode, delivery_learner, run_started
+from wherry.pipelines.delivery.page import choose_pictures, render_page
+from wherry.pipelines.delivery.score import DeliveryResult
+from wherry.pipelines.delivery.scorer import DeliveryScorer
+from wherry.realization.mission import Mission, SurveyedWorld, order_from_plan
 from wherry.robot import Robot
-from wherry.simulation import BoxPlace, Simulation, build
-from wherry.simulation.scenes import choose_scene
+from wherry.simulation.seeded_worlds import seed_world
+from wherry.simulation.simulator import Simulation, build
 from wherry.space.map_files import load_map, save_map
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Pose
-from wherry.trace.records import CellLayout, Record, RobotSnapshot, Sink, combine_sinks, null_sink, throttle_snapshots
+from wherry.trace.records import Sink, combine_sinks, null_sink
 
-SCORED_EVERY = 0.5  # s between two poses that the localization is scored by
-HEADING_LEVER = 1.0  # m at which an error of the heading counts like one of the position in the map's alignment
-
-
-RESULT = "result.json"
+RESULT_FILE = "result.json"
+RULES_FILE = "rules.json"
+MAP_FILE = "map.yaml"
+PICTURE_FILE = "delivery.svg"
+REPORT_FILE = "report.html"
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
-    """What to run.
+class DeliverySettings:
+    """Settings of a simulated delivery.
 
     Attributes:
-        world: A built-in world's name, or a world file.
-        boxes: How many; None for what the world says.
-        seed: Of everything that is random.
-        map_file: A map.yaml to use instead of exploring.
-        rules_file: Learnt rules to begin with.
-        learner: A registered learner that can deliver.
-        out: The folder for report, map and rules; None for runs/WORLD-seedN.
+        world: Name of a built-in world, or path of a world file.
+        boxes: Number of boxes; None for the world's own.
+        seed: Seed of all randomness.
+        map_file: Path of a map.yaml to localize on instead of exploring.
+        rules_file: Path of learnt rules to start with.
+        learner: Name of a registered learner that can deliver.
+        out: Folder for report, map and rules; None for runs/WORLD-seedN.
     """
 
     world: str = "rooms"
@@ -67,13 +64,13 @@ class Settings:
 
 
 def warm_up() -> None:
-    """Deliver in the smallest world and forget about it, so that every kernel is compiled before a clock runs."""
+    """Deliver once in the smallest world, so that every kernel is compiled before a clock runs."""
     with tempfile.TemporaryDirectory() as folder:
-        prepare(Settings(world="small", out=Path(folder)))(null_sink)
+        prepare_delivery(DeliverySettings(world="small", out=Path(folder)))(null_sink)
 
 
-def prepare(settings: Settings) -> DeliveryRun:
-    """Check everything that a user has given, before anything is done.
+def prepare_delivery(settings: DeliverySettings) -> DeliveryRun:
+    """Check all settings and build the simulation, before anything is run.
 
     Raises:
         InputError: World, map, rules, learner or folder cannot be used.
@@ -81,229 +78,108 @@ def prepare(settings: Settings) -> DeliveryRun:
     plan = find_world(settings.world)
     if not plan.warehouse:
         raise InputError(settings.world, "drawing", "has no warehouse (w)")
-    scene = choose_scene(plan, settings.boxes, settings.seed)
+    world = seed_world(plan, settings.boxes, settings.seed)
     grid = None if settings.map_file is None else load_map(settings.map_file)
     if grid is not None and not grid.occupied.any():
         raise InputError(settings.map_file or "", "image", "shows no walls")
     learner = delivery_learner(settings.learner, settings.rules_file)
-    out = settings.out or _free_folder(Path("runs") / f"{plan.name}-seed{settings.seed}")
+    out = settings.out or _unused_folder(Path("runs") / f"{plan.name}-seed{settings.seed}")
     make_folder(out)
-    return DeliveryRun(settings, scene.plan, grid, learner, out, build(scene.plan, scene.physics), scene.beliefs)
+    simulation = build(world.plan, world.physics_rng)
+    return DeliveryRun(simulation, grid, learner, out, settings.seed, world.robot_rng)
 
 
-def _free_folder(folder: Path) -> Path:
-    """The folder, or one with a number behind its name where an earlier run has left its results."""
+def _unused_folder(folder: Path) -> Path:
+    """The folder, or the first one with a number appended that does not hold the results of an earlier run."""
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in count(2))
-    return next(free for free in chain([folder], numbered) if not (free / RESULT).exists())
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """Where things truly stood between two actions.
-
-    Attributes:
-        robot: The robot's cell.
-        boxes: The cells of the boxes on the floor.
-        loaded: Whether it held one.
-        driven: Cells driven until then.
-    """
-
-    robot: Cell
-    boxes: tuple[Cell, ...]
-    loaded: bool
-    driven: int
-
-
-@dataclass(frozen=True, slots=True)
-class Round:
-    """What a robot does between two surveys of its world.
-
-    Attributes:
-        steps: N of them.
-        marks: N + 1: before, between and after them.
-    """
-
-    steps: list[Step]
-    marks: list[Mark]
+    return next(unused for unused in chain([folder], numbered) if not (unused / RESULT_FILE).exists())
 
 
 class DeliveryRun:
-    """A run that is ready to begin; call it once.
+    """A prepared run; call it once.
+
+    Args:
+        simulation: The simulation.
+        grid: A map to localize on; None to explore.
+        learner: The robot's learner.
+        out: Folder for the results, which exists.
+        seed: Seed of the run, for the result.
+        rng: Source of the robot's own randomness.
 
     Attributes:
-        plan: The true floor plan, with the boxes where they stand at first.
-        out: The folder for results.
-        unreachable: The cells of the boxes that no robot could deliver.
-        simulation: The world, for those who score or film it.
+        simulation: The simulation.
+        plan: The true floor plan, with the boxes' initial cells.
+        out: Folder for the results.
     """
 
     def __init__(
         self,
-        settings: Settings,
-        plan: FloorPlan,
+        simulation: Simulation,
         grid: OccupancyGrid | None,
         learner: RuleLearner,
         out: Path,
-        simulation: Simulation,
+        seed: int,
         rng: np.random.Generator,
     ) -> None:
-        self.plan = plan
+        self.simulation = simulation
+        self.plan: FloorPlan = simulation.plan
         self.out = out
-        self.unreachable = plan.unreachable_boxes()
-        self._settings = settings
         self._grid = grid
         self._learner = learner
-        self.simulation = simulation
         self._rng = rng
-        self._records: list[Record] = []
-        self._rounds: list[Round] = []
-        self._delivery: Delivery | None = None
+        self._scorer = DeliveryScorer(simulation, self.plan.name, seed)
+        self._episode: DeliveryEpisode | None = None
 
-    def __call__(self, watch: Sink, wrap: Callable[[Robot], Robot] = lambda robot: robot) -> Result:
-        """Run, score, and write map, rules and page; Ctrl-C ends it early and keeps what was learnt.
-
-        Args:
-            watch: Told what happens while it happens.
-            wrap: Makes the robot that is driven of the simulated one, such as one that is recorded.
-        """
-        started = time.perf_counter()
-
-        # Thinned, so that a run is scored by the same records whoever watches it.
-        sink = combine_sinks(throttle_snapshots(self._records.append, SCORED_EVERY), self._begin_round, watch)
-        sink(beginning(self.plan.name, self._learner, self.simulation.robot.body))
-        try:
-            ready = self._get_ready(wrap(self.simulation.robot), sink)
-            self._delivery = Delivery(ready, self._learner, sink, self._rng)
-            self._deliver(self._delivery)
-            stopped = False
-        except KeyboardInterrupt:
-            stopped = True
-        result = self._score(time.perf_counter() - started, stopped=stopped)
-        self._write(result)
-        return result
-
-    def _get_ready(self, robot: Robot, sink: Sink) -> Ready:
-        """Map or localize; the robot is told only where the warehouse is, as seen from where it starts."""
-        mission = Mission(robot, order_of(self.plan), sink, self._rng)
-        return mission.explore() if self._grid is None else mission.find_itself(self._grid)
+    @property
+    def unreachable(self) -> tuple[Cell, ...]:
+        """The cells of the boxes that no robot could deliver."""
+        return self._scorer.unreachable
 
     @property
     def rules(self) -> tuple[str, ...]:
-        """What was learnt, in words."""
+        """The learnt rules in words."""
         return self._learner.sentences()
 
-    @property
-    def _ready(self) -> Ready | None:
-        """What the robot knows by now; None before it has stood ready."""
-        return None if self._delivery is None else self._delivery.ready
+    def __call__(self, sink: Sink, wrap: Callable[[Robot], Robot] = lambda robot: robot) -> DeliveryResult:
+        """Run, score, and write map, rules and report; Ctrl-C ends the run early and keeps what was learnt.
 
-    def _deliver(self, delivery: Delivery) -> None:
-        """The agent loop on the robot, with the referee looking on."""
-        for step in delivery:
-            self._rounds[-1].steps.append(step)
-            self._rounds[-1].marks.append(self._mark())
+        Args:
+            sink: Called with the run's records.
+            wrap: Makes the robot to drive of the simulated one, such as one whose measurements are recorded.
+        """
+        started = time.perf_counter()
+        sink = combine_sinks(self._scorer, sink)
+        sink(run_started(self.plan.name, self._learner, self.simulation.robot.body))
+        is_stopped = False
+        try:
+            self._episode = DeliveryEpisode(
+                self._survey(wrap(self.simulation.robot), sink), self._learner, sink, self._rng
+            )
+            for step in self._episode:
+                self._scorer.add_step(step)
+        except KeyboardInterrupt:
+            is_stopped = True
+        grid = None if self._episode is None else self._episode.world.grid
+        result = self._scorer.score(grid, time.perf_counter() - started, is_stopped=is_stopped)
+        self._write(result)
+        return result
 
-    def _begin_round(self, record: Record) -> None:
-        """Take a mark whenever cells are laid: from there on the robot acts, and does not explore."""
-        if isinstance(record, CellLayout):
-            self._rounds.append(Round([], [self._mark()]))
+    def _survey(self, robot: Robot, sink: Sink) -> SurveyedWorld:
+        """Explore, or localize on the given map."""
+        mission = Mission(robot, order_from_plan(self.plan), sink, self._rng)
+        return mission.explore() if self._grid is None else mission.localize(self._grid)
 
-    def _mark(self) -> Mark:
-        referee = self.simulation.referee
-        truths = [box for box in referee.boxes if box.first_cell not in self.unreachable]
-        on_floor = tuple(self.plan.cell_at(*box.position) for box in truths if box.place is BoxPlace.FLOOR)
-        loaded = any(box.place is BoxPlace.HELD for box in truths)
-        pose = referee.pose
-        return Mark(self.plan.cell_at(pose.x, pose.y), on_floor, loaded, len(referee.trajectory))
-
-    def _score(self, wall_seconds: float, *, stopped: bool) -> Result:
-        """Everything in it but the steps comes from the referee."""
-        referee = self.simulation.referee
-        boxes, unreachable = len(self.plan.boxes), len(self.unreachable)
-        world_from_map, rmse = self._localization()
-        complete = referee.delivered >= boxes - unreachable
-        return Result(
-            delivered=referee.delivered,
-            boxes=boxes,
-            unreachable=unreachable,
-            collisions=len(referee.collisions),
-            learning_steps=sum(step.is_learning for round_ in self._rounds for step in round_.steps),
-            actions=sum(len(round_.steps) for round_ in self._rounds),
-            path_ratio=self._path_ratio(),
-            localization_rmse_m=rmse,
-            map_error_m=self._map_error(world_from_map),
-            sim_seconds=self.simulation.time,
-            wall_seconds=wall_seconds,
-            real_time_factor=self.simulation.time / wall_seconds,
-            seed=self._settings.seed,
-            world=self.plan.name,
-            status="stopped" if stopped else "delivered" if complete else "not delivered",
-        )
-
-    def _path_ratio(self) -> float | None:
-        """Cells driven while following a complete plan, ÷ by how many cells that brought the job nearer to its end."""
-        driven = nearer = 0
-        for first, last in self._straight_on():
-            left = [shortest_delivery(self.plan, mark.robot, mark.boxes, loaded=mark.loaded) for mark in (first, last)]
-            if left[0] is not None and left[1] is not None:
-                driven += last.driven - first.driven
-                nearer += left[0] - left[1]
-        return driven / nearer if nearer > 0 else None
-
-    def _straight_on(self) -> Iterator[tuple[Mark, Mark]]:
-        """The ends of all stretches in which a complete plan was followed."""
-        for round_ in self._rounds:
-            for begin, end in _stretches([not step.is_exploring for step in round_.steps]):
-                yield round_.marks[begin], round_.marks[end]
-
-    def _localization(self) -> tuple[Pose | None, float | None]:
-        """The map's frame in the world, and the rms error, m, of the poses after the map was finished."""
-        seen = [record for record in self._records if isinstance(record, RobotSnapshot) and len(record.particles)]
-        if not seen:
-            return None, None
-        history = self.simulation.referee.history
-        rows = np.searchsorted(history[:, 0], [record.time - 1e-6 for record in seen])
-        true = history[np.minimum(rows, len(history) - 1), 1:]
-        estimated = np.array([record.pose.as_array() for record in seen])
-        world_from_map = align(estimated, true, heading_lever=HEADING_LEVER)
-        return world_from_map, root_mean_square(position_errors(estimated, true, world_from_map))
-
-    def _map_error(self, world_from_map: Pose | None) -> float | None:
-        if world_from_map is None or self._ready is None:
-            return None
-        points = world_from_map.transform(self._ready.grid.occupied_points())
-        return float(np.median(self.simulation.referee.wall_distance(points)))
-
-    def _write(self, result: Result) -> None:
-        """What was made: the map, the rules, the result, and the page."""
-        write_atomically(self.out / RESULT, json.dumps(result.as_json(), indent=2) + "\n")
-        save_rules(self._learner, self.out / "rules.json")
-        if self._ready is None:
+    def _write(self, result: DeliveryResult) -> None:
+        """Write the result and the rules, and, once there is a map, the map and the report."""
+        write_atomically(self.out / RESULT_FILE, json.dumps(result.as_json(), indent=2) + "\n")
+        save_rules(self._learner, self.out / RULES_FILE)
+        if self._episode is None:
             return
-        save_map(self._ready.grid, self.out / "map.yaml")
-        world_from_map, _ = self._localization()
-        pictures = pictures_of(self._records, self._ready, self.plan, world_from_map)
+        world = self._episode.world
+        save_map(world.grid, self.out / MAP_FILE)
+        world_from_map, _ = self._scorer.localization()
+        pictures = choose_pictures(self._scorer.records, world, self.plan, world_from_map)
         if pictures:
-            write_atomically(self.out / "delivery.svg", pictures[0].svg)
-            write_atomically(self.out / "report.html", page(result, pictures, self.rules, self._records))
-
-
-def _stretches(flags: Sequence[bool]) -> Iterator[tuple[int, int]]:
-    """First and one-past-last index of every stretch of true flags."""
-    for value, group in groupby(range(len(flags)), key=lambda index: flags[index]):
-        if value:
-            members = list(group)
-            yield members[0], members[-1] + 1
-
-
-def order_of(plan: FloorPlan) -> Order:
-    """What the robot is told: where the warehouse's cells are as seen from its start, and how large cells are.
-
-    Raises:
-        InputError: The plan has no robot.
-    """
-    if plan.start is None:
-        raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
-    start = Pose(*plan.centre(plan.start), math.atan2(plan.heading.dy, plan.heading.dx))
-    cells = np.array([plan.centre(cell) for cell in sorted(plan.warehouse)])
-    return Order(warehouse=start.inverse.transform(cells), cell_size=plan.cell_size)
+            write_atomically(self.out / PICTURE_FILE, pictures[0].svg)
+            page = render_page(result, pictures, self.rules, self._scorer.records)
+            write_atomically(self.out / REPORT_FILE, page)

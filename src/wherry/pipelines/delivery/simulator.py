@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
 from wherry.simulation import Simulation, build
-from wherry.simulation.scenes import choose_scene
+from wherry.simulation.seeded_worlds import seed_world
 
 MAX_RATE = 20.0  # simulated seconds per second
 
@@ -37,8 +37,8 @@ def build_simulation(settings: SimulatorSettings) -> Simulation:
     """
     if not 0.0 < settings.rate <= MAX_RATE:
         raise InputError("--rate", f"{settings.rate}", f"is not above 0 and at most {MAX_RATE:g}")
-    scene = choose_scene(find_world(settings.world), settings.boxes, settings.seed)
-    return build(scene.plan, scene.physics)
+    world = seed_world(find_world(settings.world), settings.boxes, settings.seed)
+    return build(world.plan, world.physics_rng)
 
 
 def referee_summary(simulation: Simulation) -> dict[str, int | float]:

@@ -8,7 +8,7 @@ from wherry.episodes import Step
 from wherry.learning.rules import RuleLearner
 from wherry.learning.unknowns import UnknownPairs
 from wherry.oomdp.objects import State
-from wherry.pipelines.delivery.agent import learnt, perceived
+from wherry.pipelines.records import learnt_model, perceived_state
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Pose
 from wherry.trace.records import CellLayout, Narration, Phase, RunStarted, Sink, StepTaken
@@ -57,10 +57,10 @@ class GridTrace:
                 plan=NO_PLAN,
             )
         )
-        self._sink(perceived(self._learner.domain, after, self._time))
+        self._sink(perceived_state(self._learner.domain, after, self._time))
         if self._learner.revisions != self._recorded_revisions:
             self._recorded_revisions = dict(self._learner.revisions)
-            self._sink(learnt(self._learner, self._time))
+            self._sink(learnt_model(self._learner, self._time))
 
     def episode_ended(self, solved: int, probes: int) -> None:
         """Record how many probes the policy now solves in the fewest steps."""

@@ -61,7 +61,7 @@ class ExternalMap:
 
 
 class ExternalPose:
-    """A `Corrector` that takes the pose of an external localization: map → odom on ``/tf``, else ``/amcl_pose``.
+    """A `PoseEstimator` that takes the pose of an external localization: map → odom on ``/tf``, else ``/amcl_pose``.
 
     Args:
         transport: ROS.
@@ -118,8 +118,8 @@ class ExternalPose:
                 raise RuntimeError("there is no pose yet")
             return self._map_from_odom @ odometry.pose
 
-    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
-        """As `Corrector.correct`."""
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        """As `PoseEstimator.update`."""
         self._now = scan.time
         return self.pose(odometry)
 
@@ -129,7 +129,7 @@ class ExternalPose:
         return np.empty((0, 3))
 
     @property
-    def lost(self) -> bool:
+    def is_lost(self) -> bool:
         """Whether the last pose is older than `POSE_MAX_AGE`."""
         return self._now - self._confirmed_at > POSE_MAX_AGE
 
@@ -158,7 +158,7 @@ class ExternalMapper:
 
     def __init__(self, grid: Callable[[], OccupancyGrid], pose: ExternalPose, odometry: Odometry) -> None:
         self.grid = grid
-        self.corrector = pose
+        self.pose_estimator = pose
         self.start = pose.pose(odometry)
 
     def resume(self, pose: Pose) -> None:

@@ -1,4 +1,4 @@
-"""The pose between two scans: corrected by the one, carried on by odometry until the next."""
+"""The pose tracker: corrected by a scan, propagated by odometry until the next one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wherry.realization.tracking import PoseTracker
+from wherry.realization.pose_tracker import PoseTracker
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Pose
 
@@ -18,16 +18,16 @@ SCAN = Scan(0.0, np.full(4, math.inf), -math.pi, math.pi / 2, 0.02, 12.0)
 poses = st.builds(Pose, st.floats(-9, 9), st.floats(-9, 9), st.floats(-3, 3))
 
 
-class Says:
-    """A corrector that always says the same."""
+class ConstantEstimator:
+    """A pose estimator that always returns the same pose."""
 
     def __init__(self, pose: Pose) -> None:
         self.pose = pose
-        self.asked = 0
-        self.lost = False
+        self.updates = 0
+        self.is_lost = False
 
-    def correct(self, odometry: Odometry, scan: Scan) -> Pose:
-        self.asked += 1
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        self.updates += 1
         return self.pose
 
     @property
@@ -44,34 +44,34 @@ def assert_same(pose: Pose, other: Pose) -> None:
     assert math.remainder(pose.theta - other.theta, math.tau) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_before_anything_is_measured_the_robot_is_where_it_was_put() -> None:
-    tracker = PoseTracker(Says(Pose(9.0, 9.0)), Pose(1.0, 2.0, 0.3))
+def test_the_pose_is_the_start_before_the_first_measurement() -> None:
+    tracker = PoseTracker(ConstantEstimator(Pose(9.0, 9.0)), Pose(1.0, 2.0, 0.3))
     assert tracker.pose == Pose(1.0, 2.0, 0.3)
 
 
-def test_a_scan_without_odometry_is_not_used() -> None:
-    says = Says(Pose(9.0, 9.0))
-    tracker = PoseTracker(says, Pose(1.0, 2.0))
-    tracker.see(SCAN)
-    assert says.asked == 0
+def test_a_scan_before_the_first_odometry_is_ignored() -> None:
+    estimator = ConstantEstimator(Pose(9.0, 9.0))
+    tracker = PoseTracker(estimator, Pose(1.0, 2.0))
+    tracker.add_scan(SCAN)
+    assert estimator.updates == 0
     assert tracker.pose == Pose(1.0, 2.0)
 
 
 @given(poses, poses, poses)
-def test_odometry_moves_the_robot_from_where_it_was(start: Pose, first: Pose, motion: Pose) -> None:
-    tracker = PoseTracker(Says(Pose()), start)
-    tracker.hear(odometry(first))
+def test_odometry_propagates_the_start_pose(start: Pose, first: Pose, motion: Pose) -> None:
+    tracker = PoseTracker(ConstantEstimator(Pose()), start)
+    tracker.add_odometry(odometry(first))
     assert_same(tracker.pose, start)
-    tracker.hear(odometry(first @ motion))
+    tracker.add_odometry(odometry(first @ motion))
     assert_same(tracker.pose, start @ motion)
 
 
 @given(poses, poses, poses)
-def test_a_correction_holds_until_the_next_one(wheels: Pose, corrected: Pose, motion: Pose) -> None:
-    tracker = PoseTracker(Says(corrected), Pose())
-    tracker.hear(odometry(wheels))
-    tracker.see(SCAN)
+def test_odometry_propagates_the_last_correction(wheels: Pose, corrected: Pose, motion: Pose) -> None:
+    tracker = PoseTracker(ConstantEstimator(corrected), Pose())
+    tracker.add_odometry(odometry(wheels))
+    tracker.add_scan(SCAN)
     assert_same(tracker.pose, corrected)
-    tracker.hear(odometry(wheels @ motion))
+    tracker.add_odometry(odometry(wheels @ motion))
     assert_same(tracker.pose, corrected @ motion)
     assert_same(tracker.map_from_odom @ wheels, corrected)

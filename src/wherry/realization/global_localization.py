@@ -1,0 +1,70 @@
+"""Global localization: a robot without a pose drives around on a given map until it is localized."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import ndimage
+
+from wherry.errors import InputError
+from wherry.localization.localizer import Localizer
+from wherry.localization.parameters import PRECISE_PARAMETERS
+from wherry.realization.pilot import Pilot
+from wherry.realization.pose_estimators import LOCALIZED_MIN_SCANS, GlobalPoseEstimator, MapPoseEstimator
+from wherry.realization.pose_tracker import PoseTracker
+from wherry.robot import Robot
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+from wherry.trace.records import Narration, Phase, Sink
+
+MAX_LEGS = 30  # straight drives after which global localization is given up
+LEG_LENGTH = 1.5  # m of driving between two views, at most
+LEG_SECTOR = math.radians(20.0)  # half of the sector around a leg that must be clear
+LEG_MIN_CLEARANCE = 0.8  # clear distance of a leg ÷ largest clear distance of all legs
+
+
+def localize_globally(robot: Robot, grid: OccupancyGrid, sink: Sink, rng: np.random.Generator) -> tuple[Pilot, Pose]:
+    """Drive around until the robot is localized on a map.
+
+    Args:
+        robot: The robot.
+        grid: The map.
+        sink: Called with records of what the robot senses and says.
+        rng: Source of all randomness.
+
+    Returns:
+        A pilot that tracks the pose on the map, and base_link at the start in the map frame.
+
+    Raises:
+        InputError: The robot could not be localized in `MAX_LEGS` legs.
+    """
+    localizer = Localizer(grid, robot.body.lidar, PRECISE_PARAMETERS, rng)
+    localizer.initialize_globally()
+    estimator = GlobalPoseEstimator(localizer)
+    pilot = Pilot(robot, PoseTracker(estimator, Pose()), sink)
+    sink(Narration(pilot.time, Phase.LOCALIZE, "I have a map, but I do not know my pose on it."))
+    start = pilot.odometry.pose
+    pilot.wait_for_scan(LOCALIZED_MIN_SCANS)
+    for _ in range(MAX_LEGS):
+        if estimator.is_localized:
+            break
+        _drive_random_leg(pilot, rng)
+    else:
+        raise InputError("map", "", "does not match the robot's scans, or looks the same in several places")
+    map_from_start = estimator.map_pose @ pilot.odometry.pose.inverse @ start
+    pilot.use_tracker(PoseTracker(MapPoseEstimator(localizer), estimator.map_pose))
+    sink(Narration(pilot.time, Phase.LOCALIZE, "I am localized."))
+    return pilot, map_from_start
+
+
+def _drive_random_leg(pilot: Pilot, rng: np.random.Generator) -> None:
+    """Drive straight in a random direction with a large clear distance, for another view."""
+    scan = pilot.wait_for_scan()
+    lengths = np.where(np.isnan(scan.ranges), 0.0, np.minimum(scan.ranges, LEG_LENGTH + pilot.body.radius))
+    half = max(round(LEG_SECTOR / abs(scan.angle_increment)), 1)
+    clear = ndimage.minimum_filter1d(lengths, 2 * half + 1, mode="wrap")
+    beam = int(rng.choice(np.flatnonzero(clear >= LEG_MIN_CLEARANCE * clear.max())))
+    pilot.turn_to(pilot.pose.theta + float(scan.angles[beam]))
+    leg = max(float(clear[beam]) - 2.0 * pilot.body.radius, 0.0)
+    pilot.approach(pilot.pose @ Pose(leg), reverse=False)

@@ -1,0 +1,135 @@
+"""Pose estimators: SLAM on a growing map, localization on a finished map, and global localization."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wherry.localization.localizer import Localizer
+from wherry.mapping.graph_slam import GraphSlam
+from wherry.realization.pose_tracker import PoseEstimator, SinglePoseEstimator
+from wherry.robot import Odometry, Scan
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Pose
+
+LOST_THRESHOLD = 0.5  # lost probability above which the pose becomes unreliable
+LOCALIZED_THRESHOLD = 0.1  # lost probability below which the pose is reliable again
+LOCALIZED_MIN_SCANS = 10  # consecutive scans below LOCALIZED_THRESHOLD that end global localization
+
+
+class SlamPoseEstimator(SinglePoseEstimator):
+    """The pose on the map that SLAM builds; it is never lost, since the map is built around it."""
+
+    def __init__(self, slam: GraphSlam) -> None:
+        self._slam = slam
+        self._resumed_at: Pose | None = None
+
+    def resume(self, pose: Pose) -> None:
+        """Continue mapping at the next scan from base_link in the map frame, after others have tracked the pose."""
+        self._resumed_at = pose
+
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        """As `PoseEstimator.update`."""
+        if self._resumed_at is None:
+            return self._slam.add(scan, odometry)
+        pose, self._resumed_at = self._resumed_at, None
+        return self._slam.resume(scan, odometry, pose)
+
+
+class Mapper(Protocol):
+    """Builds the map during exploration and estimates the robot's pose on it."""
+
+    @property
+    def pose_estimator(self) -> PoseEstimator:
+        """Estimates the pose on the map."""
+        ...
+
+    @property
+    def start(self) -> Pose:
+        """base_link in the map frame when exploration begins."""
+        ...
+
+    def grid(self) -> OccupancyGrid:
+        """The map so far."""
+        ...
+
+    def resume(self, pose: Pose) -> None:
+        """Continue mapping at the next scan from base_link in the map frame, after others have tracked the pose."""
+        ...
+
+
+class SlamMapper:
+    """A `Mapper` by `GraphSlam`; the map frame is base_link's pose at the start.
+
+    Args:
+        lidar: The lidar in the base_link frame.
+    """
+
+    def __init__(self, lidar: Pose) -> None:
+        self._slam = GraphSlam(lidar)
+        self._pose_estimator = SlamPoseEstimator(self._slam)
+        self.start = Pose()
+
+    @property
+    def pose_estimator(self) -> PoseEstimator:
+        """As `Mapper.pose_estimator`."""
+        return self._pose_estimator
+
+    def grid(self) -> OccupancyGrid:
+        """As `Mapper.grid`."""
+        return self._slam.grid()
+
+    def resume(self, pose: Pose) -> None:
+        """As `Mapper.resume`."""
+        self._pose_estimator.resume(pose)
+
+
+class MapPoseEstimator:
+    """The pose on a finished map, with hysteresis between lost and localized."""
+
+    def __init__(self, localizer: Localizer) -> None:
+        self._localizer = localizer
+        self._is_lost = False
+
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        """As `PoseEstimator.update`."""
+        estimate = self._localizer.update(odometry, scan)
+        self._is_lost = estimate.lost_probability > (LOCALIZED_THRESHOLD if self._is_lost else LOST_THRESHOLD)
+        return estimate.pose
+
+    @property
+    def particles(self) -> NDArray[np.float64]:
+        """[N, 3] particles x, y, θ, m, m, rad, map frame."""
+        return self._localizer.particles
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the lost probability rose above `LOST_THRESHOLD` and has not fallen to `LOCALIZED_THRESHOLD` yet."""
+        return self._is_lost
+
+
+class GlobalPoseEstimator(SinglePoseEstimator):
+    """Global localization on a map while the robot drives by odometry alone: its map frame is the odom frame.
+
+    Attributes:
+        map_pose: Estimate of base_link in the map's frame at the last scan.
+    """
+
+    def __init__(self, localizer: Localizer) -> None:
+        self._localizer = localizer
+        self._localized_scans = 0
+        self.map_pose = Pose()
+
+    @property
+    def is_localized(self) -> bool:
+        """Whether the lost probability was low in the last `LOCALIZED_MIN_SCANS` scans."""
+        return self._localized_scans >= LOCALIZED_MIN_SCANS
+
+    def update(self, odometry: Odometry, scan: Scan) -> Pose:
+        """Return base_link in the odom frame, and update `map_pose`."""
+        estimate = self._localizer.update(odometry, scan)
+        self._localized_scans = self._localized_scans + 1 if estimate.lost_probability < LOCALIZED_THRESHOLD else 0
+        self.map_pose = estimate.pose
+        return odometry.pose

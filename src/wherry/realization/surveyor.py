@@ -1,0 +1,242 @@
+"""Surveying a building: frontier exploration until the map is complete, then a search of every cell for boxes.
+
+Which cells are reachable changes when a box is removed that stood in the only way. A surveyor therefore remembers what
+it has covered, and can survey again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wherry.errors import InputError
+from wherry.floorplan.plan import Cell, Direction, FloorPlan
+from wherry.navigation.exploration import Viewpoint, frontier_cells, next_viewpoint, visible_unknown_area
+from wherry.navigation.path import Costmap, shortest_path
+from wherry.realization.box_coverage import MIN_OBSERVATIONS, BoxCoverage
+from wherry.realization.box_isolation import erase_boxes, isolated_boxes
+from wherry.realization.box_tracker import DETECTION_PERIOD, BoxTracker
+from wherry.realization.box_tracks import BoxTrack
+from wherry.realization.cells import floor_plan_from_map, occupied_cells
+from wherry.realization.pilot import Pilot
+from wherry.realization.pose_estimators import Mapper
+from wherry.realization.replanning import ReplanningFollower
+from wherry.space.frame import CellFrame, fit_cell_frame
+from wherry.space.occupancy import OccupancyGrid
+from wherry.space.pose import Floats
+from wherry.trace.records import MapUpdate, Narration, Phase
+
+CLEARED_RADIUS = 0.35  # m around base_link that is free although the lidar cannot see it
+MIN_GAIN = 0.15  # m² of visible unknown area, less than half a cell, that make a viewpoint worth driving to
+MAX_VIEWPOINTS = 3  # viewpoints of a cell to which a path is planned
+VIEWPOINT_TOLERANCE = 0.3  # m from a viewpoint at which a path to it may end
+CELL_TOLERANCE = 1.0  # m from an unobserved cell's centre at which a path to it may end
+FRONTIER_DEPTH = 1.0  # m of unknown space expected behind a frontier, for the explored fraction
+SHADOW_RADIUS = 1.0  # m around a removed box within which viewpoints and cells are tried again
+
+
+@dataclass(frozen=True)
+class CellMap:
+    """A map discretized into cells.
+
+    Attributes:
+        grid: The map, without boxes.
+        frame: Where the cells lie on the map.
+        plan: The cells and the walls between them.
+    """
+
+    grid: OccupancyGrid
+    frame: CellFrame
+    plan: FloorPlan
+
+
+class Surveyor:
+    """Drives a robot to what it has not observed yet.
+
+    Args:
+        pilot: Drives the robot.
+        cell_size: Side of the cells, m.
+        mapper: Builds the map; None if it is finished.
+        grid: The finished map; not needed with a mapper.
+
+    Attributes:
+        pilot: Drives the robot.
+        tracker: Tracks boxes during the survey.
+        mapper: Builds the map; None if it is finished.
+    """
+
+    def __init__(
+        self, pilot: Pilot, cell_size: float, mapper: Mapper | None = None, grid: OccupancyGrid | None = None
+    ) -> None:
+        self.pilot = pilot
+        self.tracker = BoxTracker(pilot)
+        self.mapper = mapper
+        self._grid = grid
+        self._cell_size = cell_size
+        self._follower = ReplanningFollower(pilot)
+        self._removed: tuple[BoxTrack, ...] = ()
+        self._visited: list[Floats] = []  # viewpoints of exploration, m, map frame
+        self._abandoned: list[Floats] = []  # centres of cells that could not be observed, m, map frame
+        self._search_area: tuple[CellMap, BoxCoverage] | None = None
+
+    def survey(self) -> None:
+        """Explore until no reachable frontier is left, then search every reachable cell for boxes."""
+        self.tracker.start()
+        self.pilot.wait_for_scan()
+        if self.mapper is not None:
+            self._explore(self.mapper)
+        self._search_for_boxes()
+        self.tracker.stop()
+
+    def boxes(self) -> tuple[BoxTrack, ...]:
+        """The boxes found on the floor."""
+        return isolated_boxes(self.tracker.tracks, self._map(), self.pilot.body.box_radius)
+
+    def cell_map(self) -> CellMap:
+        """The map so far, discretized into cells.
+
+        Raises:
+            InputError: There are no walls to align cells with.
+        """
+        grid = erase_boxes(self._map(), self.boxes(), self.pilot.body.box_radius)
+        walls = grid.occupied_points()
+        if not len(walls):
+            raise InputError("map", "", "has no walls to align cells with")
+        frame = fit_cell_frame(walls, self._cell_size)
+        return CellMap(grid, frame, floor_plan_from_map(grid, frame, self.pilot.body.radius))
+
+    def update_boxes(self, on_floor: Sequence[BoxTrack], removed: Sequence[BoxTrack]) -> None:
+        """Replace the boxes by those known from elsewhere; what a removed box has hidden counts as uncovered again.
+
+        Args:
+            on_floor: Tracks of all known boxes on the floor.
+            removed: Tracks of all boxes that were picked up so far.
+        """
+        newly_removed = [np.array([track.x, track.y]) for track in removed if track not in self._removed]
+        self._visited = [point for point in self._visited if not _is_in_shadow(point, newly_removed)]
+        self._abandoned = [point for point in self._abandoned if not _is_in_shadow(point, newly_removed)]
+        self._removed = tuple(removed)
+        self.tracker.tracks = tuple(on_floor)
+
+    def has_more_to_observe(self, *, without: BoxTrack | None = None) -> bool:
+        """Whether a survey would observe something new now, or if a box were removed."""
+        boxes = [track for track in self.tracker.tracks if track != without]
+        grid = self._map()
+        if without is not None:
+            grid = erase_boxes(grid, [without], self.pilot.body.box_radius)
+        if self._next_viewpoint(grid, boxes) is not None:
+            return True
+        return self._search_area is not None and bool(self._uncovered_cells(*self._search_area, boxes))
+
+    def _explore(self, mapper: Mapper) -> None:
+        """Drive from viewpoint to viewpoint until none shows enough unknown area."""
+        goal: Floats | None = None
+        while True:
+            grid = self._map()
+            boxes = self.tracker.publish(grid)
+            if goal is None or visible_unknown_area(grid, goal) < MIN_GAIN:
+                viewpoint = self._next_viewpoint(grid, boxes)
+                if viewpoint is None:
+                    break
+                goal = viewpoint.position
+            self._record_progress(grid)
+            costmap = costmap_around(self.pilot, grid, boxes)
+            path = shortest_path(costmap, self._position(), goal)
+            if path is None or not self._follower.follow(path, costmap):
+                self._visited.append(goal)
+                goal = None
+        self.pilot.stop()
+        self._say(Phase.EXPLORE, "No reachable frontier is left: the map is complete.")
+
+    def _next_viewpoint(self, grid: OccupancyGrid, boxes: Sequence[BoxTrack]) -> Viewpoint | None:
+        """The best viewpoint on a growing map; None if none is worthwhile or the map is finished."""
+        if self.mapper is None:
+            return None
+        visited = np.array(self._visited).reshape(-1, 2)
+        costmap = costmap_around(self.pilot, grid, boxes)
+        return next_viewpoint(grid, costmap, self.pilot.pose, visited, min_gain=MIN_GAIN)
+
+    def _search_for_boxes(self) -> None:
+        """Drive to observe each uncovered cell, the nearest first, until all are covered or abandoned."""
+        cells = self.cell_map()
+        coverage = BoxCoverage(self.tracker, cells.frame, cells.plan)
+        self._search_area = cells, coverage
+        has_announced = False
+        while True:
+            boxes = self.tracker.publish(cells.grid)
+            uncovered = self._uncovered_cells(cells, coverage, boxes)
+            if not uncovered:
+                return
+            if not has_announced:
+                self._say(Phase.SURVEY, "Some cells were never observed from nearby: I search them for boxes.")
+                has_announced = True
+            target = min(uncovered, key=lambda cell: (uncovered[cell], cell))
+            costmap = costmap_around(self.pilot, cells.grid, boxes)
+            path = self._path_to_observe(target, cells, coverage, boxes, costmap)
+            if path is None or not self._follower.follow(path, costmap):
+                self.pilot.wait_for_scan(DETECTION_PERIOD * MIN_OBSERVATIONS)
+                self._abandoned.append(cells.frame.centre(target.x, target.y))
+
+    def _uncovered_cells(self, cells: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
+        """Cells in which a box may stand undetected, and how many moves away they are.
+
+        These are the reachable cells and their occupied neighbours, without the covered and the abandoned ones.
+        """
+        moves = self._moves_to_cells(cells, boxes)
+        occupied = occupied_cells(cells.grid, cells.frame, cells.plan)
+        candidates = {cell for cell in occupied if any(cell.neighbour(direction) in moves for direction in Direction)}
+        abandoned = {Cell(*cells.frame.cell_at(x, y)) for x, y in self._abandoned}
+        return {cell: moves.get(cell, 0) for cell in (candidates | set(moves)) - abandoned - coverage.covered_cells()}
+
+    def _moves_to_cells(self, cells: CellMap, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
+        """Number of moves to each cell that the robot can reach without passing a box."""
+        blocked = {Cell(*cells.frame.cell_at(track.x, track.y)) for track in boxes}
+        start = Cell(*cells.frame.cell_at(self.pilot.pose.x, self.pilot.pose.y))
+        return cells.plan.distances(start, blocked)
+
+    def _path_to_observe(
+        self, target: Cell, cells: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack], costmap: Costmap
+    ) -> Floats | None:
+        """[N, 2] path, m, map frame, to the nearest viewpoint of a cell, else near the cell; None if there is none."""
+        moves = self._moves_to_cells(cells, boxes)
+        viewpoints = coverage.viewpoints(target, cells.grid, sorted(moves, key=lambda cell: (moves[cell], cell)))
+        goals = [(cells.frame.centre(cell.x, cell.y), VIEWPOINT_TOLERANCE) for cell in viewpoints[:MAX_VIEWPOINTS]]
+        goals.append((cells.frame.centre(target.x, target.y), CELL_TOLERANCE))
+        paths = (shortest_path(costmap, self._position(), goal, within=tolerance) for goal, tolerance in goals)
+        return next((path for path in paths if path is not None), None)
+
+    def _map(self) -> OccupancyGrid:
+        """The map so far, with the boxes on the floor and without those that were removed."""
+        if self.mapper is not None:
+            self._grid = self.mapper.grid()
+        if self._grid is None:
+            raise ValueError("a surveyor needs a map or a mapper")
+        return erase_boxes(self._grid, self._removed, self.pilot.body.box_radius)
+
+    def _position(self) -> Floats:
+        """[2] base_link, m, map frame."""
+        return np.array([self.pilot.pose.x, self.pilot.pose.y])
+
+    def _record_progress(self, grid: OccupancyGrid) -> None:
+        """Hand the map so far and the explored fraction to the sink."""
+        frontier_length = float(np.count_nonzero(frontier_cells(grid))) * grid.resolution  # m
+        known_area = float(np.count_nonzero(grid.free)) * grid.resolution**2  # m²
+        fraction = known_area / (known_area + frontier_length * FRONTIER_DEPTH)
+        self.pilot.sink(MapUpdate(self.pilot.time, grid, fraction, frontier_length))
+
+    def _say(self, phase: Phase, text: str) -> None:
+        self.pilot.sink(Narration(self.pilot.time, phase, text))
+
+
+def costmap_around(pilot: Pilot, grid: OccupancyGrid, boxes: Sequence[BoxTrack]) -> Costmap:
+    """The costmap of a map with boxes as obstacles and with free space under the robot."""
+    obstacles = np.array([(track.x, track.y, pilot.body.box_radius) for track in boxes]).reshape(-1, 3)
+    cleared = np.array([[pilot.pose.x, pilot.pose.y, CLEARED_RADIUS]])
+    return Costmap.from_grid(grid, pilot.body.radius, obstacles=obstacles, known_free=cleared)
+
+
+def _is_in_shadow(point: Floats, removed: Sequence[Floats]) -> bool:
+    """Whether a point, [2] m, is near one of the removed boxes."""
+    return any(float(np.hypot(*(point - other))) < SHADOW_RADIUS for other in removed)
