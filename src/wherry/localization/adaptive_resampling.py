@@ -70,8 +70,7 @@ class AdaptiveResampler:
         p = self._parameters
         if self._updates % p.resample_interval:
             return False
-        is_degenerate = particles.effective_size <= SELECTIVE_MAX_EFFECTIVE * len(particles)
-        return is_degenerate or not p.selective_resampling
+        return not p.selective_resampling or particles.effective_size <= SELECTIVE_MAX_EFFECTIVE * len(particles)
 
     def _sample_size(self, particles: ParticleSet, random_probability: float) -> int:
         """Number of particles by KLD sampling, where each random particle occupies a bin of its own."""

@@ -42,11 +42,11 @@ class ParticleSet:
 
         Args:
             poses: [N, 3] m, m, rad, map frame.
-            log_weights: [N] logarithms of unnormalized weights.
+            log_weights: [N] logarithms of unnormalized weights; normalized in place.
         """
-        normalized, weights = log_weights.copy(), np.empty(len(log_weights))
-        normalize(normalized, weights)
-        return cls(poses, weights, normalized, is_uniform=False)
+        weights = np.empty(len(log_weights))
+        normalize(log_weights, weights)
+        return cls(poses, weights, log_weights, is_uniform=False)
 
     @property
     def effective_size(self) -> float:

@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from wherry.evaluation import root_mean_square
 from wherry.experiments.localization.kidnapping import START_COVARIANCE
 from wherry.experiments.localization.wandering import RandomWalk, WanderingRobot
 from wherry.floorplan.generation import place_boxes
@@ -224,7 +225,7 @@ def _metrics(
     all_errors = np.concatenate(errors)
     return FilterMetrics(
         name,
-        rmse_m=math.sqrt(float(np.mean(all_errors**2))),
+        rmse_m=root_mean_square(all_errors),
         p99_m=float(np.quantile(all_errors, 0.99)),
         memory_bytes=float(np.mean(memory)),
         hertz=1.0 / float(np.quantile(np.concatenate(seconds), UPDATE_QUANTILE)),

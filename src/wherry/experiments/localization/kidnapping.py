@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wherry.evaluation import root_mean_square
 from wherry.experiments.localization.reliability import Reliability
 from wherry.experiments.localization.wandering import RandomWalk, WanderingRobot
 from wherry.floorplan.generation import place_boxes
@@ -138,7 +139,7 @@ def summarize(scans: list[EvaluatedScan]) -> KidnappingResult:
     kidnappings = range(1, max(scan.kidnapping for scan in scans) + 1)
     trials = [[scan for scan in scans if scan.kidnapping == number] for number in kidnappings]
     return KidnappingResult(
-        tracking_rmse_m=math.sqrt(float(np.mean(errors**2))),
+        tracking_rmse_m=root_mean_square(errors),
         tracking_p99_m=float(np.quantile(errors, 0.99)),
         false_alarms=int(np.count_nonzero(alarms[1:] & ~alarms[:-1])),
         relocalizations=sum(bool(scan.localization.hypotheses) for scan in tracked),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from wherry.errors import InputError
+from wherry.evaluation import position_errors, root_mean_square
 from wherry.files import make_folder, write_atomically
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameter_files import load_parameters
@@ -30,7 +31,7 @@ from wherry.robot import Odometry
 from wherry.ros.bags.reading import is_bag, read_bag
 from wherry.space.map_files import load_map
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Floats, Pose
+from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.trajectory import Trajectory, save_tum
 from wherry.space.wean_map import load_wean_map
 from wherry.views.map_picture import MapPicture
@@ -239,7 +240,7 @@ class LocalizationRun:
         updates = [scan.seconds for scan in self.localized if scan.localization.estimate.is_updated]
         x, y, theta = localizations[-1].pose.as_array().tolist()
         return LocalizationResult(
-            rmse_m=None if errors is None else float(np.sqrt(np.mean(np.square(errors)))),
+            rmse_m=None if errors is None else root_mean_square(errors),
             median_m=None if errors is None else float(np.median(errors)),
             p99_m=None if errors is None else float(np.quantile(errors, 0.99)),
             lost_fraction=float(np.mean([one.lost_probability > LOST_PROBABILITY_THRESHOLD for one in localizations])),
@@ -261,9 +262,8 @@ class LocalizationRun:
         inside = (trajectory.times >= self._reference.times[0]) & (trajectory.times <= self._reference.times[-1])
         if not inside.any():
             raise InputError(self._settings.reference or "", "", "has no pose at the time of any scan of the log")
-        offset = trajectory.poses[inside, :2] - self._reference.at(trajectory.times[inside])[:, :2]
-        distance: Floats = np.hypot(offset[:, 0], offset[:, 1])
-        return distance
+        reference = self._reference.at(trajectory.times[inside])
+        return position_errors(trajectory.poses[inside], reference, alignment=IDENTITY)
 
     def save(self, folder: Path) -> list[Path]:
         """Write trajectory.tum and localization.png.
