@@ -263,7 +263,7 @@ def test_doormax_reports_the_assumption_that_several_objects_violate(seed: int, 
     example = lights()
     learner = Doormax(example["DOMAIN"], failure_scope=scope)
     agent = GoalAgent(learner, example["lit_lamps"])
-    environment = DeterministicMdp(example["DOMAIN"], example["transition"], example["start"])
+    environment = DeterministicMdp(example["DOMAIN"], example["transition"], example["initial_state"])
     steps = list(run_episode(environment, agent, np.random.default_rng(seed), max_steps=100))
     assert example["lit_lamps"](steps[-1].transition.next_state) == 0
     assert agent.failure_reason is None
@@ -292,7 +292,7 @@ def test_agent_that_gives_up_states_the_reason() -> None:
         return done if action.name != "SWITCH_OFF" else Transition(state, action, state, -1.0, terminated=False)
 
     agent = GoalAgent(Doormax(example["DOMAIN"]), example["lit_lamps"])
-    environment = DeterministicMdp(example["DOMAIN"], broken, example["start"])
+    environment = DeterministicMdp(example["DOMAIN"], broken, example["initial_state"])
     steps = list(run_episode(environment, agent, np.random.default_rng(0), max_steps=500))
     assert len(steps) < 500
     assert agent.failure_reason == "3 left to do, and no plan for it is known or can be learnt"

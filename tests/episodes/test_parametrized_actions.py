@@ -33,7 +33,7 @@ SETTINGS = {"doormax": {"failure_scope": "attribute"}}
 
 
 def world() -> DeterministicMdp:
-    return DeterministicMdp(DOMAIN, LIGHTS["transition"], LIGHTS["start"])
+    return DeterministicMdp(DOMAIN, LIGHTS["transition"], LIGHTS["initial_state"])
 
 
 def shortest(state: State) -> int:
