@@ -1,4 +1,4 @@
-"""MDPs so small that their values can be computed by hand or by plain linear algebra."""
+"""MDPs so small that their values can be computed by hand or with dense arrays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DOMAIN = Domain("walk", (WALKER,), (), {"left": (), "right": ()})
 LEFT, RIGHT = Action("left"), Action("right")
 
 Outcomes = Mapping[tuple[int, str], tuple[tuple[float, int, float, bool], ...]]
-"""Rows of probability, next state, reward and termination, by state and action."""
+"""By state number and action name, a row for each outcome: probability, next state number, reward, termination."""
 
 CORRIDOR: Outcomes = {  # two steps to the right end the episode
     (0, "left"): ((1.0, 0, -1.0, False),),
@@ -33,7 +33,7 @@ def at(number: int) -> State:
 
 
 class TableModel:
-    """A model given by a table; states and actions without an entry are unknown."""
+    """A model given by a table; outcomes of states and actions without an entry are unknown."""
 
     def __init__(self, outcomes: Outcomes) -> None:
         self.outcomes = outcomes

@@ -90,7 +90,8 @@ def test_comments_windows_line_ends_and_trailing_blanks_are_ignored() -> None:
 
 
 def _changed(old: str, new: str) -> str:
-    assert TINY.count(old) == 1, "the example has changed"
+    """The example with one replacement."""
+    assert TINY.count(old) == 1
     return TINY.replace(old, new)
 
 

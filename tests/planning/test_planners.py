@@ -11,8 +11,8 @@ import pytest
 from wherry.oomdp.mdp import IMPOSSIBLE, UNKNOWN, Prediction
 from wherry.oomdp.objects import State
 from wherry.planning.lookahead import Lookahead
-from wherry.planning.planners import PLANNERS
-from wherry.planning.policy import Planner
+from wherry.planning.planner import Planner
+from wherry.planning.registry import PLANNERS
 from wherry.planning.uct import Uct
 from wherry_testing.small_worlds import CORRIDOR, LEFT, RIGHT, TableModel, at, optimal_values, per_state, random_world
 
@@ -91,7 +91,7 @@ def test_uct_finds_the_better_action_in_most_random_worlds() -> None:
         best = make("policy-iteration", model, discount=0.9, r_max=1.0)
         uct = Uct(per_state(model), np.random.default_rng(seed), discount=0.9, r_max=1.0, simulations=1500)
         agreements += uct.policy(at(0)) == best.policy(at(0))
-    assert agreements >= 8  # in the others the two actions are nearly equal
+    assert agreements >= 8  # in the other worlds the Q values of both actions are nearly equal
 
 
 @pytest.mark.parametrize("name", ["lrtdp", "uct"])
