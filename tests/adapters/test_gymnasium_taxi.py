@@ -91,15 +91,11 @@ def test_given_rewards_and_terminations_are_gymnasiums() -> None:
         state = adapter.state(number)
         if is_delivered(state):
             continue  # a terminal state
-        for at, name in enumerate(ACTIONS):
-            _, after, reward, end = taxi.P[number][at][0]
-            assert (
-                gymnasium_taxi_reward(state, Action(name), adapter.state(after)),
-                is_delivered(adapter.state(after)),
-            ) == (
-                reward,
-                end,
-            )
+        for index, name in enumerate(ACTIONS):
+            _, after, reward, end = taxi.P[number][index][0]
+            next_state = adapter.state(after)
+            assert gymnasium_taxi_reward(state, Action(name), next_state) == reward
+            assert is_delivered(next_state) == end
 
 
 def test_same_seed_gives_the_same_episode() -> None:

@@ -46,11 +46,11 @@ def steps_of_the_learnt_policy(adapter: MiniGrid, learner: RuleLearner, seed: in
     planner = ValueIteration(learner, optimistic=False, r_max=1.0)
     state = adapter.reset(np.random.default_rng(seed))
     for steps in range(1, 200):
-        done = adapter.step(planner.policy(state))
-        if done.terminated:
-            assert done.reward == 1.0
+        transition = adapter.step(planner.policy(state))
+        if transition.terminated:
+            assert transition.reward == 1.0
             return steps
-        state = done.next_state
+        state = transition.next_state
     raise AssertionError
 
 
@@ -115,16 +115,16 @@ def test_states_determine_transitions(name: str) -> None:
     results = {}
     state = adapter.reset(rng)
     for _ in range(1500):
-        done = adapter.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
-        first_result = results.setdefault((done.state, done.action), (done.next_state, done.reward, done.terminated))
-        assert first_result == (done.next_state, done.reward, done.terminated)
+        transition = adapter.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
+        first_result = results.setdefault((transition.state, transition.action), (transition.next_state, transition.reward, transition.terminated))
+        assert first_result == (transition.next_state, transition.reward, transition.terminated)
         for item in state.objects:
-            after = done.next_state[item.name]
+            after = transition.next_state[item.name]
             for attribute, old, new in zip(item.object_class.attributes, item.values, after.values, strict=True):
                 effects = effects_between(attribute, old, new, MINIGRID_EFFECT_TYPES)
                 assert effects
                 assert all(MINIGRID_EFFECT_TYPES[effect.type].apply(old, effect.argument) == new for effect in effects)
-        state = adapter.reset(rng) if done.terminated else done.next_state
+        state = adapter.reset(rng) if transition.terminated else transition.next_state
 
 
 def test_carried_key_moves_with_the_agent() -> None:
@@ -175,9 +175,9 @@ def test_rules_of_an_empty_room_solve_four_rooms() -> None:
     rng = np.random.default_rng(0)
     small.reset(rng)
     for _ in range(200):  # random actions
-        done = small.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
-        learner.add_experience(done)
-        if done.terminated:
+        transition = small.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
+        learner.add_experience(transition)
+        if transition.terminated:
             small.reset(rng)
     assert set(learner.sentences()) == {
         "left: if always: agent.facing turns left",

@@ -45,8 +45,8 @@ def test_environment_passes_gymnasiums_checks_without_warnings(name: str, settin
 
 def test_name_with_a_module_registers_the_environments() -> None:
     program = "import gymnasium; print(gymnasium.make('wherry.environments:wherry/Taxi-v0').spec.id)"
-    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == "wherry/Taxi-v0"
+    completed = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert completed.stdout.strip() == "wherry/Taxi-v0"
 
 
 @pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
@@ -135,8 +135,8 @@ def test_optimal_policy_obtains_the_optimal_return() -> None:
             break
     assert terminated
     steps = 1
-    while not (done := grid.transition(state, planner.policy(state))).terminated:
-        state, steps = done.next_state, steps + 1
+    while not (transition := grid.transition(state, planner.policy(state))).terminated:
+        state, steps = transition.next_state, steps + 1
     assert total == 20 - (steps - 1)
 
 

@@ -57,7 +57,7 @@ def test_example_runs_and_prints_the_rules() -> None:
 def test_action_is_grounded_for_every_lamp() -> None:
     state = world().reset(np.random.default_rng(0))
     switches = [action for action in DOMAIN.ground_actions(state) if action.name == "SWITCH_OFF"]
-    assert switches == [Action("SWITCH_OFF", (f"lamp{at}",)) for at in range(3)]
+    assert switches == [Action("SWITCH_OFF", (f"lamp{index}",)) for index in range(3)]
 
 
 @pytest.mark.parametrize(("name", "episodes"), [("bayes", 3), ("doormax", 20)])

@@ -56,7 +56,7 @@ def test_effect_types_of_a_change(before: int, after: int, found: dict[str, obje
 @given(st.integers(-10_000, 10_000), st.integers(1, 1000), st.integers(1, 50))
 def test_equal_steps_of_a_real_attribute_are_one_increment(start: int, step: int, times: int) -> None:
     """0.3 - 0.2 differs from 0.2 - 0.1 in floating point, but is the same effect."""
-    values = [(start + at * step) / 100 for at in range(times + 1)]
+    values = [(start + index * step) / 100 for index in range(times + 1)]
     (increment,) = {effects_between(real("r"), one, other, EFFECT_TYPES)[0] for one, other in pairwise(values)}
     assert increment == Effect("increment", step / 100)
     assert EFFECT_TYPES["increment"].apply(values[0], increment.argument) == values[1]
@@ -66,18 +66,18 @@ def test_equal_steps_of_a_real_attribute_are_one_increment(start: int, step: int
 def test_effects_between_two_states_turn_the_first_into_the_second(
     balls: list[tuple[int, bool, bool]], data: st.DataObject
 ) -> None:
-    before = State(tuple(BALL(f"ball{at}", x=x, lit=lit) for at, (x, lit, _) in enumerate(balls)))
+    before = State(tuple(BALL(f"ball{index}", x=x, lit=lit) for index, (x, lit, _) in enumerate(balls)))
     later = [
-        BALL(f"ball{at}", x=data.draw(st.integers(0, 5)), lit=data.draw(st.booleans()))
-        for at, (_, _, stays) in enumerate(balls)
+        BALL(f"ball{index}", x=data.draw(st.integers(0, 5)), lit=data.draw(st.booleans()))
+        for index, (_, _, stays) in enumerate(balls)
         if stays
     ]
     after = State(tuple(later))
     changes = []
-    for at, item in enumerate(before.objects):
+    for index, item in enumerate(before.objects):
         for attribute, old, new in observed_values(item, after.get(item.name)):
             effects = effects_between(attribute, old, new, EFFECT_TYPES)
-            changes.append((at, attribute.name, data.draw(st.sampled_from(effects))))
+            changes.append((index, attribute.name, data.draw(st.sampled_from(effects))))
     assert apply_effects(before, changes, EFFECT_TYPES) == after
 
 

@@ -30,7 +30,7 @@ doors = st.builds(
     st.floats(0, 1e6),
 )
 states = st.builds(
-    lambda objects, xs: State(tuple(objects), Scene(tuple(WALL(f"w{at}", x=x) for at, x in enumerate(xs)))),
+    lambda objects, xs: State(tuple(objects), Scene(tuple(WALL(f"w{index}", x=x) for index, x in enumerate(xs)))),
     st.lists(doors, max_size=4, unique_by=lambda door: door.name),
     st.lists(st.integers(), max_size=3),
 )
@@ -130,7 +130,7 @@ def test_scene_index_is_built_once() -> None:
         keyed.append(wall.name)
         return int(wall.x) % 2
 
-    scene = Scene(tuple(WALL(f"w{at}", x=at) for at in range(5)))
+    scene = Scene(tuple(WALL(f"w{index}", x=index) for index in range(5)))
     for _ in range(3):
         assert [wall.x for wall in scene.index("Wall", key)[1]] == [1, 3]
     assert len(keyed) == 5

@@ -13,14 +13,14 @@ from wherry.oomdp.relations import Relation
 from wherry.oomdp.terms import related
 from wherry.planning.pddl import export_pddl
 from wherry_testing.fast_downward import optimal_plan
-from wherry_testing.small_worlds import DOMAIN, TableModel, at
+from wherry_testing.small_worlds import DOMAIN, TableModel, state_at
 
 
 def test_model_that_depends_on_more_than_the_terms_is_refused() -> None:
     """The model distinguishes two positions that no term distinguishes."""
     left = {(0, "left"): ((1.0, 1, 0.0, False),), (1, "left"): ((1.0, 3, 0.0, False),)}
     with pytest.raises(ValueError, match="left: predictions depend on more than the domain's terms"):
-        export_pddl(TableModel(left), DOMAIN, at(0))
+        export_pddl(TableModel(left), DOMAIN, state_at(0))
 
 
 PUSHER, CRATE = (ObjectClass(name, (integer("x", 0, 6),), removable=name == "Crate") for name in ("Agent", "Crate"))

@@ -17,7 +17,7 @@ DOMAIN = Domain("corridor", (WALKER,), (), {"left": (), "right": (), "probe": ()
 PROBE = Action("probe")
 
 
-def at(x: int) -> State:
+def state_at(x: int) -> State:
     return State((WALKER("walker", x=x),))
 
 
@@ -44,7 +44,7 @@ class Corridor:
         x = state["walker"].x
         if action != PROBE:
             step = 1 if action.name == "right" else -1
-            return Prediction((Outcome(at(min(8, max(0, x + step))), -1.0, False),))
+            return Prediction((Outcome(state_at(min(8, max(0, x + step))), -1.0, False),))
         if x in self.unknown:
             return Prediction((Outcome(None, probability=self.unknown[x]),))
         return Prediction((Outcome(state, -1.0, False),), self.disagreements.get(x, 0.0))
@@ -57,7 +57,7 @@ class Corridor:
 
 def cheapest(corridor: Corridor, start: int, **options: object) -> tuple[int, float] | None:
     """The cell of the cheapest experiment, and the cost of the plan."""
-    plan = cheapest_experiment(PredictionCache(corridor), at(start), **options)
+    plan = cheapest_experiment(PredictionCache(corridor), state_at(start), **options)
     if plan is None:
         return None
     assert plan.actions[-1] == PROBE
@@ -68,20 +68,20 @@ def cheapest(corridor: Corridor, start: int, **options: object) -> tuple[int, fl
 @pytest.mark.parametrize("heuristic", [lambda state: 0.0, lambda state: abs(state["walker"].x - 6)])
 def test_plan_to_a_goal_is_the_shortest(heuristic: object) -> None:
     cache = PredictionCache(Corridor({}, {}))
-    plan, unmet = a_star(cache, at(2), lambda state: float(state["walker"].x != 6), heuristic)
+    plan, unmet = a_star(cache, state_at(2), lambda state: float(state["walker"].x != 6), heuristic)
     assert (plan.cost, unmet) == (4, 0)
     assert [action.name for action in plan.actions] == ["right"] * 4
     assert [state["walker"].x for state in plan.states] == [2, 3, 4, 5, 6]
 
 
 def test_plan_reduces_unmet_goals_as_far_as_possible() -> None:
-    plan, unmet = a_star(PredictionCache(Corridor({}, {})), at(2), lambda state: 20 - state["walker"].x)
+    plan, unmet = a_star(PredictionCache(Corridor({}, {})), state_at(2), lambda state: 20 - state["walker"].x)
     assert (plan.states[-1]["walker"].x, unmet) == (8, 12)
 
 
 def test_plan_is_empty_in_a_goal_state() -> None:
-    plan, unmet = a_star(PredictionCache(Corridor({}, {})), at(2), lambda state: 0)
-    assert (plan.actions, plan.states, unmet) == ((), (at(2),), 0)
+    plan, unmet = a_star(PredictionCache(Corridor({}, {})), state_at(2), lambda state: 0)
+    assert (plan.actions, plan.states, unmet) == ((), (state_at(2),), 0)
 
 
 def test_nearest_unknown_outcome_is_the_cheapest_experiment() -> None:
@@ -123,20 +123,20 @@ def test_model_is_queried_again_only_about_revised_actions() -> None:
     corridor = Corridor({}, {})
     cache = PredictionCache(corridor)
     cache.refresh()
-    before = cache.predictions(at(3))
+    before = cache.predictions(state_at(3))
     assert len(corridor.queried) == 3
     corridor.unknown[3] = 0.5
     corridor.revisions["probe"] += 1
-    assert cache.predictions(at(3)) is before  # the cache has not been refreshed
+    assert cache.predictions(state_at(3)) is before  # the cache has not been refreshed
     cache.refresh()
-    after = dict(cache.predictions(at(3)))
+    after = dict(cache.predictions(state_at(3)))
     assert corridor.queried[3:] == [PROBE]
     assert after[PROBE].most_likely == Outcome(None, probability=0.5)
 
 
 def test_excluded_action_is_not_considered() -> None:
     cache = PredictionCache(Corridor({}, {}))
-    assert len(cache.predictions(at(3))) == 3
-    cache.exclude(at(3), PROBE)
-    assert [action.name for action, _ in cache.predictions(at(3))] == ["left", "right"]
-    assert len(cache.predictions(at(4))) == 3
+    assert len(cache.predictions(state_at(3))) == 3
+    cache.exclude(state_at(3), PROBE)
+    assert [action.name for action, _ in cache.predictions(state_at(3))] == ["left", "right"]
+    assert len(cache.predictions(state_at(4))) == 3

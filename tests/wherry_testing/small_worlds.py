@@ -12,7 +12,7 @@ from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, Model, Outcome, Prediction
 from wherry.oomdp.objects import ObjectClass, State
 
-WALKER = ObjectClass("Walker", (integer("at"),))
+WALKER = ObjectClass("Walker", (integer("x"),))
 DOMAIN = Domain("walk", (WALKER,), (), {"left": (), "right": ()})
 LEFT, RIGHT = Action("left"), Action("right")
 
@@ -27,9 +27,9 @@ CORRIDOR: Outcomes = {  # two steps to the right end the episode
 }
 
 
-def at(number: int) -> State:
+def state_at(number: int) -> State:
     """The state with the walker at a position."""
-    return State((WALKER("walker", at=number),))
+    return State((WALKER("walker", x=number),))
 
 
 class TableModel:
@@ -39,8 +39,8 @@ class TableModel:
         self.outcomes = outcomes
 
     def predict(self, state: State, action: Action) -> Prediction:
-        rows = self.outcomes.get((state["walker"].at, action.name), ())
-        outcomes = tuple(Outcome(at(after), reward, end, probability) for probability, after, reward, end in rows)
+        rows = self.outcomes.get((state["walker"].x, action.name), ())
+        outcomes = tuple(Outcome(state_at(after), reward, end, probability) for probability, after, reward, end in rows)
         return Prediction(outcomes) if outcomes else UNKNOWN
 
 

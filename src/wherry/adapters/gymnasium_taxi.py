@@ -73,8 +73,8 @@ class GymnasiumTaxi(GymnasiumAdapter):
         walls = sorted(set(self._walls()))
         self._scene = Scene(
             (
-                *(WALL(f"wall{at}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for at, wall in enumerate(walls)),
-                *(PLACE(f"place{at}", x=cell.x, y=cell.y) for at, cell in enumerate(map(_cell, taxi.locs))),
+                *(WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for index, wall in enumerate(walls)),
+                *(PLACE(f"place{index}", x=cell.x, y=cell.y) for index, cell in enumerate(map(_cell, taxi.locs))),
             )
         )
 

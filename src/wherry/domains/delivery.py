@@ -120,10 +120,10 @@ class DeliverySite:
 
     def __post_init__(self) -> None:
         walls = [
-            WALL(f"wall{at}", x=wall.cell.x, y=wall.cell.y, north=wall.north)
-            for at, wall in enumerate(sorted(self.walls))
+            WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north)
+            for index, wall in enumerate(sorted(self.walls))
         ]
-        cells = [WAREHOUSE(f"warehouse{at}", x=cell.x, y=cell.y) for at, cell in enumerate(sorted(self.warehouse))]
+        cells = [WAREHOUSE(f"warehouse{index}", x=cell.x, y=cell.y) for index, cell in enumerate(sorted(self.warehouse))]
         object.__setattr__(self, "domain", delivery_domain(self.x_range, self.y_range))
         object.__setattr__(self, "scene", Scene((*walls, *cells)))
 
@@ -201,7 +201,7 @@ class DeliveryHeuristic:
         steps = sum(2 * from_warehouse[cell] + 2 for cell in floor_cells)  # both ways, PICKUP and DROPOFF
         if any(box.in_bot for box in boxes):
             return steps + (from_warehouse[robot_cell] + 1 if robot_cell in from_warehouse else 0)
-        differences = (  # from the robot instead of the warehouse to each box
+        differences = (  # steps to each box from the robot, less those from the warehouse
             self._distances_from(state, frozenset({cell})).get(robot_cell, math.inf) - from_warehouse[cell]
             for cell in floor_cells
         )
@@ -302,6 +302,6 @@ def delivery_grid(plan: FloorPlan, box_count: int | None = None) -> Deterministi
 
     def draw_initial_state(rng: np.random.Generator) -> State:
         cells = plan.boxes if plan.boxes and box_count is None else place_boxes(plan, count, rng).boxes
-        return site.state(start, (BoxState(f"box{at}", cell) for at, cell in enumerate(cells, start=1)))
+        return site.state(start, (BoxState(f"box{index}", cell) for index, cell in enumerate(cells, start=1)))
 
     return DeterministicMdp(site.domain, delivery_transition, draw_initial_state)

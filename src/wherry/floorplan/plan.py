@@ -127,7 +127,7 @@ class FloorPlan:
             place = "where the robot starts" if self.start in occupied else "in the warehouse already"
             raise InputError(self.name, "box", f"a box stands {place}")
         if len(set(self.marks.values())) < len(self.marks) or not set(self.marks) <= set(ascii_uppercase):
-            raise InputError(self.name, "mark", "marks are capital letters, one for a cell and one cell for each")
+            raise InputError(self.name, "mark", "marks must be capital letters, at most one in a cell")
 
     def _check_sizes(self) -> None:
         """Raise an error if the name, a size or a count is out of range."""

@@ -132,7 +132,7 @@ def _read_fields(lines: list[str], source: str) -> dict[str, str]:
         if not colon or key not in FIELDS:
             raise InputError(source, f"line {number}", f"is none of the fields {', '.join(FIELDS)} (as in name: attic)")
         if key in fields:
-            raise InputError(source, f"line {number}", f"gives {key} a second time")
+            raise InputError(source, f"line {number}", f"repeats the field {key}")
         try:
             FIELDS[key](value)
         except ValueError:

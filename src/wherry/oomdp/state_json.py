@@ -54,7 +54,7 @@ def state_from_json(
         items = data.get(part) if isinstance(data, dict) else None
         if not isinstance(items, list):
             raise InputError(source, part, "is not a list of objects")
-        return tuple(object_from_json(item, classes, source, f"{part}[{at}]") for at, item in enumerate(items))
+        return tuple(object_from_json(item, classes, source, f"{part}[{index}]") for index, item in enumerate(items))
 
     try:
         return State(read("objects"), Scene(read("scene")) if scene is None else scene)

@@ -63,15 +63,15 @@ def reachable_states(
     seen = np.zeros(n_states, np.bool_)
     order = np.empty(n_states, np.int32)
     missing = np.empty((n_states * outcomes.shape[1] * outcomes.shape[2], 2), np.int32)
-    n_reached, n_missing, at = 0, 0, 0
+    n_reached, n_missing, n_expanded = 0, 0, 0
     for start in starts:
         if not seen[start]:
             seen[start] = True
             order[n_reached] = start
             n_reached += 1
-    while at < n_reached:
-        state = order[at]
-        at += 1
+    while n_expanded < n_reached:
+        state = order[n_expanded]
+        n_expanded += 1
         for action in range(outcomes.shape[1]):
             is_queried = queried_revisions[group[state], action] == revisions[action]
             for outcome in outcomes[group[state], action]:
@@ -161,10 +161,10 @@ def sweep(states: Integers, tolerance: float, tables: BackupTables) -> None:
     constants, lowest_reward = np.empty((n_states, n_actions)), 0.0
     weights = np.empty((n_states, n_actions, width))
     targets = np.empty((n_states, n_actions, width), np.int32)
-    for at in range(n_states):
-        state = states[at]
+    for index in range(n_states):
+        state = states[index]
         for action in range(n_actions):
-            constants[at, action] = linear_backup(state, action, tables, weights[at, action], targets[at, action])
+            constants[index, action] = linear_backup(state, action, tables, weights[index, action], targets[index, action])
         for outcome in outcomes[group[state]].flat:
             if outcome != NO_OUTCOME:
                 lowest_reward = min(lowest_reward, tables.reward[outcome, state])
@@ -174,13 +174,13 @@ def sweep(states: Integers, tolerance: float, tables: BackupTables) -> None:
     while change > tolerance:
         change = 0.0
         for turn in range(2 * n_states):  # from the farthest state to the nearest, and back
-            at = n_states - 1 - turn if turn < n_states else turn - n_states
-            best = values[states[at]]
+            index = n_states - 1 - turn if turn < n_states else turn - n_states
+            best = values[states[index]]
             previous = best
             for action in range(n_actions):
-                value = constants[at, action]
+                value = constants[index, action]
                 for k in range(width):
-                    value += weights[at, action, k] * values[targets[at, action, k]]
+                    value += weights[index, action, k] * values[targets[index, action, k]]
                 best = max(best, value)
-            values[states[at]] = best
+            values[states[index]] = best
             change = max(change, best - previous)

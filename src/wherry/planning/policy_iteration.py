@@ -82,7 +82,7 @@ class PolicyIteration:
                 break
             policy = np.where(is_better, greedy, policy)
         self._values = values
-        self._policy = [nodes[at].action for at in greedy]
+        self._policy = [nodes[index].action for index in greedy]
 
     def _tabulate(self, nodes: list[ChanceNode]) -> tuple[sparse.csr_array, Floats]:
         """Transition matrix P [N, S] without the leaves, and expected rewards [N], of N chance nodes."""

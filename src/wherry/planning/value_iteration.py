@@ -53,12 +53,12 @@ class ValueIteration:
         self.curiosity = curiosity
         self.unknown_value = r_max / (1 - discount) if optimistic else -np.inf
         self.space = StateSpace() if space is None else space
-        self._model_revisions: Mapping[str, int] = {}  # by action name, at the last query
-        self._revisions: Integers = np.zeros(0, np.int32)  # [A] revision of every action at the last query
-        self._queried_revisions: Integers = np.zeros((0, 0), np.int32)  # [G, A] at the last query
+        self._model_revisions: Mapping[str, int] = {}  # by action name, when last queried
+        self._revisions: Integers = np.zeros(0, np.int32)  # [A] revision of every action when last queried
+        self._queried_revisions: Integers = np.zeros((0, 0), np.int32)  # [G, A] revision when last queried
         self._predictions: dict[tuple[int, int], ConditionalPrediction] = {}  # by group and action
         self._outcomes: Integers = np.zeros((0, 0, 1), np.int32)  # [G, A, K] numbers of the predicted outcomes
-        self._probabilities: Floats = np.zeros((0, 0, 1))  # [G, A, K] probabilities of these outcomes
+        self._probabilities: Floats = np.zeros((0, 0, 1))  # [G, A, K] probabilities of the predicted outcomes
         self._disagreements: Floats = np.zeros((0, 0))  # [G, A] disagreement of each prediction
         self._values: Floats = np.zeros(0)  # [S] V(s)
         self._solved: NDArray[np.bool_] = np.zeros(0, np.bool_)  # [S] whether a value has converged
@@ -111,7 +111,7 @@ class ValueIteration:
             self.sweep()
 
     def _adopt_revisions(self) -> bool:
-        """Whether the model has been revised; if so, query it again about the states of the last sweep."""
+        """Query the model again about the states of the last sweep if it has been revised; return whether it has."""
         if self.model.revisions == self._model_revisions and len(self._revisions) == len(self.space.actions):
             return False
         self._grow_with_space()
