@@ -56,7 +56,7 @@ def test_a_short_range_lidar_closes_loops_after_large_errors() -> None:
         slam.add(scan, Odometry(scan.time, Pose.from_array(pose), Velocity()))
     slam.finish()
     accepted = [closure for closure in slam.loop_closures if closure.is_accepted]
-    errors = closure_errors(slam.snapshot().scan_poses, accepted, reference)
+    errors = closure_errors(slam.snapshot().keyframe_scans, accepted, reference)
     assert absolute_trajectory_error(slam.trajectory.poses, reference) <= 0.30
     assert errors[:, 0].max() < FALSE_DISTANCE
 

@@ -70,11 +70,9 @@ def test_accepted_closures_are_true_and_rejected_ones_have_a_reason(noisy: tuple
     driven, slam = noisy
     accepted = [closure for closure in slam.loop_closures if closure.is_accepted]
     assert accepted
-    scan_of: dict[int, int] = {}
-    for number, scan_pose in enumerate(slam.snapshot().scan_poses):
-        scan_of.setdefault(scan_pose.keyframe, number)
+    scans = slam.snapshot().keyframe_scans
     for closure in accepted:
-        first, second = driven.truth[scan_of[closure.target]], driven.truth[scan_of[closure.keyframe]]
+        first, second = driven.truth[scans[closure.target]], driven.truth[scans[closure.keyframe]]
         true = Pose.from_array(second).relative_to(Pose.from_array(first))
         assert closure.measured.distance_to(true) < 0.1
     assert all(closure.explanation for closure in slam.loop_closures if not closure.is_accepted)

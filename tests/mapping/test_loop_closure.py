@@ -14,13 +14,13 @@ from wherry.mapping.loop_closure import (
     MAX_WINDOW_ANGLE,
     MIN_WINDOW,
     LoopClosure,
-    Rejection,
     attempt_loop_closure,
     count_rejections,
     search_window,
 )
 from wherry.mapping.matching_grid import MatchingGrid
 from wherry.mapping.point_cloud import PointCloud
+from wherry.mapping.rejections import EXPLANATIONS, Rejection, rejection_of
 from wherry.robot import Scan
 from wherry.space.pose import Pose
 from wherry.space.raycast import cast_rays
@@ -104,14 +104,14 @@ def test_rejections_are_counted_by_reason() -> None:
 
 @pytest.mark.parametrize("reason", Rejection)
 def test_the_reason_is_recovered_from_an_explanation(reason: Rejection) -> None:
-    assert Rejection.of(f"{reason.value} 0.31 is below 0.45") is reason
-    assert not any(character.isdigit() or character == "_" for character in reason.description)
+    values = {"score": 0.31, "second_best_score": 0.3, "overlap": 0.4, "min_score": 0.45, "min_overlap": 0.6}
+    assert rejection_of(EXPLANATIONS[reason].format(**values)) is reason
 
 
 def test_only_an_empty_explanation_has_no_reason() -> None:
-    assert Rejection.of("") is None
+    assert rejection_of("") is None
     with pytest.raises(ValueError, match="no reason"):
-        Rejection.of("bad luck")
+        rejection_of("the weather")
 
 
 def test_wide_windows_are_searched_too() -> None:

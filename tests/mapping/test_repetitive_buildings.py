@@ -35,12 +35,10 @@ def mapped(driven: Drive) -> GraphSlam:
 
 def closure_errors(slam: GraphSlam, truth: Floats) -> Floats:
     """Distances of accepted closures from the truth, [C] m."""
-    scan_of: dict[int, int] = {}
-    for number, scan_pose in enumerate(slam.snapshot().scan_poses):
-        scan_of.setdefault(scan_pose.keyframe, number)
+    scans = slam.snapshot().keyframe_scans
     poses = [Pose.from_array(pose) for pose in truth]
     off = [
-        closure.measured.distance_to(poses[scan_of[closure.keyframe]].relative_to(poses[scan_of[closure.target]]))
+        closure.measured.distance_to(poses[scans[closure.keyframe]].relative_to(poses[scans[closure.target]]))
         for closure in slam.loop_closures
         if closure.is_accepted
     ]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from wherry.mapping.correlative import SearchWindow, correlate, score_at
 from wherry.mapping.matching_grid import MAX_LIKELIHOOD, WINDOW_SIZES, MatchingGrid
 from wherry.mapping.matching_grid import RESOLUTION as CELL
-from wherry.mapping.motion_prior import ODOMETRY
+from wherry.mapping.motion_noise import ODOMETRY_NOISE
 from wherry.mapping.point_cloud import MIN_POINT_SPACING, PointCloud, merge_clouds
 from wherry.mapping.refinement import Refinement, refine
 from wherry.mapping.scan_matching import _fused_with_prior, find_scan, track_scan
@@ -171,7 +171,9 @@ def test_scans_of_any_field_of_view_are_matched(beams: int, fov: float) -> None:
     grid = MatchingGrid()
     grid.add(cloud_at(HERE, beams=beams, fov=fov))
     there = Pose(0.3, 0.1, 0.2)
-    match = find_scan(grid, cloud_at(HERE @ there, beams=beams, fov=fov), Pose(0.4, 0.0, 0.1), Pose(0.4), ODOMETRY)
+    match = find_scan(
+        grid, cloud_at(HERE @ there, beams=beams, fov=fov), Pose(0.4, 0.0, 0.1), Pose(0.4), ODOMETRY_NOISE
+    )
     assert match is not None
     assert match.pose.distance_to(there) < 0.02
     assert abs(match.pose.theta - there.theta) < 0.01
@@ -179,9 +181,9 @@ def test_scans_of_any_field_of_view_are_matched(beams: int, fov: float) -> None:
 
 def test_a_scan_is_found_where_odometry_slipped_beyond_its_noise() -> None:
     there = Pose(0.3, 0.1, math.radians(15.0))
-    _, angle = ODOMETRY.deviations(Pose(0.3))
+    _, angle = ODOMETRY_NOISE.deviations(Pose(0.3))
     assert 3.0 * angle < there.theta
-    match = find_scan(grid_at(HERE), cloud_at(HERE @ there), Pose(0.3), Pose(0.3), ODOMETRY)
+    match = find_scan(grid_at(HERE), cloud_at(HERE @ there), Pose(0.3), Pose(0.3), ODOMETRY_NOISE)
     assert match is not None
     assert match.pose.distance_to(there) < 0.02
     assert match.pose.theta == pytest.approx(there.theta, abs=0.01)
@@ -189,18 +191,18 @@ def test_a_scan_is_found_where_odometry_slipped_beyond_its_noise() -> None:
 
 def test_a_scan_that_fits_nowhere_has_no_match() -> None:
     grid = grid_at(HERE)
-    assert find_scan(grid, cloud_at(Pose(9.4, 7.0, 2.0)), Pose(), Pose(0.1), ODOMETRY) is None
+    assert find_scan(grid, cloud_at(Pose(9.4, 7.0, 2.0)), Pose(), Pose(0.1), ODOMETRY_NOISE) is None
     few = PointCloud(np.ones((5, 2)), np.zeros((5, 2)))
-    assert find_scan(grid, few, Pose(), Pose(0.1), ODOMETRY) is None
-    assert track_scan(grid, few, Pose(), Pose(0.1), ODOMETRY) is None
-    tracked = track_scan(grid, cloud_at(HERE @ Pose(0.02)), Pose(0.03), Pose(0.03), ODOMETRY)
+    assert find_scan(grid, few, Pose(), Pose(0.1), ODOMETRY_NOISE) is None
+    assert track_scan(grid, few, Pose(), Pose(0.1), ODOMETRY_NOISE) is None
+    tracked = track_scan(grid, cloud_at(HERE @ Pose(0.02)), Pose(0.03), Pose(0.03), ODOMETRY_NOISE)
     assert tracked is not None
     assert tracked.pose.x == pytest.approx(0.02, abs=0.005)
 
 
 def test_the_prior_determines_what_the_points_leave_open() -> None:
     across = Refinement(Pose(0.3, 0.0, 0.1), np.diag([0.0, 1e6, 1e6]), overlap=0.5, residual=0.02)
-    fused = _fused_with_prior(Pose(0.3, 0.02, 0.01), across, Pose(), ODOMETRY.information(Pose(1.0)))
+    fused = _fused_with_prior(Pose(0.3, 0.02, 0.01), across, Pose(), ODOMETRY_NOISE.information(Pose(1.0)))
     assert fused.pose.x == pytest.approx(0.0, abs=0.01), "the points do not determine it along the corridor"
     assert fused.pose.y == pytest.approx(0.02, abs=0.005)
     assert fused.pose.theta == pytest.approx(0.01, abs=0.002)

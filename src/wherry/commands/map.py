@@ -114,7 +114,7 @@ def _print_result(console: Console, log: Path, run: MappingRun, metrics: Mapping
     print_metrics(console, f"Map of {log.name}", metrics, MAPPING_METRICS)
     rejections = count_rejections(run.slam.loop_closures)
     if rejections:
-        rows = {reason.description: str(count) for reason, count in rejections.items()}
+        rows = {reason.value: str(count) for reason, count in rejections.items()}
         print_table(console, "Loop closures rejected because", rows)
     if run.settings.out is None:
         console.print("Nothing was saved; --out DIR saves map, picture, trajectory and pose graph.")

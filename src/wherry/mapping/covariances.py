@@ -71,6 +71,11 @@ def invert(matrices: Floats) -> Floats:
     return inverses
 
 
+def regularized_inverse(information: Floats) -> Floats:
+    """Covariance of an information matrix [3, 3] that may be singular: 1 m or 1 rad where it determines nothing."""
+    return invert(information + np.eye(3))
+
+
 @kernel
 def _shortest_paths(
     source: int,

@@ -17,7 +17,7 @@ from wherry.mapping.graph_snapshot import GraphSnapshot, ScanPose
 from wherry.mapping.keyframes import Keyframe, MapRenderer
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.matching_grid import MAX_LIKELIHOOD
-from wherry.mapping.motion_prior import MotionNoise, is_within
+from wherry.mapping.motion_noise import MotionNoise, is_within
 from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.settings import ParticleSlamSettings
 from wherry.mapping.shared_tiles import SharedTiles, log_likelihood

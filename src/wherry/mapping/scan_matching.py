@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from wherry.mapping.correlative import Correlation, SearchWindow, correlate, score_at
-from wherry.mapping.covariances import invert
+from wherry.mapping.covariances import invert, regularized_inverse
 from wherry.mapping.matching_grid import MatchingGrid
-from wherry.mapping.motion_prior import MotionNoise
+from wherry.mapping.motion_noise import MotionNoise
 from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.refinement import Refinement, refine
 from wherry.space.pose import Floats, Pose, wrap
@@ -102,7 +102,7 @@ def _fused_with_prior(found: Pose, match: Refinement, expected: Pose, prior_info
 
     The information of the refinement is still valid: it shows in which directions the points determine the pose.
     """
-    covariance = SEARCH_COVARIANCE + invert(match.information + np.eye(3))
+    covariance = SEARCH_COVARIANCE + regularized_inverse(match.information)
     information = invert(covariance)
     offset = expected.as_array() - found.as_array()
     offset[2] = wrap(offset[2])

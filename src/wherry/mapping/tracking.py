@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wherry.mapping.covariances import invert, transform_covariance
-from wherry.mapping.motion_prior import CONSTANT_VELOCITY, ODOMETRY, MotionNoise
+from wherry.mapping.motion_noise import CONSTANT_VELOCITY_NOISE, ODOMETRY_NOISE, MotionNoise
 from wherry.mapping.submaps import NO_COVARIANCE
 from wherry.robot import Odometry
 from wherry.space.pose import IDENTITY, Floats, Pose
@@ -58,12 +58,12 @@ class TrackingState:
         Without odometry the velocity is taken as constant, but over a gap in the log the motion is bounded.
         """
         if odometry is not None and self.odometry is not None:
-            return odometry.pose.relative_to(self.odometry.pose), ODOMETRY
+            return odometry.pose.relative_to(self.odometry.pose), ODOMETRY_NOISE
         motion = self.velocity * (time - self.time)
         excess = max(
             math.hypot(motion[0], motion[1]) / MAX_EXTRAPOLATED_DISTANCE, abs(motion[2]) / MAX_EXTRAPOLATED_ANGLE, 1.0
         )
-        return Pose.from_array(motion / excess), CONSTANT_VELOCITY
+        return Pose.from_array(motion / excess), CONSTANT_VELOCITY_NOISE
 
     def with_scan(self, time: float, pose: Pose, odometry: Odometry | None) -> TrackingState:
         """The state after one more scan, placed at ``pose`` in the submap's frame."""

@@ -49,8 +49,8 @@ class MotionNoise:
         return np.diag([distance**-2, distance**-2, angle**-2])
 
 
-ODOMETRY = MotionNoise(0.03, 0.15, 0.05, math.radians(1.5), 0.15, math.radians(4.0))
-CONSTANT_VELOCITY = MotionNoise(0.1, 0.4, 0.1, math.radians(5.0), 0.5, math.radians(10.0))
+ODOMETRY_NOISE = MotionNoise(0.03, 0.15, 0.05, math.radians(1.5), 0.15, math.radians(4.0))
+CONSTANT_VELOCITY_NOISE = MotionNoise(0.1, 0.4, 0.1, math.radians(5.0), 0.5, math.radians(10.0))
 
 
 def is_within(motion: Pose, distance: float, angle: float) -> bool:
