@@ -1,4 +1,4 @@
-"""The front end's state: the pose on the submap that is tracked, and the motion that predicts the next one."""
+"""The front end's state: pose and covariance on the tracked submap, and the velocity that predicts the next pose."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from wherry.mapping.submaps import NO_COVARIANCE
 from wherry.robot import Odometry
 from wherry.space.pose import IDENTITY, Floats, Pose
 
-MAX_EXTRAPOLATED_DISTANCE = 2.0  # m that constant velocity predicts at most, over a gap in the log
-MAX_EXTRAPOLATED_ANGLE = math.radians(60.0)  # rad that constant velocity predicts at most, over a gap in the log
-# Lower bound of a match's covariance (m, m, rad): surfaces are rough, and a scan is not taken in an instant.
-MIN_MATCH_COVARIANCE = np.diag([0.003**2, 0.003**2, math.radians(0.1) ** 2])
+MAX_EXTRAPOLATED_DISTANCE = 2.0  # m, longest motion that constant velocity predicts over a gap in the log
+MAX_EXTRAPOLATED_ANGLE = math.radians(60.0)  # rad, largest turn that constant velocity predicts over a gap in the log
+# Covariance (m, m, rad) that every keyframe adds, since surfaces are rough and the robot moves during a scan.
+KEYFRAME_COVARIANCE = np.diag([0.003**2, 0.003**2, math.radians(0.1) ** 2])
 
 
 @dataclass(frozen=True)
 class TrackingState:
-    """The robot on the submap that is tracked.
+    """State of the front end after a scan, on the submap that scans are matched to.
 
     Attributes:
         submap: Index of the tracked submap.
@@ -33,7 +33,8 @@ class TrackingState:
         keyframe_pose: base_link at the last keyframe, in the submap's frame.
         keyframe_odometry: Odometry at the last keyframe; None without odometry.
         covariance: Covariance of ``keyframe_pose`` in the base_link frame, [3, 3] m, m, rad.
-        next_covariance: Covariance of the last keyframe's pose in the next submap, in the base_link frame, [3, 3].
+        next_covariance: Covariance of the last keyframe's pose in the next submap, in the base_link frame, [3, 3]
+            m, m, rad.
     """
 
     submap: int
@@ -84,7 +85,7 @@ class TrackingState:
 
         def updated(covariance: Floats) -> Floats:
             predicted = transform_covariance(covariance, motion.inverse) + motion_covariance
-            return invert(invert(predicted) + information) + MIN_MATCH_COVARIANCE
+            return invert(invert(predicted) + information) + KEYFRAME_COVARIANCE
 
         return replace(
             self,
