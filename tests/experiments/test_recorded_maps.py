@@ -47,7 +47,7 @@ def test_drifting_odometry_is_corrected(name: str, largest: float) -> None:
 
 
 def test_a_short_range_lidar_closes_loops_after_large_errors() -> None:
-    """The front end errs more than its covariances say, so windows are too narrow and one closure looks false."""
+    """The front end's errors exceed its covariances, so search windows are too narrow at first."""
     log = read_log(shared_data("radish/fhw-corrected.log.gz"), lenient=True)
     reference = np.array([odometry.pose.as_array() for odometry in log.scan_odometry if odometry is not None])
     odometry = drifting_odometry(reference, np.random.default_rng(2))

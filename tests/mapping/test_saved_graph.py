@@ -76,7 +76,7 @@ def changed(half: Path, out: Path, **arrays: object) -> Path:
     return out
 
 
-def test_missing_misshapen_and_dangling_arrays_are_named(half: Path, tmp_path: Path) -> None:
+def test_an_array_that_is_missing_or_invalid_is_named(half: Path, tmp_path: Path) -> None:
     out = tmp_path / "broken.npz"
     with np.load(half) as archive:
         nodes, ends = archive["nodes"], archive["edge_ends"]
@@ -95,7 +95,7 @@ def test_missing_misshapen_and_dangling_arrays_are_named(half: Path, tmp_path: P
             load_graph(changed(half, out, head=np.frombuffer(json.dumps(broken).encode(), np.uint8)))
 
 
-def test_a_file_that_is_no_archive_is_rejected(half: Path, tmp_path: Path) -> None:
+def test_a_file_that_is_not_an_archive_is_rejected(half: Path, tmp_path: Path) -> None:
     path = tmp_path / "graph.npz"
     for content in (b"", b"nonsense", half.read_bytes()[:-200]):
         path.write_bytes(content)

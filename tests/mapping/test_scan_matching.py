@@ -55,7 +55,7 @@ def test_points_lie_on_walls_and_normals_face_the_lidar() -> None:
     np.testing.assert_allclose(world.normals[on_left_wall], [[1.0, 0.0]] * int(on_left_wall.sum()), atol=1e-6)
 
 
-def test_invalid_far_and_dense_readings_are_left_out() -> None:
+def test_invalid_distant_and_redundant_readings_are_left_out() -> None:
     scan = scan_at(HERE, beams=1440)
     ranges = scan.ranges.copy()
     ranges[::3], ranges[1::3] = np.nan, np.inf
@@ -98,7 +98,9 @@ def test_a_grid_that_grows_keeps_its_likelihoods() -> None:
 def test_a_scan_is_found_anywhere_in_the_window(x: float, y: float, theta: float) -> None:
     cloud = cloud_at(HERE)
     found = correlate(grid_at(HERE), cloud.points, SearchWindow(Pose(x, y, theta), 0.5, 0.4))
-    assert found.score > 0.75  # up to half a cell and half an angle step off
+    assert (
+        found.score > 0.75
+    )  # not 1, since the true pose is up to half a cell and half an angle step from the searched ones
     assert max(abs(found.pose.x), abs(found.pose.y)) < CELL
     assert abs(found.pose.theta) < math.radians(1.5)
 
@@ -113,7 +115,7 @@ def test_branch_and_bound_agrees_with_an_exhaustive_search() -> None:
     }
     best = max(scores.values())
     assert found.score == pytest.approx(score_at(grid, cloud.points, found.pose))
-    assert found.score > best - 0.03  # the prior may prefer a pose that is a little nearer
+    assert found.score > best - 0.03  # the prior may prefer a pose nearer to the centre
 
 
 def test_a_corridor_is_ambiguous_and_a_room_is_not() -> None:
@@ -133,14 +135,14 @@ def test_a_corridor_is_ambiguous_and_a_room_is_not() -> None:
 
 @given(x=st.floats(-0.03, 0.03), y=st.floats(-0.03, 0.03), theta=st.floats(-0.02, 0.02))
 @settings(max_examples=25, deadline=None)
-def test_refining_without_noise_is_exact(x: float, y: float, theta: float) -> None:
+def test_refinement_without_noise_is_exact(x: float, y: float, theta: float) -> None:
     match = refine(grid_at(HERE), cloud_at(HERE), Pose(x, y, theta))
     assert math.hypot(match.pose.x, match.pose.y) < 0.003
     assert abs(match.pose.theta) < 0.002
     assert match.overlap > 0.95
 
 
-def test_refining_with_noise_is_as_exact_as_its_information() -> None:
+def test_refinement_errors_with_noise_agree_with_the_information() -> None:
     around = [HERE @ Pose(0.05 * n, 0.02 * n, 0.05 * n) for n in range(5)]
     grid = grid_at(*around, noise=0.02)
     errors = []
@@ -189,7 +191,7 @@ def test_a_scan_is_found_where_odometry_slipped_beyond_its_noise() -> None:
     assert match.pose.theta == pytest.approx(there.theta, abs=0.01)
 
 
-def test_a_scan_that_fits_nowhere_has_no_match() -> None:
+def test_a_scan_that_matches_at_no_pose_has_no_match() -> None:
     grid = grid_at(HERE)
     assert find_scan(grid, cloud_at(Pose(9.4, 7.0, 2.0)), Pose(), Pose(0.1), ODOMETRY_NOISE) is None
     few = PointCloud(np.ones((5, 2)), np.zeros((5, 2)))

@@ -1,8 +1,7 @@
 """Grid SLAM with Rao–Blackwellized particles, the method of gmapping (Grisetti, Stachniss & Burgard 2007).
 
 Each particle has its own trajectory and map. Particles move to the poses at which odometry and scan agree best, and are
-resampled only when the effective sample size is small. Equation numbers are those of that
-paper.
+resampled only when the effective sample size is small. Equation numbers are those of the article.
 """
 
 from __future__ import annotations

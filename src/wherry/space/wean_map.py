@@ -31,7 +31,7 @@ def load_wean_map(path: str | Path) -> OccupancyGrid:
     lines = _unpacked(Path(path)).decode("latin-1").splitlines()
     start = next((i for i, line in enumerate(lines) if line.startswith(MAP_KEY)), None)
     if start is None:
-        raise InputError(path, MAP_KEY, "is missing: this is no map of this format")
+        raise InputError(path, MAP_KEY, "is missing: the file is not a Wean Hall map")
     resolution = next((line.split()[-1] for line in lines[:start] if line.startswith(RESOLUTION_KEY)), None)
     try:
         cell = float(resolution or "") * CENTIMETRE
