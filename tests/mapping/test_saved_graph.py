@@ -62,6 +62,24 @@ def test_a_snapshot_does_not_change_with_later_scans(driven: Drive) -> None:
     assert len(snapshot.scan_poses) == 30
 
 
+def test_the_scan_of_each_keyframe_has_its_time(driven: Drive) -> None:
+    slam = GraphSlam(LIDAR)
+    add(slam, driven, 0, 60)
+    snapshot = slam.snapshot()
+    times = [driven.scans[scan].time for scan in snapshot.keyframe_scans]
+    assert times == [keyframe.scan.time for keyframe in snapshot.keyframes]
+
+
+def test_a_restored_graph_does_not_change_its_snapshot(half: Path, driven: Drive) -> None:
+    snapshot = load_graph(half)
+    counts = [len(submap.members) for submap in snapshot.submaps]
+    constraints = len(snapshot.constraints), len(snapshot.submap_constraints)
+    middle = len(driven.scans) // 2
+    add(GraphSlam.from_snapshot(snapshot), driven, middle, middle + 40)
+    assert [len(submap.members) for submap in snapshot.submaps] == counts
+    assert (len(snapshot.constraints), len(snapshot.submap_constraints)) == constraints
+
+
 def changed(half: Path, out: Path, **arrays: object) -> Path:
     with np.load(half) as archive:
         whole = {name: archive[name] for name in archive.files}

@@ -1,8 +1,8 @@
 """Graph SLAM: scans are matched to the submap around the robot, and loop closures correct the whole map.
 
-The front end (here) places each scan on the present submap, which no optimization disturbs; the back end
-(`wherry.mapping.loop_closer`) moves the submaps (Hess et al. 2016). The frame of a submap is the base_link frame of its
-first keyframe, so all nodes of the pose graph are keyframes.
+The front end, in this module, matches each scan to the present submap, which optimization does not change; the back
+end, `wherry.mapping.loop_closer`, moves the submaps relative to each other (Hess et al. 2016). The frame of a submap is
+the base_link frame of its first keyframe, so all nodes of the pose graph are keyframes.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ RESUME_COVARIANCE = np.diag([0.05**2, 0.05**2, math.radians(1.0) ** 2])  # m, m,
 
 
 class GraphSlam:
-    """Graph SLAM, as in `wherry.mapping.slam.Slam`.
+    """Graph SLAM; implements `wherry.mapping.slam.Slam`.
 
     Args:
         lidar: Pose of the lidar in the base_link frame.
@@ -207,7 +207,7 @@ class GraphSlam:
         self._graph.add(Keyframe(scan, cloud), self._submap_pose(tracking.submap) @ placed)
         tracking = self._constrain(tracking, scan.time, odometry, placed, match)
         tracking = self._submaps.extend(tracking, settings.submap_scans)
-        self._loop_closer.process(tracking)
+        self._loop_closer.close_loops(tracking)
         return tracking
 
     def _constrain(

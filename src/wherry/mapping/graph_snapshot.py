@@ -45,7 +45,7 @@ class GraphSnapshot:
         submap_constraints: Constraints between submaps, whose nodes are indices into ``submaps``.
         tracking: State of the front end; None before the first scan.
         scan_poses: Poses of all scans.
-        loop_closures: Loop closures that were attempted.
+        loop_closures: Loop closures that were attempted, accepted or not.
         pending_closures: Accepted loop closures since the last optimization.
     """
 

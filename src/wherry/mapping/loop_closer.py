@@ -63,8 +63,8 @@ class LoopCloser:
         """Number of accepted loop closures since the last optimization."""
         return self._pending
 
-    def process(self, tracking: TrackingState) -> None:
-        """Search for loop closures of the last keyframe if a search is due.
+    def close_loops(self, tracking: TrackingState) -> None:
+        """Search for loop closures of the last keyframe if a search is due, and add the accepted ones to the graphs.
 
         Args:
             tracking: State of the front end, right after its last keyframe was added.

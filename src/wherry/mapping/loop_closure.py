@@ -1,7 +1,8 @@
 """Loop closures: candidate matches of recent scans to old submaps, and the gates that reject false ones.
 
 A match is accepted if its score is high (score gate), no other pose in the search window scores nearly as well
-(ambiguity gate), and the points lie on the submap's surfaces (overlap gate). Rejected matches are kept with the reason.
+(ambiguity gate), and enough points are inliers of the submap's surfaces (overlap gate). Rejected matches are kept with
+the reason.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from wherry.space.pose import Floats, Pose
 
 LOOP_CLOSURE_MIN_SCORE = 0.45  # mean likelihood of the points
 LOOP_CLOSURE_MAX_SECOND_BEST = 0.90  # share of the best score that another peak may reach
-LOOP_CLOSURE_MIN_OVERLAP = 0.6  # share of the points that must lie on the submap's surfaces
+LOOP_CLOSURE_MIN_OVERLAP = 0.6  # share of the points that must be inliers
 MAX_REFINEMENT_DISTANCE = 0.3  # m between the pose that the search found and the refined one
 MIN_WINDOW, MAX_WINDOW = 0.5, 8.0  # m to either side
 MIN_WINDOW_ANGLE, MAX_WINDOW_ANGLE = math.radians(4.0), math.radians(40.0)  # rad to either side

@@ -48,7 +48,7 @@ LOG_TABLE = np.log(MIN_POINT_LIKELIHOOD + (1.0 - MIN_POINT_LIKELIHOOD) * np.aran
 
 
 class ParticleSlam:
-    """Rao–Blackwellized particle SLAM, as in `wherry.mapping.slam.Slam`.
+    """Rao–Blackwellized particle SLAM; implements `wherry.mapping.slam.Slam`.
 
     Args:
         lidar: Pose of the lidar in the base_link frame.

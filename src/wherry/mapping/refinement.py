@@ -42,8 +42,8 @@ class Refinement:
     Attributes:
         pose: Pose in the grid's frame.
         information: Information of the pose from the points alone, in the grid's frame, [3, 3] m, m, rad.
-        overlap: Share of the points with a normal that lie on a surface of the grid, 0 to 1.
-        residual: Root mean square distance of those points from their surfaces, m.
+        overlap: Share of inliers, points on a surface of the grid, among the points with a normal, 0 to 1.
+        residual: Root mean square distance of the inliers from their surfaces, m.
     """
 
     pose: Pose

@@ -1,4 +1,4 @@
-"""Why loop closures are rejected, and the explanations that graph.npz and closures.txt keep of it."""
+"""Reasons for rejecting loop closures, and their explanations in graph.npz and closures.txt."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Rejection(Enum):
     REFINEMENT_DIVERGED = "the refined pose is too far from the one that was found by search"
 
 
-# The wording is part of the file formats, where a score is a response and a pose a place.
+# The wording is part of the file formats, in which a score is a response and a pose is a place.
 EXPLANATIONS: Mapping[Rejection, str] = MappingProxyType(
     {
         Rejection.LOW_SCORE: "response {score:.2f} is below {min_score}",

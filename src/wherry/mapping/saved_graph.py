@@ -1,4 +1,4 @@
-"""Graph snapshots in files, from which mapping continues as if it had never stopped.
+"""Files of graph snapshots, from which mapping continues to the same bytes as without a stop.
 
 A file is a NumPy archive of plain arrays without pickled objects; matching grids are not stored, since they are rebuilt
 from the scans. The archive's keys are the format's own: there a keyframe is a node or a key, a submap a piece, a
@@ -32,9 +32,9 @@ from wherry.mapping.tracking import TrackingState
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Floats, Pose
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 1  # value of the key wherry-graph in the head
 MAX_FILE_SIZE = 4_000_000_000  # bytes, both packed and unpacked
-POSE, COVARIANCE = (3,), (3, 3)
+POSE, COVARIANCE = (3,), (3, 3)  # shapes of an entry
 # Every array of a file: its dtype kind, and the shape of one entry.
 ARRAYS: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "nodes": ("f", POSE),
@@ -63,6 +63,7 @@ ARRAYS: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "front_poses": ("f", POSE),  # pose, velocity, keyframe pose
     "front_covariances": ("f", COVARIANCE),  # covariance, next covariance
 }
+# Arrays that must have the same length.
 SAME_LENGTH = (
     ("nodes", "scan_fields"),
     ("edge_ends", "edge_measured", "edge_covariance", "edge_robust"),

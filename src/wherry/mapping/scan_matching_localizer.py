@@ -24,10 +24,7 @@ from wherry.space.trajectory import Trajectory
 
 MIN_SCORE = 0.5  # mean likelihood of the first scan's points below which it is not located
 MAX_SECOND_BEST = 0.9  # share of the best score that another peak may reach
-START_DISTANCE, START_ANGLE = (
-    3.0,
-    math.radians(45.0),
-)  # m and rad, extent of the search for the first scan to either side
+START_DISTANCE, START_ANGLE = 3.0, math.radians(45.0)  # m and rad, extent of the first scan's search to either side
 
 
 def _matching_grid(slam: GraphSlam) -> MatchingGrid:
@@ -60,7 +57,7 @@ def locate_on_map(slam: GraphSlam, scan: Scan, start: Pose) -> Pose | None:
 
 
 class ScanMatchingLocalizer:
-    """Tracks the robot on a finished map; follows `wherry.mapping.slam.Slam`, so that it can take a method's place.
+    """Tracks the robot on a finished map, as a `wherry.mapping.slam.Slam` that never changes its map.
 
     Args:
         slam: The map, which is not changed.

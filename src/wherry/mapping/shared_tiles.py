@@ -58,7 +58,7 @@ class SharedTiles:
         self.users[EMPTY_TILE] += 1
 
     def _make_writable(self, particle: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> None:
-        """Copy those tiles of a particle's map that are shared with other places or particles."""
+        """Give a particle its own copies of those tiles at rows and columns [K] of the index that are shared."""
         present = self.index[particle, rows, columns]
         shared = (self.users[present] > 1) | (present == EMPTY_TILE)
         rows, columns, present = rows[shared], columns[shared], present[shared]

@@ -19,8 +19,10 @@ from wherry.space.pose import Floats, Pose
 from wherry.space.raycast import traverse
 from wherry.space.tiles import CELL_MASK, TILE_BITS, TILE_SIZE, enlarge
 
-HIT_LOG_ODDS = log_odds_of(0.95)
-MISS_LOG_ODDS = log_odds_of(0.18)  # one miss makes a cell free; a hit and a miss leave it occupied
+HIT_LOG_ODDS = log_odds_of(0.95)  # added to a cell in which a beam ended
+MISS_LOG_ODDS = log_odds_of(
+    0.18
+)  # added to a crossed cell; one miss makes a cell free; a hit and a miss leave it occupied
 MAX_LOG_ODDS = 6.0  # bound of the absolute value, so that few scans change a cell whose object has moved
 MARGIN = 1  # cells, width of the unknown border of a map, so that no wall is on its edge
 

@@ -14,8 +14,8 @@ from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY
 
 MAX_FILE_SIZE = 200_000_000  # bytes, unpacked
-RESOLUTION_KEY = "robot_specifications->resolution"
-MAP_KEY = "global_map[0]:"
+RESOLUTION_KEY = "robot_specifications->resolution"  # begins the line with the side of a cell, cm
+MAP_KEY = "global_map[0]:"  # begins the line with the numbers of columns and rows, after which the cells follow
 CENTIMETRE = 0.01  # m
 
 
