@@ -23,7 +23,6 @@ from mcap_ros2.decoder import DecoderFactory
 from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.highlevel import AnyReader
 
-from wherry.commands.recording import recorded
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
 from wherry.logs.lidar_log import LidarLog
@@ -392,17 +391,6 @@ def test_an_interrupted_recording_is_a_complete_bag(tmp_path: Path, name: str) -
         raise KeyboardInterrupt
     assert [entry.name for entry in tmp_path.iterdir()] == [name]
     assert [scan.time for scan in read_bag(path).scans] == [number / 10 for number in range(10)]
-
-
-def test_a_terminated_recording_is_a_complete_bag(tmp_path: Path) -> None:
-    simulation = build(find_world("taxi"), np.random.default_rng(0))
-    before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(KeyboardInterrupt), recorded(tmp_path / "run.bag") as (_, recorded_robot):  # noqa: PT012
-        drive(recorded_robot(simulation.robot), 1.0)
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(10.0)
-    assert len(read_bag(tmp_path / "run.bag").scans) == 10
-    assert signal.getsignal(signal.SIGTERM) is before
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -171,7 +171,7 @@ class NavigationStack:
             mission = Mission(self._robot, order, sink, rng)
             return mission.explore() if latest_map is None else mission.localize(latest_map())
         if latest_map is None:
-            return Mission(self._robot, order, sink, rng, localizer=self._initialize_localization).explore()
+            return Mission(self._robot, order, sink, rng, localizer=self.initialize_localization).explore()
         return self._explore_externally(order, latest_map, self._pose, sink, rng)
 
     def _latest_map(self, grid: OccupancyGrid | None) -> Callable[[], OccupancyGrid] | None:
@@ -196,7 +196,7 @@ class NavigationStack:
         mapper = ExternalMapper(latest_map, pose, self._robot.odometry)
         return Mission(self._robot, order, sink, rng, mapper=lambda _: mapper, localizer=lambda *_: pose).explore()
 
-    def _initialize_localization(self, grid: OccupancyGrid, pose: Pose) -> ExternalPose:
+    def initialize_localization(self, grid: OccupancyGrid, pose: Pose) -> ExternalPose:
         """Publish ``/initialpose`` until the external localization has accepted it.
 
         Repetition is needed: the localization may still be receiving the map, and ``/initialpose`` is not latched.
@@ -208,14 +208,24 @@ class NavigationStack:
         odometry, topic = self._robot.odometry, self._names.topics.initialpose
         if self._pose is None or odometry is None:
             raise RuntimeError("there is no external localization, or the robot is not ready")
-        estimate = PoseWithCovariance(encode_pose(pose), INITIAL_COVARIANCE)
         deadline = time.monotonic() + self._timeout
         while time.monotonic() < deadline:
-            header = encode_header(self._robot.time, self._names.frames.map)
-            self._transport.publish(topic, PoseWithCovarianceStamped(header, estimate))
+            self._transport.publish(topic, self._initial_pose(pose @ odometry.pose.inverse))
             if self._pose.wait_until_near(pose, odometry, INITIAL_POSE_PERIOD):
                 return self._pose
         raise InputError("ROS", topic.name, f"the localization has not accepted the pose within {self._timeout:g} s")
+
+    def _initial_pose(self, map_from_odom: Pose) -> PoseWithCovarianceStamped:
+        """The pose at the newest odometry, stamped with its time, since the robot may still be moving.
+
+        amcl adds the motion from the stamp to the present.
+        """
+        odometry = self._robot.newest_odometry
+        if odometry is None:
+            raise RuntimeError("the robot is not ready")
+        header = encode_header(odometry.time, self._names.frames.map)
+        pose = encode_pose(map_from_odom @ odometry.pose)
+        return PoseWithCovarianceStamped(header, PoseWithCovariance(pose, INITIAL_COVARIANCE))
 
 
 def run(

@@ -31,6 +31,7 @@ class MeasurementQueue:
 
     Attributes:
         odometry: Latest odometry that was popped; before that, the first one received.
+        newest_odometry: Latest odometry received, which may not have been popped yet.
         dropped_scans: Number of scans that were dropped because the agent fell behind.
         clock_reset: Set once the robot's clock was set back.
     """
@@ -44,6 +45,7 @@ class MeasurementQueue:
         self._scan_received_at = math.inf  # s, monotonic clock
         self._popped_scan_time = -math.inf  # s, robot's clock
         self.odometry: Odometry | None = None
+        self.newest_odometry: Odometry | None = None
         self.dropped_scans = 0
         self.clock_reset: TimeMovedBackwardsError | None = None
         subscriptions.add(topics.odom, self._on_odometry)
@@ -91,6 +93,7 @@ class MeasurementQueue:
         odometry = decode_odometry(message, self._frames.odom, self._frames.base_link)
         if not self._accept(odometry.time, self._odometry_stamps):
             return
+        self.newest_odometry = odometry
         if self.odometry is None:
             self.odometry = odometry
         self._clock.advance_to(odometry.time)

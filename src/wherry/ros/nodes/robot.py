@@ -186,6 +186,11 @@ class RosRobot:
         return self._measurements.odometry
 
     @property
+    def newest_odometry(self) -> Odometry | None:
+        """Latest odometry received, which `receive` may not have returned yet."""
+        return self._measurements.newest_odometry
+
+    @property
     def time(self) -> float:
         """Latest time received on the robot's clock, s."""
         return self._clock.time
