@@ -1,6 +1,6 @@
 """The time that a robot needs to stop, on the robot's clock, measured from outside.
 
-A busy machine delivers messages late, some later than others: the fastest message relates the two clocks best.
+On a busy machine messages arrive late. The message with the lowest latency relates the two clocks best.
 """
 
 from __future__ import annotations
@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 ODOMETRY_PERIOD = 0.05  # s
-CLOCK_WINDOW = 5.0  # s, over which the clocks are compared
-# s: a command takes effect in the robot's next control step, and the next odometry shows the new speed.
-STOPPING_RESOLUTION = 2 * ODOMETRY_PERIOD + 1e-6
+CLOCK_WINDOW = 5.0  # s before and after an instant in which the clocks are compared
+STOPPING_RESOLUTION = 2 * ODOMETRY_PERIOD + 1e-6  # s; a control step until the command acts, then one odometry period
 STANDSTILL_SPEED = 0.01  # m/s and rad/s
 
 
