@@ -114,9 +114,15 @@ def robot_model(ros_version: int, urdf: str, folder: Path) -> Iterator[str | Non
     Raises:
         InputError: No ROS master answers.
     """
-    if ros_version == 1 and _is_published_in_ros1(urdf):
-        yield None
-        return
+    if ros_version == 1:
+        uri = choose_interface()
+        wait_for_master(uri)
+        with closing(Master("/wherry_rviz", uri)) as master:
+            _set_missing_description(master, urdf)
+            is_running = master.is_alive(f"/{PUBLISHER_NODE}")
+        if is_running:
+            yield None
+            return
     program = find_robot_state_publisher(ros_version)
     if program is None:
         yield f"the robot's links are not shown without robot_state_publisher: {INSTALL[ros_version]}"
@@ -129,14 +135,10 @@ def robot_model(ros_version: int, urdf: str, folder: Path) -> Iterator[str | Non
         process.wait()
 
 
-def _is_published_in_ros1(urdf: str) -> bool:
-    """Whether a robot_state_publisher is running; the description's parameter, which it reads, is set if missing."""
-    uri = choose_interface()
-    wait_for_master(uri)
-    with closing(Master("/wherry_rviz", uri)) as master:
-        if not master.call("hasParam", DESCRIPTION_PARAMETER):
-            master.call("setParam", DESCRIPTION_PARAMETER, urdf)
-        return master.is_alive(f"/{PUBLISHER_NODE}")
+def _set_missing_description(master: Master, urdf: str) -> None:
+    """Set the parameter with the robot's description, which robot_state_publisher reads in ROS 1, if it is not set."""
+    if not master.call("hasParam", DESCRIPTION_PARAMETER):
+        master.call("setParam", DESCRIPTION_PARAMETER, urdf)
 
 
 def _publisher_arguments(ros_version: int, urdf: str, folder: Path) -> list[str]:

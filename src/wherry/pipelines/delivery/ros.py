@@ -29,9 +29,7 @@ from wherry.trace.records import Sink
 MAX_COORDINATE = 1000.0  # m, absolute value, of a warehouse cell's centre
 MIN_CELL_SIZE, MAX_CELL_SIZE = 0.1, 10.0  # m
 INITIAL_POSE_PERIOD = 1.0  # s between two messages on /initialpose
-INITIAL_COVARIANCE = np.diag(
-    [0.03**2, 0.03**2, 0.0, 0.0, 0.0, 0.02**2]
-).ravel()  # m², rad², [36]; small, since the pose is SLAM's latest
+INITIAL_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.0, 0.0, 0.0, 0.02**2]).ravel()  # m² and rad², of a pose from SLAM
 
 
 class Provider(StrEnum):

@@ -29,7 +29,7 @@ class ExternalMap:
 
     Args:
         transport: Connection to ROS.
-        names: Topics and frames.
+        names: Names of topics and frames.
     """
 
     def __init__(self, transport: Transport, names: RosNames) -> None:
@@ -65,7 +65,7 @@ class ExternalPose:
 
     Args:
         transport: Connection to ROS.
-        names: Topics and frames.
+        names: Names of topics and frames.
         odometry: Returns the robot's latest odometry, which turns a pose into map → odom.
     """
 

@@ -26,7 +26,7 @@ class MeasurementQueue:
 
     Args:
         subscriptions: Subscriptions of the agent's node.
-        names: Topics and frames.
+        names: Names of topics and frames.
         clock: Clock that each measurement advances.
 
     Attributes:

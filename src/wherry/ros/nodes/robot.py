@@ -37,7 +37,7 @@ class RosRobot:
 
     Args:
         transport: Connection to ROS.
-        names: Topics, frames and rates.
+        names: Names of topics and frames, and publishing rates.
         parameters: The robot's shape and limits.
         stamped: Whether the robot takes velocities with stamps (ROS 2 only).
 

@@ -153,7 +153,7 @@ class SimulatorNode:
         world: The simulation.
         hardware: Properties of the robot that its messages contain.
         transport: Connection to ROS.
-        names: Topics, frames and rates.
+        names: Names of topics and frames, and publishing rates.
         rate: Simulated seconds per second.
     """
 

@@ -28,7 +28,7 @@ class VelocityCommands:
     Args:
         transport: Connection to ROS.
         subscriptions: Subscriptions of the agent's node.
-        names: Topics and frames.
+        names: Names of topics and frames.
         limits: The robot's maximum velocities.
         clock: Clock for the stamps of velocities.
         stamped: Whether the robot takes TwistStamped (ROS 2 only).
