@@ -10,9 +10,7 @@ from dataclasses import dataclass
 
 ODOMETRY_PERIOD = 0.05  # s
 CLOCK_WINDOW = 5.0  # s before and after an instant in which the clocks are compared
-STOPPING_RESOLUTION = (
-    2 * ODOMETRY_PERIOD + 1e-6
-)  # s; a control step until the command acts, then message odometry period
+STOPPING_RESOLUTION = 2 * ODOMETRY_PERIOD + 1e-6  # s, until a command acts and the next odometry shows it
 STANDSTILL_SPEED = 0.01  # m/s and rad/s
 
 
@@ -33,16 +31,12 @@ class ReceivedOdometry:
 
 def robot_time(received: Sequence[ReceivedOdometry], instant: float) -> float:
     """The time on the robot's clock, s, at an instant of this machine's monotonic clock, s."""
-    window = (instant - CLOCK_WINDOW, instant + CLOCK_WINDOW)
-    return instant + max(
-        message.stamp - message.received_at for message in received if window[0] <= message.received_at <= window[1]
-    )
+    nearby = [message for message in received if abs(message.received_at - instant) <= CLOCK_WINDOW]
+    return instant + max(message.stamp - message.received_at for message in nearby)
 
 
 def stopping_time(received: Sequence[ReceivedOdometry], begin: float) -> float:
     """The time on the robot's clock, s, from an instant of this machine's monotonic clock until the robot stands."""
     before = robot_time(received, begin)
-    return (
-        min(message.stamp for message in received if message.stamp > before and abs(message.speed) < STANDSTILL_SPEED)
-        - before
-    )
+    standing = [message.stamp for message in received if abs(message.speed) < STANDSTILL_SPEED]
+    return min(stamp for stamp in standing if stamp > before) - before
