@@ -191,7 +191,7 @@ def _add_deliver(app: typer.Typer, ros_version: int) -> None:
         page: PageOptions,
         output: OutputOptions,
     ) -> None:
-        """Run the agent on a ROS robot: explore, map, learn what the actions do, and deliver every box."""
+        """Run the agent on a ROS robot: explore, map, learn, and deliver every box."""
         from wherry.files import make_folder
         from wherry.pipelines.delivery.ros import save
         from wherry.ros.body_files import load_body
@@ -306,7 +306,7 @@ def _add_monitor(app: typer.Typer, ros_version: int) -> None:
         *,
         output: OutputOptions,
     ) -> None:
-        """Measure missing messages, and the latency from a scan to a velocity, of a robot and its agent."""
+        """Measure missing messages and the latency from scan to velocity."""
         import time
 
         from wherry.ros.names import load_names
