@@ -41,7 +41,7 @@ def deliver(
     output: OutputOptions,
 ) -> None:
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
-    from wherry.kernels import are_compiled
+    from wherry.kernels import are_kernels_cached
     from wherry.pipelines.delivery.simulated import DeliverySettings, prepare_delivery, warm_up
     from wherry.simulation.model import LASER_HEIGHT
     from wherry.trace.records import combine_sinks
@@ -50,7 +50,7 @@ def deliver(
     settings = DeliverySettings(
         world=world, boxes=boxes, seed=seed, map_file=map_file, rules_file=rules, learner=learner, out=out
     )
-    compiled = are_compiled()
+    compiled = are_kernels_cached()
     run = prepare_delivery(settings)
     console = output.console()
     if not compiled:
