@@ -1,4 +1,4 @@
-"""Folders for results: made, tried out, or refused in one line."""
+"""Output folders are created and checked before a run starts."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from pathlib import Path
 import pytest
 
 from wherry.errors import InputError
-from wherry.files import make_folder
+from wherry.files import ensure_writable_folder
 
 
-def test_a_folder_is_made_with_those_around_it_and_left_empty(tmp_path: Path) -> None:
-    for _ in range(2):  # it may be there already
-        make_folder(tmp_path / "a" / "b")
+def test_missing_folders_are_created_and_left_empty(tmp_path: Path) -> None:
+    for _ in range(2):  # the second call finds an existing folder
+        ensure_writable_folder(tmp_path / "a" / "b")
         assert list((tmp_path / "a" / "b").iterdir()) == []
 
 
-def test_a_folder_in_a_file_is_refused(tmp_path: Path) -> None:
+def test_a_path_through_a_file_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"file/out: cannot be made: Not a directory$"):
-        make_folder(tmp_path / "file" / "out")
-    with pytest.raises(InputError, match=r"file: cannot be made: File exists$"):
-        make_folder(tmp_path / "file")
+    with pytest.raises(InputError, match=r"file/out: cannot be created: Not a directory$"):
+        ensure_writable_folder(tmp_path / "file" / "out")
+    with pytest.raises(InputError, match=r"file: cannot be created: File exists$"):
+        ensure_writable_folder(tmp_path / "file")
 
 
-def test_a_folder_that_cannot_be_written_to_is_refused() -> None:
+def test_a_folder_that_is_not_writable_is_rejected() -> None:
     with pytest.raises(InputError, match=r"\.probe: cannot be written: "):
-        make_folder("/proc/self")
+        ensure_writable_folder("/proc/self")

@@ -51,7 +51,7 @@ def read_yaml(path: str | Path, *, max_bytes: int = MAX_YAML_BYTES) -> dict[Any,
     Raises:
         InputError: The file cannot be read, or is not a YAML mapping.
     """
-    return parse_yaml(read_text(path, limit=max_bytes), path)
+    return parse_yaml(read_text(path, max_bytes=max_bytes), path)
 
 
 def parse_yaml(text: str, source: str | Path) -> dict[Any, Any]:
@@ -90,7 +90,7 @@ def load_json(path: str | Path, model: type[_Model], *, max_bytes: int) -> _Mode
     Raises:
         InputError: The file cannot be read, is not JSON, or does not fit the model.
     """
-    text = read_text(path, limit=max_bytes)
+    text = read_text(path, max_bytes=max_bytes)
     try:
         return model.model_validate_json(text)
     except ValidationError as error:

@@ -77,10 +77,10 @@ def trace_sink(title: str, out: Path | None, console: Console, page: PageOptions
     with contextlib.ExitStack() as stack:
         sinks: list[Sink] = []
         if out is not None:
-            from wherry.files import make_folder
+            from wherry.files import ensure_writable_folder
             from wherry.trace.recordings import TRACE_FILE_NAME, TraceRecorder
 
-            make_folder(out)
+            ensure_writable_folder(out)
             sinks.append(stack.enter_context(TraceRecorder(out / TRACE_FILE_NAME)))
         if page.view:
             from wherry.views.web.broadcast import TraceBroadcast

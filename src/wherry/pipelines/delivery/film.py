@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.files import growing_file
+from wherry.files import partial_file
 from wherry.simulation import Simulation
 from wherry.simulation.rendering import SceneRenderer
 from wherry.trace.records import Record, RobotSnapshot, Sink
@@ -40,8 +40,8 @@ def filmed(path: Path, simulation: Simulation) -> Iterator[Sink]:
         raise InputError("--video", str(path), "must end in .mp4")
     with (
         closing(SceneRenderer(simulation, WIDTH, HEIGHT)) as renderer,
-        growing_file(path) as unfinished,
-        av.open(unfinished, "w") as container,
+        partial_file(path) as partial,
+        av.open(partial, "w") as container,
     ):
         stream = container.add_stream("libx264", rate=FRAME_RATE, options={"crf": "23"})
         stream.width, stream.height, stream.pix_fmt = 2 * WIDTH, HEIGHT, "yuv420p"

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.files import make_folder, write_atomically
+from wherry.files import ensure_writable_folder, write_atomically
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.learning.rule_files.files import save_rules
@@ -84,7 +84,7 @@ def prepare_delivery(settings: DeliverySettings) -> DeliveryRun:
         raise InputError(settings.map_file or "", "image", "shows no walls")
     learner = delivery_learner(settings.learner, settings.rules_file)
     out = settings.out or _unused_folder(Path("runs") / f"{plan.name}-seed{settings.seed}")
-    make_folder(out)
+    ensure_writable_folder(out)
     simulation = build(world.plan, world.physics_rng)
     return DeliveryRun(simulation, grid, learner, out, settings.seed, world.robot_rng)
 
