@@ -61,7 +61,7 @@ def test_condition_bits_of_a_whole_delivery() -> None:
     assert bits(environment) == "0001001"
     assert execute(environment, "SS") == [True] * 2
     assert bits(environment) == "0101011"
-    assert simulation.referee.trajectory[-1] == Cell(0, 0)
+    assert simulation.referee.visited_cells[-1] == Cell(0, 0)
     dropped = environment.step(DROPOFF)
     assert dropped.terminated
     assert dropped.next_state.of_class("Box") == ()
@@ -195,5 +195,5 @@ def test_the_same_seed_gives_the_same_run() -> None:
     for _ in range(2):
         environment, simulation = stand_ready(hall(), 5)
         execute(environment, "EEW")
-        runs.append(simulation.referee.history)
+        runs.append(simulation.referee.trajectory)
     np.testing.assert_array_equal(*runs)

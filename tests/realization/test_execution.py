@@ -28,8 +28,8 @@ def make(beside: str = " ") -> tuple[Pilot, KinematicRobot]:
 def go(
     pilot: Pilot, here: Cell, direction: Direction, *, docking: bool = False, full: bool = False, held: bool = False
 ) -> bool:
-    home, goal = centre(PLAN, here), centre(PLAN, here.neighbour(direction))
-    return move_to_cell(pilot, home, goal, docking=docking, fork_full=full, held=held)
+    start, goal = centre(PLAN, here), centre(PLAN, here.neighbour(direction))
+    return move_to_cell(pilot, start, goal, is_docking=docking, is_fork_full=full, is_holding=held)
 
 
 def offset(robot: KinematicRobot, cell: Cell) -> float:
