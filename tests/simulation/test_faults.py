@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from wherry.robot import Odometry, Scan
 from wherry.simulation import build
-from wherry.simulation.faults import blind, kidnap, random_pose, slippery
+from wherry.simulation.faults import blind_lidar, kidnap, random_pose, slippery_wheels
 from wherry.simulation.static_geometry import clearance
 from wherry.space.pose import Pose
 from wherry_testing.halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop
@@ -67,7 +67,7 @@ def test_slippery_wheels_make_odometry_wrong() -> None:
         measurements = drive(simulation, 0.0, 0.0, 0.1)
         start = simulation.referee.pose
         if is_slippery:
-            with slippery(simulation):
+            with slippery_wheels(simulation):
                 measurements += drive(simulation, 0.5, 0.0, 1.0)
         else:
             measurements += drive(simulation, 0.5, 0.0, 1.0)
@@ -81,7 +81,7 @@ def test_slippery_wheels_make_odometry_wrong() -> None:
 
 def test_a_blind_lidar_returns_nan_and_recovers() -> None:
     simulation = exact(hall())
-    with blind(simulation):
+    with blind_lidar(simulation):
         scans = [found for found in drive(simulation, 0.0, 0.0, 0.5) if isinstance(found, Scan)]
         assert all(np.isnan(scan.ranges).all() and not scan.valid.any() for scan in scans[1:])
     stop(simulation)

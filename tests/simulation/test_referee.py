@@ -24,7 +24,7 @@ def test_distance_to_walls_and_obstacles() -> None:
 def test_history_has_times_and_true_poses() -> None:
     simulation = exact(hall(o=" "))
     drive(simulation, 0.4, 0.0, 3.0)
-    history = simulation.referee.history
+    history = simulation.referee.trajectory
     assert history.shape == (61, 4)
     assert_allclose(np.diff(history[:, 0]), 0.05)
     assert_allclose(np.diff(history[-10:, 1]), 0.02, rtol=0.02)
@@ -38,7 +38,7 @@ def test_cells_driven_through() -> None:
     turn_to(simulation, -math.pi / 2)
     drive(simulation, 0.4, 0.0, 1.5)
     cells = [Cell(x, 2) for x in (1, 2, 3, 4, 3, 2)]
-    assert simulation.referee.trajectory == (*cells, Cell(2, 1))
+    assert simulation.referee.visited_cells == (*cells, Cell(2, 1))
 
 
 def test_a_robot_on_a_border_does_not_change_cells() -> None:
@@ -46,7 +46,7 @@ def test_a_robot_on_a_border_does_not_change_cells() -> None:
     referee = Referee(plan, StaticGeometry.from_plan(plan))
     for x in (0.8, 0.95, 1.05, 0.99, 1.01, 0.95, 1.08, 1.15, 1.05, 0.95, 1.2):
         referee.record(0.0, Pose(x * CELL, 0.5 * CELL, 0.0))
-    assert referee.trajectory == (Cell(0, 0), Cell(1, 0))
+    assert referee.visited_cells == (Cell(0, 0), Cell(1, 0))
 
 
 def test_driving_into_a_wall_is_one_collision_until_contact_ends() -> None:

@@ -67,7 +67,7 @@ def test_the_robot_turns_on_the_spot() -> None:
     turned = [reading.velocity.angular for reading in measurements if isinstance(reading, Odometry)]
     assert np.median(turned) == pytest.approx(1.5, rel=0.02)
     assert simulation.referee.pose.distance_to(start) < 0.01
-    truth = np.unwrap(simulation.referee.history[:, 3])[-1]
+    truth = np.unwrap(simulation.referee.trajectory[:, 3])[-1]
     assert truth == pytest.approx(sum(turned) / 20, rel=0.01)
 
 
@@ -232,7 +232,7 @@ def _eventful_run(simulation: Simulation) -> bytes:
         for measurement in drive(simulation, linear, angular, seconds):
             measured += measurement.ranges.tobytes() if isinstance(measurement, Scan) else repr(measurement).encode()
         simulation.robot.close_latch()
-    return measured + simulation.referee.history.tobytes() + repr(simulation.referee.collisions).encode()
+    return measured + simulation.referee.trajectory.tobytes() + repr(simulation.referee.collisions).encode()
 
 
 def test_the_same_plan_seed_and_commands_give_the_same_bytes() -> None:
@@ -289,4 +289,4 @@ def test_a_command_lasts_until_the_next_one() -> None:
     simulation.robot.command(Velocity(0.3))
     while simulation.time < 0.3:
         simulation.robot.receive()
-    assert simulation.referee.history[-1, 1] - simulation.referee.history[0, 1] > 0.03
+    assert simulation.referee.trajectory[-1, 1] - simulation.referee.trajectory[0, 1] > 0.03

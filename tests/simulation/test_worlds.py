@@ -67,4 +67,4 @@ def test_all_boxes_can_be_delivered_with_the_true_pose(name: str) -> None:
     driven = _deliver_all(simulation)
     assert simulation.referee.delivered == len(plan.boxes)
     assert simulation.referee.collisions == []
-    assert len(simulation.referee.trajectory) - 1 == driven
+    assert len(simulation.referee.visited_cells) - 1 == driven

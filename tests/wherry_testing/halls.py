@@ -44,7 +44,7 @@ def exact(plan: FloorPlan, offsets: tuple[tuple[float, float], ...] | None = Non
         plan,
         np.random.default_rng(0),
         lidar=LidarSpecification(noise=0.0),
-        odometry_errors=WheelOdometryErrors(scale=0.0, noise=0.0),
+        odometry_errors=WheelOdometryErrors(radius_sigma=0.0, distance_sigma=0.0),
         box_offsets=np.zeros((len(plan.boxes), 2)) if offsets is None else np.array(offsets),
     )
 
