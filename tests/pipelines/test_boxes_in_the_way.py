@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wherry.pipelines.delivery.score import DeliveryResult
+from wherry.pipelines.delivery.result import DeliveryResult
 from wherry.pipelines.delivery.simulated import DeliverySettings, prepare_delivery
 from wherry.trace.records import CellLayout, PerceivedState, Record
 

@@ -11,7 +11,7 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world, format_world
-from wherry.pipelines.delivery.score import DeliveryResult
+from wherry.pipelines.delivery.result import DeliveryResult
 from wherry.pipelines.delivery.simulated import DeliveryRun, DeliverySettings, prepare_delivery
 from wherry.realization.mission import order_from_plan
 from wherry.trace.records import Record, RobotSnapshot, StepTaken, null_sink

@@ -133,9 +133,9 @@ def film_sinks(simulation: Simulation, *, rerun: Path | None, video: Path | None
 
             sinks.append(stack.enter_context(rerun_recording(rerun)))
         if video is not None:
-            from wherry.pipelines.delivery.film import filmed
+            from wherry.pipelines.delivery.film import film_recording
 
-            sinks.append(stack.enter_context(filmed(video, simulation)))
+            sinks.append(stack.enter_context(film_recording(video, simulation)))
         yield combine_sinks(*sinks) if sinks else null_sink
 
 
