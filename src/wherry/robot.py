@@ -121,7 +121,7 @@ class Robot(Protocol):
     def receive(self) -> Scan | Odometry:
         """Wait for the next measurement and return it; times never decrease.
 
-        Each scan is preceded by odometry of the same time.
+        Odometry comes at least as often as scans; a scan comes after odometry of the same or a later time.
         """
         ...
 

@@ -24,7 +24,7 @@ name: behind
 """
 WAREHOUSE_BEHIND_A_BOX = """\
 wherry-world: 1
-name: shut in
+name: enclosed
 
 +---+---+---+---+---+---+---+
 |            ###            |

@@ -1,4 +1,4 @@
-"""Velocity commands to wheel speeds, and wheel angles to odometry."""
+"""Conversion of velocity commands to wheel speeds, and of wheel angles to odometry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The robot's URDF agrees with the constants that the code uses."""
+"""The robot's URDF agrees with the constants in the code."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wherry.simulation.drive import TRACK_WIDTH, WHEEL_RADIUS
 from wherry.simulation.model import BODY, BOX_HEIGHT, BOX_RADIUS, LIDAR_HEIGHT, robot_urdf
 from wherry.simulation.referee import FORK_HALF_WIDTH, FORK_REACH
 
-ROBOT = ET.fromstring(robot_urdf())  # noqa: S314 - our own file
+ROBOT = ET.fromstring(robot_urdf())  # noqa: S314 - a file of this package
 
 
 def _numbers(element: ET.Element | None, attribute: str) -> np.ndarray:

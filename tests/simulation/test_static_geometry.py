@@ -1,4 +1,4 @@
-"""Walls and obstacles in metres: rectangles, faces and clearance."""
+"""The static geometry: rectangles, faces and clearance."""
 
 from __future__ import annotations
 

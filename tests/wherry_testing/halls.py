@@ -38,7 +38,7 @@ def hall(**changes: str) -> FloorPlan:
     return parse_world(HALL[: HALL.index("+")] + drawing, source="hall")
 
 
-def exact(plan: FloorPlan, offsets: tuple[tuple[float, float], ...] | None = None) -> Simulation:
+def noise_free(plan: FloorPlan, offsets: tuple[tuple[float, float], ...] | None = None) -> Simulation:
     """A simulation without noise, whose boxes have the given offsets, m, from their cells' centres, or none."""
     return build(
         plan,
