@@ -1,4 +1,4 @@
-"""Output folders are created and checked before a run starts."""
+"""Files are read up to a size limit and written without partial results; output folders are checked."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from wherry.errors import InputError
-from wherry.files import ensure_writable_folder
+from wherry.files import ensure_writable_folder, partial_file, read_bytes
 
 
 def test_missing_folders_are_created_and_left_empty(tmp_path: Path) -> None:
@@ -27,3 +27,22 @@ def test_a_path_through_a_file_is_rejected(tmp_path: Path) -> None:
 def test_a_folder_that_is_not_writable_is_rejected() -> None:
     with pytest.raises(InputError, match=r"\.probe: cannot be written: "):
         ensure_writable_folder("/proc/self")
+
+
+def test_a_file_above_the_size_limit_is_rejected(tmp_path: Path) -> None:
+    path = tmp_path / "data"
+    path.write_bytes(b"12345")
+    assert read_bytes(path, max_bytes=5) == b"12345"
+    with pytest.raises(InputError, match="data: is larger than 4 bytes"):
+        read_bytes(path, max_bytes=4)
+
+
+def test_a_partial_file_gets_its_name_when_the_block_ends_even_by_an_exception(tmp_path: Path) -> None:
+    path = tmp_path / "film.mp4"
+    with pytest.raises(KeyboardInterrupt), partial_file(path) as partial:
+        assert partial == tmp_path / "film.part.mp4"
+        partial.write_bytes(b"content")
+        assert not path.exists()
+        raise KeyboardInterrupt
+    assert path.read_bytes() == b"content"
+    assert not partial.exists()

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from wherry.floorplan.plan import Cell
+from wherry.simulation.physics import BodyKind, ContactBody
 from wherry.simulation.referee import FORK_HALF_WIDTH, FORK_REACH, Referee, box_in_fork
 from wherry.simulation.static_geometry import StaticGeometry
 from wherry.space.pose import Pose
@@ -55,8 +56,8 @@ def test_driving_into_a_wall_is_one_collision_until_contact_ends() -> None:
     drive(simulation, 0.3, 0.0, 4.0)
     assert len(simulation.referee.collisions) == 1
     (collision,) = simulation.referee.collisions
-    assert collision.mover == "robot"
-    assert collision.touched.startswith("wall")
+    assert collision.mover == ContactBody(BodyKind.ROBOT)
+    assert collision.touched.kind is BodyKind.WALL
     assert collision.position[1] == pytest.approx(4 * CELL - 0.03, abs=0.01)
     assert 0 < collision.time < simulation.time
     drive(simulation, -0.3, 0.0, 1.0)
@@ -81,13 +82,13 @@ def test_driving_into_an_obstacle_is_a_collision() -> None:
     drive_to_x(simulation, 7.5 * CELL)
     turn_to(simulation, math.pi / 2)
     drive(simulation, 0.3, 0.0, 2.0)
-    assert simulation.referee.collisions[0].touched == "obstacle 0"
+    assert simulation.referee.collisions[0].touched == ContactBody(BodyKind.OBSTACLE, 0)
 
 
 def test_knocking_a_box_with_a_prong_is_a_collision() -> None:
     simulation = noise_free(hall(), ((0.0, 0.12),))
     drive(simulation, 0.4, 0.0, 5.0)
-    assert [collision.touched for collision in simulation.referee.collisions] == ["box 0"]
+    assert [collision.touched for collision in simulation.referee.collisions] == [ContactBody(BodyKind.BOX, 0)]
 
 
 def test_contact_with_the_box_in_the_fork_is_no_collision() -> None:
@@ -108,8 +109,8 @@ def test_a_contact_of_the_load_is_a_collision() -> None:
     drive(simulation, 0.0, 0.0, 0.2)
     drive(simulation, 0.4, 0.0, 6.0)
     movers = {collision.mover for collision in simulation.referee.collisions}
-    assert movers & {"robot", "box 0"}
-    assert all(collision.touched.startswith("wall") for collision in simulation.referee.collisions)
+    assert movers & {ContactBody(BodyKind.ROBOT), ContactBody(BodyKind.BOX, 0)}
+    assert all(collision.touched.kind is BodyKind.WALL for collision in simulation.referee.collisions)
 
 
 def test_a_box_pushed_by_a_box_is_a_collision_of_the_load() -> None:
@@ -118,7 +119,8 @@ def test_a_box_pushed_by_a_box_is_a_collision_of_the_load() -> None:
     drive(simulation, 0.4, 0.0, 3.0)  # unlatched: the beam pushes one box against the other
     stop(simulation)
     pairs = {(collision.mover, collision.touched) for collision in simulation.referee.collisions}
-    assert ("box 0", "box 1") in pairs or ("robot", "box 1") in pairs
+    pushed = ContactBody(BodyKind.BOX, 1)
+    assert (ContactBody(BodyKind.BOX, 0), pushed) in pairs or (ContactBody(BodyKind.ROBOT), pushed) in pairs
 
 
 def test_free_driving_has_no_collisions() -> None:

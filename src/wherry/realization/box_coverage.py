@@ -73,21 +73,21 @@ class BoxCoverage:
             grid: The map.
             candidates: Cells to observe it from, in order of preference.
         """
-        index = {cell: at for at, cell in enumerate(self._cells)}
-        positions = self._centres[[index[cell] for cell in candidates]]
-        offsets = self._centres[index[target]] - positions
+        index_of = {cell: index for index, cell in enumerate(self._cells)}
+        positions = self._centres[[index_of[cell] for cell in candidates]]
+        offsets = self._centres[index_of[target]] - positions
         distances = np.hypot(offsets[:, 0], offsets[:, 1])
         in_range = np.flatnonzero((distances > 0.0) & (distances < MAX_DETECTION_RANGE))
         found = []
-        for at in in_range:
-            half_angle = float(_half_angle(distances[at], self._tracker.box_radius))
-            pose = np.array([[*positions[at], np.arctan2(offsets[at, 1], offsets[at, 0])]])
+        for index in in_range:
+            half_angle = float(_half_angle(distances[index], self._tracker.box_radius))
+            pose = np.array([[*positions[index], np.arctan2(offsets[index, 1], offsets[index, 0])]])
             directions = np.array([-half_angle, 0.0, half_angle])
             left, middle, right = cast_rays(
                 grid.occupied, grid.resolution, grid.origin, pose, directions, MAX_DETECTION_RANGE + grid.resolution
             )[0]
-            if middle > distances[at] - 2 * self._tracker.box_radius and min(left, right) > distances[at]:
-                found.append(candidates[int(at)])
+            if middle > distances[index] - 2 * self._tracker.box_radius and min(left, right) > distances[index]:
+                found.append(candidates[int(index)])
         return found
 
 

@@ -65,7 +65,9 @@ class BoxRegistry:
         """Add and name the boxes whose tracks are not known yet."""
         known = {box.track.track_id for box in self.on_floor}
         new = [track for track in tracks if track.track_id not in known]
-        self.boxes += tuple(BoxObject(f"box{self._name_count + at}", track) for at, track in enumerate(new, start=1))
+        self.boxes += tuple(
+            BoxObject(f"box{self._name_count + number}", track) for number, track in enumerate(new, start=1)
+        )
         self._name_count += len(new)
 
     def pick_up(self, picked: BoxObject) -> None:

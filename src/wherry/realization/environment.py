@@ -98,7 +98,7 @@ class RobotEnvironment:
 
         Args:
             frame: The cell frame on the new map.
-            site: The walls that the new map shows, and the warehouse.
+            site: The new map's walls, and the warehouse.
             boxes: Tracks of the boxes on the floor; those with a new track id are added.
         """
         self._boxes.add(boxes)

@@ -122,9 +122,9 @@ class Mission:
         self._say(pilot, Phase.EXPLORE, "I have no map: I explore and drive to where my lidar will see most.")
         surveyor = Surveyor(pilot, self._order.cell_size, mapper)
         surveyor.survey()
-        cells = surveyor.cell_map()
-        self._finish_mapping(pilot, cells)
-        return self._set_up_environment(surveyor, cells, mapper.start)
+        cell_map = surveyor.cell_map()
+        self._finish_mapping(pilot, cell_map)
+        return self._set_up_environment(surveyor, cell_map, mapper.start)
 
     def localize(self, grid: OccupancyGrid) -> SurveyedWorld:
         """Localize globally on a given map, search it for boxes, and return the surveyed world.
@@ -135,19 +135,19 @@ class Mission:
         pilot, map_from_start = localize_globally(self._robot, grid, self._sink, self._rng)
         surveyor = Surveyor(pilot, self._order.cell_size, grid=grid)
         surveyor.survey()
-        cells = surveyor.cell_map()
-        self._localize_without_boxes(pilot, grid, cells)
-        return self._set_up_environment(surveyor, cells, map_from_start)
+        cell_map = surveyor.cell_map()
+        self._localize_without_boxes(pilot, grid, cell_map)
+        return self._set_up_environment(surveyor, cell_map, map_from_start)
 
-    def _finish_mapping(self, pilot: Pilot, cells: CellMap) -> None:
+    def _finish_mapping(self, pilot: Pilot, cell_map: CellMap) -> None:
         """Record the finished map, and localize on it from the current pose."""
-        self._sink(MapUpdate(pilot.time, cells.grid, 1.0, 0))
-        self._localize_on(cells.grid, pilot)
+        self._sink(MapUpdate(pilot.time, cell_map.grid, 1.0, 0))
+        self._localize_on(cell_map.grid, pilot)
 
-    def _localize_without_boxes(self, pilot: Pilot, grid: OccupancyGrid, cells: CellMap) -> None:
+    def _localize_without_boxes(self, pilot: Pilot, grid: OccupancyGrid, cell_map: CellMap) -> None:
         """Localize on the map without boxes if the given map shows any."""
-        if not np.array_equal(grid.occupied, cells.grid.occupied):
-            self._localize_on(cells.grid, pilot)
+        if not np.array_equal(grid.occupied, cell_map.grid.occupied):
+            self._localize_on(cell_map.grid, pilot)
 
     def _localize_on(self, grid: OccupancyGrid, pilot: Pilot) -> None:
         """Track the pose on a map from now on, starting from the current pose."""
@@ -159,29 +159,29 @@ class Mission:
         localizer.initialize(pose, INITIAL_POSE_COVARIANCE)
         return MapPoseEstimator(localizer)
 
-    def _set_up_environment(self, surveyor: Surveyor, cells: CellMap, map_from_start: Pose) -> SurveyedWorld:
+    def _set_up_environment(self, surveyor: Surveyor, cell_map: CellMap, map_from_start: Pose) -> SurveyedWorld:
         """Create the environment, and drive to the centre of a cell."""
-        boxes = _boxes_in_open_cells(cells, surveyor)
+        boxes = _boxes_in_open_cells(cell_map, surveyor)
         self._say(surveyor.pilot, Phase.SURVEY, f"I found {_count(len(boxes))}.")
-        environment = RobotEnvironment(surveyor.pilot, cells.frame, self._site(cells, map_from_start), boxes)
-        return self._surveyed_world(surveyor, cells, map_from_start, environment)
+        environment = RobotEnvironment(surveyor.pilot, cell_map.frame, self._site(cell_map, map_from_start), boxes)
+        return self._surveyed_world(surveyor, cell_map, map_from_start, environment)
 
     def _surveyed_world(
-        self, surveyor: Surveyor, cells: CellMap, map_from_start: Pose, environment: RobotEnvironment
+        self, surveyor: Surveyor, cell_map: CellMap, map_from_start: Pose, environment: RobotEnvironment
     ) -> SurveyedWorld:
         """Drive to the centre of a cell, and return the surveyed world."""
-        self._drive_to_cell_centre(surveyor.pilot, cells, environment)
+        self._drive_to_cell_centre(surveyor.pilot, cell_map, environment)
         on_floor = {box.name for box in environment.boxes_on_floor}
 
         def extend_survey() -> SurveyedWorld | None:
             if on_floor <= {box.name for box in environment.boxes_on_floor}:
                 return None  # only the removal of a box makes more area reachable
-            return self._extend_survey(surveyor, cells, map_from_start, environment)
+            return self._extend_survey(surveyor, cell_map, map_from_start, environment)
 
         def blocking_boxes() -> tuple[str, ...]:
             return _blocking_boxes(surveyor, environment)
 
-        return SurveyedWorld(environment, cells.grid, cells.frame, cells.plan, extend_survey, blocking_boxes)
+        return SurveyedWorld(environment, cell_map.grid, cell_map.frame, cell_map.plan, extend_survey, blocking_boxes)
 
     def _extend_survey(
         self, surveyor: Surveyor, before: CellMap, map_from_start: Pose, environment: RobotEnvironment
@@ -199,31 +199,31 @@ class Mission:
             mapper.resume(pilot.pose)
             pilot.use_tracker(PoseTracker(mapper.pose_estimator, pilot.pose))
         surveyor.survey()
-        cells = surveyor.cell_map()
+        cell_map = surveyor.cell_map()
         if mapper is not None:
-            self._finish_mapping(pilot, cells)
+            self._finish_mapping(pilot, cell_map)
         else:
-            self._localize_without_boxes(pilot, before.grid, cells)
-        boxes = _boxes_in_open_cells(cells, surveyor)
+            self._localize_without_boxes(pilot, before.grid, cell_map)
+        boxes = _boxes_in_open_cells(cell_map, surveyor)
         known_ids = {track.track_id for track in known}
         new = sum(track.track_id not in known_ids for track in boxes)
         self._say(pilot, Phase.SURVEY, f"I found {_count(new)} more." if new else "I found no more boxes.")
-        environment.update_map(cells.frame, self._site(cells, map_from_start), boxes)
-        return self._surveyed_world(surveyor, cells, map_from_start, environment)
+        environment.update_map(cell_map.frame, self._site(cell_map, map_from_start), boxes)
+        return self._surveyed_world(surveyor, cell_map, map_from_start, environment)
 
-    def _site(self, cells: CellMap, map_from_start: Pose) -> DeliverySite:
+    def _site(self, cell_map: CellMap, map_from_start: Pose) -> DeliverySite:
         """The map's walls, and the cells of the warehouse that are open on the map."""
-        warehouse_cells = cells.frame.cells_at(map_from_start.transform(self._order.warehouse))
+        warehouse_cells = cell_map.frame.cells_at(map_from_start.transform(self._order.warehouse))
         warehouse = {Cell(int(x), int(y)) for x, y in warehouse_cells}
-        return DeliverySite.of_plan(replace(cells.plan, warehouse=frozenset(warehouse & set(cells.plan.cells()))))
+        return DeliverySite.of_plan(replace(cell_map.plan, warehouse=frozenset(warehouse & set(cell_map.plan.cells()))))
 
-    def _drive_to_cell_centre(self, pilot: Pilot, cells: CellMap, environment: RobotEnvironment) -> None:
+    def _drive_to_cell_centre(self, pilot: Pilot, cell_map: CellMap, environment: RobotEnvironment) -> None:
         """Drive to the centre of the nearest reachable cell without a box."""
-        frame = cells.frame
+        frame = cell_map.frame
         boxes = [box.track for box in environment.boxes_on_floor]
         occupied = {Cell(*frame.cell_at(track.x, track.y)) for track in boxes}
-        moves = cells.plan.distances(Cell(*frame.cell_at(pilot.pose.x, pilot.pose.y)))  # the nearest first
-        costmap = costmap_around(pilot, cells.grid, boxes)
+        moves = cell_map.plan.distances(Cell(*frame.cell_at(pilot.pose.x, pilot.pose.y)))  # the nearest first
+        costmap = costmap_around(pilot, cell_map.grid, boxes)
         reverse = pilot.boxes.is_holding
         for cell in (cell for cell in moves if cell not in occupied):
             centre = frame.centre(cell.x, cell.y)
@@ -237,9 +237,9 @@ class Mission:
         self._sink(Narration(pilot.time, phase, text))
 
 
-def _boxes_in_open_cells(cells: CellMap, surveyor: Surveyor) -> list[BoxTrack]:
+def _boxes_in_open_cells(cell_map: CellMap, surveyor: Surveyor) -> list[BoxTrack]:
     """The boxes found in cells that are open on the map."""
-    return [box for box in surveyor.boxes() if cells.plan.is_open(Cell(*cells.frame.cell_at(box.x, box.y)))]
+    return [box for box in surveyor.boxes() if cell_map.plan.is_open(Cell(*cell_map.frame.cell_at(box.x, box.y)))]
 
 
 def _blocking_boxes(surveyor: Surveyor, environment: RobotEnvironment) -> tuple[str, ...]:

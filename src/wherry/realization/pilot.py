@@ -21,7 +21,7 @@ ZERO_VELOCITY = Velocity()
 RECOVERY_VELOCITY = Velocity(0.0, 0.6)  # m/s, rad/s, of the turn on the spot while lost
 RECOVERY_TIMEOUT = 30.0  # s, longest turn on the spot while lost
 DRIVE_TIMEOUT = 60.0  # s; a goal may never be reached if the pose estimate jumps back and forth
-MAX_BLOCKED_PERIODS = 20  # consecutive control periods (odometry or scans) after which a blocked drive ends
+MAX_BLOCKED_STEPS = 20  # consecutive control steps, one per measurement, after which a blocked drive ends
 STANDSTILL_SPEED = 0.005  # m/s and rad/s, below which the robot counts as standing still
 RECORD_PERIOD = 0.2  # s from one `RobotSnapshot` record to the next
 NO_POINTS = np.empty((0, 2))
@@ -204,7 +204,7 @@ class Pilot:
     ) -> DriveStatus:
         """Command the controller's velocity, limited by obstacles in the scan, until the drive ends."""
         blocked, deadline = 0, self.time + DRIVE_TIMEOUT
-        while blocked < MAX_BLOCKED_PERIODS and self.time < deadline:
+        while blocked < MAX_BLOCKED_STEPS and self.time < deadline:
             if self.tracker.is_lost:
                 self._recover()
                 return DriveStatus.LOST

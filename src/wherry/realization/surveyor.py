@@ -76,8 +76,8 @@ class Surveyor:
         self._cell_size = cell_size
         self._follower = ReplanningFollower(pilot)
         self._removed: tuple[BoxTrack, ...] = ()
-        self._visited: list[Floats] = []  # viewpoints of exploration, m, map frame
-        self._abandoned: list[Floats] = []  # centres of cells that could not be reached or observed, m, map frame
+        self._visited_viewpoints: list[Floats] = []  # viewpoints of exploration, m, map frame
+        self._abandoned_cells: list[Floats] = []  # centres of cells that could not be reached or observed, m, map frame
         self._search_area: tuple[CellMap, BoxCoverage] | None = None
 
     def survey(self) -> None:
@@ -85,7 +85,7 @@ class Surveyor:
         self.tracker.start()
         self.pilot.wait_for_scan()
         if self.mapper is not None:
-            self._explore(self.mapper)
+            self._explore()
         self._search_for_boxes()
         self.tracker.stop()
 
@@ -114,8 +114,12 @@ class Surveyor:
             removed: Tracks of all boxes that were picked up so far.
         """
         newly_removed = [np.array([track.x, track.y]) for track in removed if track not in self._removed]
-        self._visited = [point for point in self._visited if not _was_occluded(point, newly_removed)]
-        self._abandoned = [point for point in self._abandoned if not _was_occluded(point, newly_removed)]
+        self._visited_viewpoints = [
+            point for point in self._visited_viewpoints if not _may_have_been_occluded(point, newly_removed)
+        ]
+        self._abandoned_cells = [
+            point for point in self._abandoned_cells if not _may_have_been_occluded(point, newly_removed)
+        ]
         self._removed = tuple(removed)
         self.tracker.tracks = tuple(on_floor)
 
@@ -133,7 +137,7 @@ class Surveyor:
             return True
         return self._search_area is not None and bool(self._uncovered_cells(*self._search_area, boxes))
 
-    def _explore(self, mapper: Mapper) -> None:
+    def _explore(self) -> None:
         """Drive from viewpoint to viewpoint until no reachable one is worthwhile."""
         goal: Floats | None = None
         while True:
@@ -148,7 +152,7 @@ class Surveyor:
             costmap = costmap_around(self.pilot, grid, boxes)
             path = shortest_path(costmap, self._position(), goal)
             if path is None or not self._follower.follow(path, costmap):
-                self._visited.append(goal)
+                self._visited_viewpoints.append(goal)
                 goal = None
         self.pilot.stop()
         self._say(Phase.EXPLORE, "No reachable frontier is left: the map is complete.")
@@ -157,56 +161,56 @@ class Surveyor:
         """The best viewpoint during mapping; None if none is worthwhile or the map is finished."""
         if self.mapper is None:
             return None
-        visited = np.array(self._visited).reshape(-1, 2)
+        visited = np.array(self._visited_viewpoints).reshape(-1, 2)
         costmap = costmap_around(self.pilot, grid, boxes)
         return next_viewpoint(grid, costmap, self.pilot.pose, visited, min_gain=MIN_GAIN)
 
     def _search_for_boxes(self) -> None:
         """Drive to viewpoints of uncovered cells, the nearest first, until all are covered or abandoned."""
-        cells = self.cell_map()
-        coverage = BoxCoverage(self.tracker, cells.frame, cells.plan)
-        self._search_area = cells, coverage
+        cell_map = self.cell_map()
+        coverage = BoxCoverage(self.tracker, cell_map.frame, cell_map.plan)
+        self._search_area = cell_map, coverage
         has_announced = False
         while True:
-            boxes = self.tracker.publish(cells.grid)
-            uncovered = self._uncovered_cells(cells, coverage, boxes)
+            boxes = self.tracker.publish(cell_map.grid)
+            uncovered = self._uncovered_cells(cell_map, coverage, boxes)
             if not uncovered:
                 return
             if not has_announced:
                 self._say(Phase.SURVEY, "Some cells were never observed from nearby: I search them for boxes.")
                 has_announced = True
             target = min(uncovered, key=lambda cell: (uncovered[cell], cell))
-            costmap = costmap_around(self.pilot, cells.grid, boxes)
-            path = self._path_to_observe(target, cells, coverage, boxes, costmap)
+            costmap = costmap_around(self.pilot, cell_map.grid, boxes)
+            path = self._path_to_observe(target, cell_map, coverage, boxes, costmap)
             if path is None or not self._follower.follow(path, costmap):
                 self.pilot.wait_for_scan(DETECTION_PERIOD * MIN_OBSERVATIONS)
-                self._abandoned.append(cells.frame.centre(target.x, target.y))
+                self._abandoned_cells.append(cell_map.frame.centre(target.x, target.y))
 
-    def _uncovered_cells(self, cells: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
+    def _uncovered_cells(self, cell_map: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
         """Cells in which a box may be undetected, each with its number of moves from the robot, 0 if not reachable.
 
         These are the reachable cells and their occupied neighbours, except covered and abandoned ones.
         """
-        moves = self._moves_to_cells(cells, boxes)
-        occupied = occupied_cells(cells.grid, cells.frame, cells.plan)
+        moves = self._moves_to_cells(cell_map, boxes)
+        occupied = occupied_cells(cell_map.grid, cell_map.frame, cell_map.plan)
         candidates = {cell for cell in occupied if any(cell.neighbour(direction) in moves for direction in Direction)}
-        abandoned = {Cell(*cells.frame.cell_at(x, y)) for x, y in self._abandoned}
+        abandoned = {Cell(*cell_map.frame.cell_at(x, y)) for x, y in self._abandoned_cells}
         return {cell: moves.get(cell, 0) for cell in (candidates | set(moves)) - abandoned - coverage.covered_cells()}
 
-    def _moves_to_cells(self, cells: CellMap, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
+    def _moves_to_cells(self, cell_map: CellMap, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
         """Number of moves to each cell that the robot can reach without entering a box's cell."""
-        blocked = {Cell(*cells.frame.cell_at(track.x, track.y)) for track in boxes}
-        start = Cell(*cells.frame.cell_at(self.pilot.pose.x, self.pilot.pose.y))
-        return cells.plan.distances(start, blocked)
+        blocked = {Cell(*cell_map.frame.cell_at(track.x, track.y)) for track in boxes}
+        start = Cell(*cell_map.frame.cell_at(self.pilot.pose.x, self.pilot.pose.y))
+        return cell_map.plan.distances(start, blocked)
 
     def _path_to_observe(
-        self, target: Cell, cells: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack], costmap: Costmap
+        self, target: Cell, cell_map: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack], costmap: Costmap
     ) -> Floats | None:
         """[N, 2] path to the nearest viewpoint of a cell, or else to the cell, m, map frame; None if there is none."""
-        moves = self._moves_to_cells(cells, boxes)
-        viewpoints = coverage.viewpoints(target, cells.grid, sorted(moves, key=lambda cell: (moves[cell], cell)))
-        goals = [(cells.frame.centre(cell.x, cell.y), VIEWPOINT_TOLERANCE) for cell in viewpoints[:MAX_VIEWPOINTS]]
-        goals.append((cells.frame.centre(target.x, target.y), CELL_TOLERANCE))
+        moves = self._moves_to_cells(cell_map, boxes)
+        viewpoints = coverage.viewpoints(target, cell_map.grid, sorted(moves, key=lambda cell: (moves[cell], cell)))
+        goals = [(cell_map.frame.centre(cell.x, cell.y), VIEWPOINT_TOLERANCE) for cell in viewpoints[:MAX_VIEWPOINTS]]
+        goals.append((cell_map.frame.centre(target.x, target.y), CELL_TOLERANCE))
         paths = (shortest_path(costmap, self._position(), goal, snap_distance=tolerance) for goal, tolerance in goals)
         return next((path for path in paths if path is not None), None)
 
@@ -225,8 +229,8 @@ class Surveyor:
     def _record_progress(self, grid: OccupancyGrid) -> None:
         """Record the map so far and the explored fraction."""
         frontier_length = float(np.count_nonzero(frontier_cells(grid))) * grid.resolution  # m
-        known_area = float(np.count_nonzero(grid.free)) * grid.resolution**2  # m²
-        fraction = known_area / (known_area + frontier_length * FRONTIER_DEPTH)
+        free_area = float(np.count_nonzero(grid.free)) * grid.resolution**2  # m²
+        fraction = free_area / (free_area + frontier_length * FRONTIER_DEPTH)
         self.pilot.sink(MapUpdate(self.pilot.time, grid, fraction, frontier_length))
 
     def _say(self, phase: Phase, text: str) -> None:
@@ -240,6 +244,6 @@ def costmap_around(pilot: Pilot, grid: OccupancyGrid, boxes: Sequence[BoxTrack])
     return Costmap.from_grid(grid, pilot.body.radius, obstacles=obstacles, known_free=cleared)
 
 
-def _was_occluded(point: Floats, removed: Sequence[Floats]) -> bool:
+def _may_have_been_occluded(point: Floats, removed: Sequence[Floats]) -> bool:
     """Whether a point, [2] m, map frame, is near one of the removed boxes, at positions [2] m, map frame."""
     return any(float(np.hypot(*(point - other))) < OCCLUSION_RADIUS for other in removed)

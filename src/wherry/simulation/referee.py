@@ -48,14 +48,14 @@ class Collision:
 
     Attributes:
         time: Beginning of the contact, s.
-        mover: Moving body: ``robot``, or ``box <k>`` for its load.
-        touched: Body that it touched: ``wall <k>``, ``obstacle <k>`` or ``box <k>``.
+        mover: The robot, or the box that is its load.
+        touched: The wall, obstacle or other box that the mover touched.
         position: Point of contact x, y, m, world frame.
     """
 
     time: float
-    mover: str
-    touched: str
+    mover: ContactBody
+    touched: ContactBody
     position: tuple[float, float]
 
 
@@ -71,7 +71,7 @@ class Referee:
         pose: base_link in the world frame.
         time: Time of the pose, s.
         collisions: Collisions so far, in order of time.
-        boxes: The true state of each box.
+        boxes: True states of the boxes, in the order of the plan's boxes.
     """
 
     def __init__(self, plan: FloorPlan, geometry: StaticGeometry) -> None:
@@ -107,10 +107,10 @@ class Referee:
         """Distances to the nearest face of a wall or obstacle that is visible from inside the building.
 
         Args:
-            points: [N, 2] m, world frame.
+            points: [N, 2] points, m, world frame.
 
         Returns:
-            [N] m.
+            [N] distances, m.
         """
         return distances_to_rectangles(self._surfaces, points)
 
@@ -139,7 +139,7 @@ class Referee:
             mover, touched = (first, second) if first in moving else (second, first)
             if physics.time - self._last_contact.get((mover, touched), -math.inf) > COLLISION_GAP:
                 point = (float(position[0]), float(position[1]))
-                self.collisions.append(Collision(physics.time, str(mover), str(touched), point))
+                self.collisions.append(Collision(physics.time, mover, touched, point))
             self._last_contact[mover, touched] = physics.time
 
     def _entered_cell(self, pose: Pose) -> Cell | None:

@@ -1,6 +1,6 @@
 """A simulated delivery: survey, delivery episode, score and report.
 
-Only this module has access to both the robot and the referee. The robot is given its order and nothing else.
+The robot's code gets its order but no ground truth; the scorer gets the ground truth.
 """
 
 from __future__ import annotations
