@@ -39,10 +39,15 @@ def test_a_file_above_the_size_limit_is_rejected(tmp_path: Path) -> None:
 
 def test_a_partial_file_gets_its_name_when_the_block_ends_even_by_an_exception(tmp_path: Path) -> None:
     path = tmp_path / "film.mp4"
-    with pytest.raises(KeyboardInterrupt), partial_file(path) as partial:
-        assert partial == tmp_path / "film.part.mp4"
-        partial.write_bytes(b"content")
-        assert not path.exists()
-        raise KeyboardInterrupt
+
+    def interrupted_writing() -> None:
+        with partial_file(path) as partial:
+            assert partial == tmp_path / "film.part.mp4"
+            partial.write_bytes(b"content")
+            assert not path.exists()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted_writing()
     assert path.read_bytes() == b"content"
-    assert not partial.exists()
+    assert list(tmp_path.iterdir()) == [path]
