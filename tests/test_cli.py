@@ -154,7 +154,7 @@ def test_an_unwritable_folder_is_rejected(
     (tmp_path / "file").write_text("", encoding="utf-8")
     status, _, err = call(capsys, monkeypatch, "deliver", "--world", "small", "--out", tmp_path / "file" / "out")
     assert status == 2
-    assert err == f"wherry: {tmp_path / 'file' / 'out'}: cannot be made: Not a directory\n"
+    assert err == f"wherry: {tmp_path / 'file' / 'out'}: cannot be created: Not a directory\n"
 
 
 def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:

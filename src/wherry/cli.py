@@ -28,7 +28,7 @@ from wherry.commands.rviz import rviz
 from wherry.commands.view import view
 from wherry.commands.worlds import worlds
 from wherry.errors import InputError
-from wherry.interrupts import interrupts_are_kept
+from wherry.interrupts import resend_dropped_interrupts
 
 INVALID_INPUT = 2  # exit status
 STOPPED = 130  # exit status: 128 + SIGINT
@@ -59,7 +59,7 @@ app.add_typer(ros_app(2), name="ros2")
 def main() -> None:
     """Run a command; report invalid input and usage in one line, with exit status 2."""
     try:
-        with interrupts_are_kept():
+        with resend_dropped_interrupts():
             status = app(prog_name="wherry", standalone_mode=False) or 0
     except (InputError, TyperException) as error:
         _print_error(str(error) if isinstance(error, InputError) else usage_error(error))

@@ -73,7 +73,10 @@ class GymnasiumTaxi(GymnasiumAdapter):
         walls = sorted(set(self._walls()))
         self._scene = Scene(
             (
-                *(WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for index, wall in enumerate(walls)),
+                *(
+                    WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north)
+                    for index, wall in enumerate(walls)
+                ),
                 *(PLACE(f"place{index}", x=cell.x, y=cell.y) for index, cell in enumerate(map(_cell, taxi.locs))),
             )
         )

@@ -192,7 +192,7 @@ def _add_deliver(app: typer.Typer, ros_version: int) -> None:
         output: OutputOptions,
     ) -> None:
         """Run the agent on a ROS robot: explore, map, learn, and deliver every box."""
-        from wherry.files import make_folder
+        from wherry.files import ensure_writable_folder
         from wherry.pipelines.delivery.ros import save
         from wherry.ros.body_files import load_body
         from wherry.ros.nodes.robot import RosRobot
@@ -202,7 +202,7 @@ def _add_deliver(app: typer.Typer, ros_version: int) -> None:
         settings = parse_delivery(task)
         body = load_body(task.body)
         if out is not None:
-            make_folder(out)
+            ensure_writable_folder(out)
         console = output.console()
         _compile_kernels(console)
         with (
@@ -243,10 +243,10 @@ def parse_delivery(task: DeliverOptions) -> RosDeliverySettings:
 
 
 def _compile_kernels(console: Console) -> None:
-    from wherry.kernels import are_compiled
+    from wherry.kernels import are_kernels_cached
     from wherry.pipelines.delivery.simulated import warm_up
 
-    if not are_compiled():
+    if not are_kernels_cached():
         console.print("Compiling the inner loops, which takes half a minute and happens once.")
         warm_up()
 

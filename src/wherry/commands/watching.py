@@ -77,10 +77,10 @@ def trace_sink(title: str, out: Path | None, console: Console, page: PageOptions
     with contextlib.ExitStack() as stack:
         sinks: list[Sink] = []
         if out is not None:
-            from wherry.files import make_folder
+            from wherry.files import ensure_writable_folder
             from wherry.trace.recordings import TRACE_FILE_NAME, TraceRecorder
 
-            make_folder(out)
+            ensure_writable_folder(out)
             sinks.append(stack.enter_context(TraceRecorder(out / TRACE_FILE_NAME)))
         if page.view:
             from wherry.views.web.broadcast import TraceBroadcast
@@ -133,9 +133,9 @@ def film_sinks(simulation: Simulation, *, rerun: Path | None, video: Path | None
 
             sinks.append(stack.enter_context(rerun_recording(rerun)))
         if video is not None:
-            from wherry.pipelines.delivery.film import filmed
+            from wherry.pipelines.delivery.film import film_recording
 
-            sinks.append(stack.enter_context(filmed(video, simulation)))
+            sinks.append(stack.enter_context(film_recording(video, simulation)))
         yield combine_sinks(*sinks) if sinks else null_sink
 
 

@@ -123,7 +123,9 @@ class DeliverySite:
             WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north)
             for index, wall in enumerate(sorted(self.walls))
         ]
-        cells = [WAREHOUSE(f"warehouse{index}", x=cell.x, y=cell.y) for index, cell in enumerate(sorted(self.warehouse))]
+        cells = [
+            WAREHOUSE(f"warehouse{index}", x=cell.x, y=cell.y) for index, cell in enumerate(sorted(self.warehouse))
+        ]
         object.__setattr__(self, "domain", delivery_domain(self.x_range, self.y_range))
         object.__setattr__(self, "scene", Scene((*walls, *cells)))
 

@@ -81,7 +81,9 @@ class TaxiGrid(DeterministicMdp):
             }
         )
         self.scene = Scene(
-            tuple(WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for index, wall in enumerate(edges))
+            tuple(
+                WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for index, wall in enumerate(edges)
+            )
         )
 
     def state_of(self, taxi: tuple[int, int], passenger: str, destination: str) -> State:

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from wherry.errors import InputError
-from wherry.files import make_folder, read_text, write_atomically
+from wherry.files import ensure_writable_folder, read_text, write_atomically
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.gazebo.latch_settings import GazeboLatchSettings, format_latch_settings
@@ -164,7 +164,7 @@ def _prepare_folder(folder: Path, *, force: bool) -> None:
     Raises:
         InputError: The folder cannot be made, or contains other files.
     """
-    make_folder(folder)
+    ensure_writable_folder(folder)
     if any(folder.iterdir()) and not force and not _is_export(folder / MARKER_FILE):
         raise InputError(folder, "", "holds files that are not an export; choose another folder, or --force")
 
@@ -185,7 +185,7 @@ def _is_export(marker: Path) -> bool:
     if not marker.is_file():
         return False
     try:
-        content = json.loads(read_text(marker, limit=MAX_MARKER_BYTES))
+        content = json.loads(read_text(marker, max_bytes=MAX_MARKER_BYTES))
     except ValueError:
         return False
     return isinstance(content, dict) and "wherry-export" in content

@@ -26,7 +26,7 @@ from wherry.floorplan.plan import FloorPlan
 from wherry.gazebo import latch_topics
 from wherry.gazebo.latch_topics import OPENING_SECONDS, ROBOT, box_name
 from wherry.gazebo.robot_model import read_robot_model
-from wherry.simulation.drive import TRACK, WHEEL_RADIUS
+from wherry.simulation.drive import TRACK_WIDTH, WHEEL_RADIUS
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.model import (
     BODY,
@@ -242,7 +242,7 @@ def _constants() -> dict[str, object]:
         "ROBOT": ROBOT,
         "SERVICE_TIMEOUT": SERVICE_TIMEOUT,
         "TIME_STEP": TIME_STEP,
-        "TRACK": TRACK,
+        "TRACK_WIDTH": TRACK_WIDTH,
         "VISIBILITY_MASK": VISIBILITY_MASK,
         "WHEEL_FRICTION": WHEEL_FRICTION,
         "WHEEL_RADIUS": WHEEL_RADIUS,

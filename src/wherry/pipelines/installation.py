@@ -15,7 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from wherry.errors import InputError
-from wherry.kernels import are_compiled
+from wherry.kernels import are_kernels_cached
 
 MIN_PYTHON = (3, 11)
 REQUIRED_PACKAGES = (
@@ -82,7 +82,7 @@ def _packages() -> CheckResult:
 
 
 def _kernels() -> CheckResult:
-    works = are_compiled()
+    works = are_kernels_cached()
     detail = "compiled" if works else "not compiled yet"
     return CheckResult(
         "numba cache", works, detail, "none needed: the first run compiles the kernels, in about half a minute"

@@ -111,7 +111,7 @@ def load_trace(run: Path) -> list[Record]:
 
 def _frames(path: Path) -> Iterator[tuple[bytes, Record]]:
     """The complete frames of a file, each with its record; an incomplete frame at the end is left out."""
-    content = read_bytes(path, limit=MAX_FILE_SIZE)
+    content = read_bytes(path, max_bytes=MAX_FILE_SIZE)
     if not content.startswith(MAGIC):
         raise InputError(path, "first line", f"is not {MAGIC.decode().strip()!r}: no trace file, or of another version")
     decompressor = zlib.decompressobj()

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.errors import InputError
-from wherry.files import growing_file
+from wherry.files import partial_file
 from wherry.oomdp.conditions import Condition
 from wherry.trace.records import (
     CellLayout,
@@ -52,9 +52,9 @@ def rerun_recording(path: Path) -> Iterator[Sink]:
         import rerun  # noqa: PLC0415 - an optional dependency
     except ImportError as error:
         raise InputError("--rerun", "rerun-sdk", 'is not installed: pip install "wherry[rerun]"') from error
-    with growing_file(path) as unfinished:
+    with partial_file(path) as partial:
         stream = rerun.RecordingStream("wherry")
-        stream.save(unfinished, default_blueprint=_layout())
+        stream.save(partial, default_blueprint=_layout())
         try:
             yield RerunSink(stream)
         finally:
