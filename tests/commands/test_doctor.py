@@ -72,7 +72,7 @@ def test_missing_modules_programs_and_data_are_reported(monkeypatch: pytest.Monk
     monkeypatch.setenv("WHERRY_DATA", str(tmp_path))
     assert not CHECKS["RViz"]().works
     assert not CHECKS["recorded logs"]().works
-    assert not installation._module("nothing", "no_such.module", "none").works
+    assert not installation._check_module("nothing", "no_such.module", "none").works
     (tmp_path / "intel").mkdir()
     (tmp_path / "rviz2").touch(mode=0o755)
     assert CHECKS["RViz"]() == CheckResult(

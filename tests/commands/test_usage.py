@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from wherry.cli import app
-from wherry.commands.common import console_for, one_of, say
+from wherry.commands.common import console_for, name_completion, say
 from wherry_testing.command_line import RunCommand
 
 
@@ -54,7 +54,7 @@ def test_shells_complete_commands_and_values() -> None:
 
 
 def test_completions_start_with_the_typed_text() -> None:
-    assert one_of(("bayes", "doormax", "doormax-letter"))("door") == ["doormax", "doormax-letter"]
+    assert name_completion(("bayes", "doormax", "doormax-letter"))("door") == ["doormax", "doormax-letter"]
 
 
 def test_pipes_get_no_colours_and_quiet_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:

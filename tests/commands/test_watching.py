@@ -11,7 +11,7 @@ from wherry.commands import watching
 from wherry.trace.records import Narration, Phase
 
 
-@pytest.mark.parametrize(("has_browser", "constant"), [(True, "OPENED_PAGE_TIMEOUT"), (False, "FIRST_PAGE_TIMEOUT")])
+@pytest.mark.parametrize(("has_browser", "constant"), [(True, "BROWSER_OPEN_TIMEOUT"), (False, "MANUAL_OPEN_TIMEOUT")])
 def test_an_unopened_page_is_served_for_the_announced_timeout(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], has_browser: bool, constant: str
 ) -> None:

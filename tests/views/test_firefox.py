@@ -77,7 +77,7 @@ def test_a_live_run_is_received_until_its_end(window: Page) -> None:
         window.until("trace.end === 10")
         broadcast.end()
         window.until("document.getElementById('link').textContent === 'run over'")
-        assert window.evaluate("trace.records.Stepped.length") == 4
+        assert window.evaluate("trace.records.StepTaken.length") == 4
     assert window.errors == []
 
 

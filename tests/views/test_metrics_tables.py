@@ -26,7 +26,7 @@ def test_metrics_are_formatted_with_units() -> None:
     assert format_metrics(MAPPING, MAPPING_METRICS) == [
         ("method", "graph"),
         ("scans mapped", "910"),
-        ("broken lines skipped", "0"),
+        ("malformed lines skipped", "0"),
         ("reference relations", "9,998"),
         ("translational error (mean)", "0.050 m"),
         ("translational error (standard deviation)", "0.041 m"),

@@ -523,7 +523,7 @@ def test_a_live_run_is_followed_until_its_end(page: playwright.Page, tmp_path: P
             page.get_by_role("link", name="Report").click()
         until(report.value, "document.title === 'The report'")
         report.value.close()
-        assert page.evaluate("trace.records.Seen.length") == sum(
+        assert page.evaluate("trace.records.RobotSnapshot.length") == sum(
             isinstance(record, RobotSnapshot) for record in records
         )
         assert page.locator("#notice").is_hidden()
@@ -650,7 +650,7 @@ def test_a_command_with_view_ends_when_its_page_is_closed(page: playwright.Page)
         while not page.evaluate("trace.over"):
             assert time.monotonic() < deadline
             page.wait_for_timeout(100)
-        assert page.evaluate("trace.records.Began[0].subject") == "Taxi 5×5"
-        assert page.evaluate("trace.records.Learnt.at(-1).rules.length") >= 6
+        assert page.evaluate("trace.records.RunStarted[0].subject") == "Taxi 5×5"
+        assert page.evaluate("trace.records.LearntModel.at(-1).rules.length") >= 6
         page.goto("about:blank")
         assert process.wait(timeout=20) == 0

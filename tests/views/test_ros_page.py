@@ -41,24 +41,24 @@ def test_a_delivery_over_ros_is_shown_on_the_page(page: playwright.Page, tmp_pat
         assert agent.stdout is not None
         address = next(found for line in agent.stdout if (found := re.search(r"http://\S+", line)))
         page.goto(f"{address.group()}?theme=light")
-        until(page, "trace.records.Seen.length > 20 && trace.records.Explored.length > 1", seconds=PATIENCE)
+        until(page, "trace.records.RobotSnapshot.length > 20 && trace.records.MapUpdate.length > 1", seconds=PATIENCE)
         page.get_by_role("button", name="Live").click()
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
         for size, name in ((DESK, "desk"), (PHONE, "phone")):
             page.set_viewport_size(size)  # type: ignore[arg-type]
             page.wait_for_timeout(200)
             page.screenshot(path=SCREENSHOTS / f"ros2-{name}.png")
-        assert page.evaluate("trace.records.Began[0].task") == "deliver"
+        assert page.evaluate("trace.records.RunStarted[0].task") == "deliver"
         assert page.inner_text("#phase") == "Explores"
         assert page.inner_text("#link") == "live"
         page.evaluate("player.playing = false; scene.hidden.add('path')")
         until(page, "scene.instant.time === player.time")
         ends = page.evaluate(
             """new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => {
-                const { seen } = scene.instant;
+                const { snapshot } = scene.instant;
                 const colours = [];
-                for (let n = 0; n < seen.points.length; n += 2) {
-                    const at = [0, 1].map((axis) => seen.pose[axis] + seen.points[n + axis] * POSITION_STEP);
+                for (let n = 0; n < snapshot.points.length; n += 2) {
+                    const at = [0, 1].map((axis) => snapshot.pose[axis] + snapshot.points[n + axis] * POSITION_STEP);
                     const place = scene.project(...at).map((pixels) => Math.floor(pixels * scene.ratio));
                     colours.push([...scene.context.getImageData(...place, 1, 1).data].slice(0, 3));
                 }

@@ -102,11 +102,11 @@ def test_a_page_gets_every_record_in_order(server: PageServer, broadcast: TraceB
 
 def test_a_reconnecting_page_gets_only_the_missing_frames(server: PageServer, broadcast: TraceBroadcast) -> None:
     broadcast.end()
-    with open_socket(server, f"?run={broadcast.name}&from={len(broadcast) - 2}") as page:
+    with open_socket(server, f"?run={broadcast.run_id}&from={len(broadcast) - 2}") as page:
         hello, frames = received(page)
-    assert hello == {"run": broadcast.name, "from": len(broadcast) - 2}
+    assert hello == {"run": broadcast.run_id, "from": len(broadcast) - 2}
     assert len(list(split_frames(frames))) == 2
-    for query in ("?run=another&from=3", f"?run={broadcast.name}&from=-1", f"?run={broadcast.name}&from=x"):
+    for query in ("?run=another&from=3", f"?run={broadcast.run_id}&from=-1", f"?run={broadcast.run_id}&from=x"):
         with open_socket(server, query) as page:
             assert json.loads(page.recv(timeout=5))["from"] == 0
 
@@ -151,7 +151,7 @@ def test_requests_over_the_network_need_the_token(broadcast: TraceBroadcast) -> 
         with pytest.raises((InvalidHandshake, ConnectionClosed)), open_socket(server) as page:
             page.recv(timeout=5)
         with open_socket(server, f"?token={token}") as page:
-            assert json.loads(page.recv(timeout=5))["run"] == broadcast.name
+            assert json.loads(page.recv(timeout=5))["run"] == broadcast.run_id
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The world editor: a page that draws a world file, which `wherry.floorplan` checks and saves."""
+"""The world editor: a page that edits a world file; `wherry.floorplan` checks the file before it is saved."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from wherry.files import write_atomically
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
 from wherry.floorplan.world_files import MAX_FILE_SIZE, format_world, load_world, parse_world
 from wherry.views.web.page import render_page
-from wherry.views.web.server import DEFAULT_HOST, DEFAULT_PORT, PageServer, keep_open, run_server
+from wherry.views.web.server import DEFAULT_HOST, DEFAULT_PORT, PageServer, hold_connection, run_server
 
 ERROR_POSITION = re.compile(r"line (\d+)(?:, column (\d+))?")
 
 
 def new_plan(name: str) -> FloorPlan:
-    """An empty hall with a robot and a warehouse, with which a new file starts."""
+    """The plan of a new file: an empty hall with a robot and a warehouse."""
     return FloorPlan(
         name,
         width=10,
@@ -42,7 +42,7 @@ def check_world(text: str, source: str) -> dict[str, object]:
         source: Name of the file in errors.
 
     Returns:
-        For the page: ``error``, with ``line`` and ``column``, or else the plan's size and boxes.
+        JSON for the page: ``error`` with its ``line`` and ``column`` or, for a valid text, the plan's size and boxes.
     """
     try:
         plan = parse_world(text, source)
@@ -68,15 +68,15 @@ def check_world(text: str, source: str) -> dict[str, object]:
 
 @contextlib.contextmanager
 def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT) -> Iterator[PageServer]:
-    """Serve a page that edits a world file, while the context lasts.
+    """Serve a page that edits a world file until the context ends.
 
     Args:
-        path: The file; where there is none, it is written when it is first saved.
+        path: The file; one that does not exist is created when the world is saved.
         host: Address to listen on; pages need a token unless it is a loopback address.
-        port: Port to listen on; where it is occupied, any other. 0 for any.
+        port: Port to listen on; another one is used if it is occupied. 0 for any free port.
 
     Raises:
-        InputError: The file is no world file, or the address cannot be listened on.
+        InputError: The file is not a valid world file, or the address cannot be listened on.
     """
     is_new = not path.exists()
     if is_new:
@@ -99,29 +99,29 @@ def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PO
 
     async def save(request: Request) -> Response:
         edited = await _body(request)
-        found = check_world(edited, path.name)
-        if found["error"] is None:
+        result = check_world(edited, path.name)
+        if result["error"] is None:
             try:
                 write_atomically(path, edited)
             except InputError as error:
-                found = {"error": str(error), "line": None, "column": None}
-        return JSONResponse(found)
+                result = {"error": str(error), "line": None, "column": None}
+        return JSONResponse(result)
 
-    async def stay(page: WebSocket) -> None:
-        await keep_open(page, server)
+    async def connection(websocket: WebSocket) -> None:
+        await hold_connection(websocket, server)
 
     routes = [
         Route("/", page),
         Route("/check", check, methods=["POST"]),
         Route("/save", save, methods=["POST"]),
-        WebSocketRoute("/socket", stay),
+        WebSocketRoute("/socket", connection),
     ]
     with run_server(routes, host=host, port=port) as server:
         yield server
 
 
 async def _body(request: Request) -> str:
-    """Text of a request; a text that is too long is truncated, and then refused as no world."""
+    """Text of a request, truncated to `MAX_FILE_SIZE`; a truncated world fails the check."""
     parts, size = [], 0
     async for part in request.stream():
         parts.append(part)
