@@ -88,9 +88,9 @@ def test_a_world_is_drawn_and_saved(window: Page, tmp_path: Path) -> None:
         place = "(({ left, top }) => [left + 16 + 4.5 * side, top + 16 + 3.5 * side])(canvas.getBoundingClientRect())"
         window.evaluate("(choose('o'), null)")
         window.click(*window.evaluate(place))
-        window.until("text.includes(' o ') && found.drawn === 1")
+        window.until("text.includes(' o ') && checked.drawn === 1")
         window.evaluate("(document.getElementById('save').click(), null)")
-        window.until("saved === text")
+        window.until("savedText === text")
         (box,) = parse_world(path.read_text(encoding="utf-8"), str(path)).boxes
         assert (box.x, box.y) == (4, 4)  # of eight rows, the fourth from above
         window.goto("about:blank")

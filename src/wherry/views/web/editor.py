@@ -91,7 +91,7 @@ def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PO
         styles = ("style.css", "editor.css")
         title = f"{path.name} - wherry"
         return HTMLResponse(
-            render_page("editor.html.j2", ("editor.js",), title=title, settings=settings, styles=styles)
+            render_page("editor.html.j2", ("dom.js", "editor.js"), title=title, settings=settings, styles=styles)
         )
 
     async def check(request: Request) -> Response:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from wherry.trace.recordings import pack_frames
 from wherry.views.templates import render_template
 
-SCRIPTS = ("trace.js", "map.js", "player.js", "scene.js", "panels.js", "app.js")
+PLAYER_SCRIPTS = ("dom.js", "trace.js", "map.js", "player.js", "scene.js", "panels.js", "app.js")
 
 
 def player_page(title: str, settings: Mapping[str, object], frames: bytes | None = None) -> str:
@@ -25,7 +25,7 @@ def player_page(title: str, settings: Mapping[str, object], frames: bytes | None
         frames: Frames to embed in the page, as from `recordings.load_frames`; None if the server sends them.
     """
     trace = "" if frames is None else base64.b64encode(pack_frames(frames)).decode("ascii")
-    return render_page("player.html.j2", SCRIPTS, title=title, settings=settings, trace=trace)
+    return render_page("player.html.j2", PLAYER_SCRIPTS, title=title, settings=settings, trace=trace)
 
 
 def render_page(

@@ -1,7 +1,6 @@
 "use strict";
 // Connects trace, player, scene and panels, and handles pointer and keyboard.
 
-const settings = JSON.parse(element("settings").textContent);
 const trace = new Trace();
 const player = new Player(trace);
 const scene = new Scene(element("canvas"), trace);
@@ -34,11 +33,6 @@ function switchTheme() {
 element("theme").addEventListener("click", switchTheme);
 
 // Legend: layers, which can be hidden, other symbols, and colours of the timeline.
-function swatch(colour, shape = "") {
-  const made = make("i", shape);
-  made.style.setProperty("--c", colour);
-  return made;
-}
 for (const [layer, [text, colour]] of Object.entries(LAYERS)) {
   const checkbox = make("input");
   checkbox.type = "checkbox";

@@ -1,16 +1,6 @@
 "use strict";
 // The panels beside the map: condition, rules, unknown pairs, boxes, log, and attributes of the selection.
 
-const element = (name) => document.getElementById(name);
-
-// An element with a class and children; strings become text nodes, so that text of a trace is never parsed as HTML.
-function make(tag, className, ...children) {
-  const made = document.createElement(tag);
-  if (className) made.className = className;
-  made.append(...children);
-  return made;
-}
-
 const MAPPING_STEP = 0.2; // fraction of the area, or of the log, between two lines about mapping progress
 const MAX_BOX_SYMBOLS = 40;
 const WALL_PERCENT = 65; // P(occupied) in percent above which a point of the map is called a wall
@@ -389,11 +379,9 @@ class Panels {
     const close = make("button", "icon", "×");
     close.setAttribute("aria-label", "Close");
     close.addEventListener("click", () => (scene.selected = null));
-    const mark = make("i");
-    mark.style.setProperty("--c", `var(${colour})`);
     const list = make("dl");
     for (const [name, value] of rows) list.append(make("dt", "", name), make("dd", "", String(value)));
-    panel.replaceChildren(make("header", "", mark, make("span", "", title), close), list);
+    panel.replaceChildren(make("header", "", swatch(`var(${colour})`), make("span", "", title), close), list);
   }
 }
 

@@ -152,7 +152,7 @@ function readSocket(trace, reset, onState) {
       query.set("run", runId);
       query.set("from", nextIndex);
     }
-    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket?${query}`);
+    const socket = new WebSocket(socketUrl(query));
     socket.binaryType = "arraybuffer";
     socket.onmessage = ({ data }) => {
       if (typeof data === "string") {
