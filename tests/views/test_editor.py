@@ -44,11 +44,16 @@ def editor(page: playwright.Page, file: Path) -> Iterator[playwright.Page]:
         page.goto("about:blank")  # closes the socket before the server stops
 
 
+def drawing_of(page: playwright.Page) -> tuple[float, float, float]:
+    """Left and top of the drawn plan in the window, and side of a cell, px."""
+    box = "canvas.getBoundingClientRect()"
+    left, top, side = page.evaluate(f"[{box}.left + MARGIN, {box}.top + MARGIN, side]")
+    return left, top, side
+
+
 def click_cell(page: playwright.Page, x: int, y: int, dx: float = 0.0, dy: float = 0.0) -> None:
     """Click in a cell, off its centre by (dx, dy) cells."""
-    left, top, side = page.evaluate(
-        "[canvas.getBoundingClientRect().left + 16, canvas.getBoundingClientRect().top + 16, side]"
-    )
+    left, top, side = drawing_of(page)
     page.mouse.click(left + (x + 0.5 + dx) * side, top + (PLAN.height - y - 0.5 - dy) * side)
 
 
@@ -89,9 +94,7 @@ def test_drawn_objects_are_saved_to_the_file(editor: playwright.Page, file: Path
 
 
 def test_a_stroke_draws_a_wall_and_is_one_undo_step(editor: playwright.Page, file: Path) -> None:
-    left, top, side = editor.evaluate(
-        "[canvas.getBoundingClientRect().left + 16, canvas.getBoundingClientRect().top + 16, side]"
-    )
+    left, top, side = drawing_of(editor)
     editor.mouse.move(left + 0.5 * side, top + 1.9 * side)
     editor.mouse.down()
     editor.mouse.move(left + 3.5 * side, top + 1.9 * side, steps=20)

@@ -44,9 +44,7 @@ class TraceBroadcast:
         self.ended = False
         self._encoder = Encoder()
         self._frames: list[bytes] = []
-        self._snapshot_numbers: list[
-            int | None
-        ] = []  # index of a frame among the snapshots, or None
+        self._snapshot_numbers: list[int | None] = []  # index of a frame among the snapshots, or None
         self._snapshot_count = 0
         self._history_size = 0  # bytes of the buffered snapshots
         self._stride = 1  # one snapshot in `_stride` is kept
