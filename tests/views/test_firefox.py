@@ -85,9 +85,8 @@ def test_a_world_is_drawn_and_saved(window: Page, tmp_path: Path) -> None:
     path = tmp_path / "home.txt"
     with serve_editor(path, port=0) as server:
         window.goto(server.url)
-        centre_of_cell = (
-            "(({ left, top }) => [left + 16 + 4.5 * side, top + 16 + 3.5 * side])(canvas.getBoundingClientRect())"
-        )
+        corner = "(({ left, top }) => [left + MARGIN, top + MARGIN])(canvas.getBoundingClientRect())"
+        centre_of_cell = f"[4.5, 3.5].map((cells, axis) => {corner}[axis] + cells * side)"
         window.evaluate("(choose('o'), null)")
         window.click(*window.evaluate(centre_of_cell))
         window.until("text.includes(' o ') && checked.drawn === 1")

@@ -137,6 +137,7 @@ def test_conditions_rules_and_progress_are_shown(page: playwright.Page, delivery
     assert page.inner_text("#why") == "Everything is delivered."
     go_to(page, 0.0)
     assert page.locator("#progress").is_hidden()
+    assert page.text_content("#exploring h2") == "Explored 50 %"
 
 
 def test_the_log_lists_events_and_seeks_on_click(page: playwright.Page, delivery_url: str) -> None:

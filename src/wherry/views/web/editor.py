@@ -19,6 +19,8 @@ from wherry.floorplan.world_files import MAX_FILE_SIZE, format_world, load_world
 from wherry.views.web.page import render_page
 from wherry.views.web.server import DEFAULT_HOST, DEFAULT_PORT, PageServer, hold_connection, run_server
 
+EDITOR_SCRIPTS = ("dom.js", "editor.js")
+EDITOR_STYLES = ("style.css", "editor.css")
 ERROR_POSITION = re.compile(r"line (\d+)(?:, column (\d+))?")
 
 
@@ -66,6 +68,25 @@ def check_world(text: str, source: str) -> dict[str, object]:
     }
 
 
+def save_world(text: str, path: Path) -> dict[str, object]:
+    """Write the text of a world file if it is valid.
+
+    Args:
+        text: Content of the file.
+        path: The file.
+
+    Returns:
+        JSON for the page, as from `check_world`; ``error`` is also set if the file cannot be written.
+    """
+    result = check_world(text, path.name)
+    if result["error"] is None:
+        try:
+            write_atomically(path, text)
+        except InputError as error:
+            return {"error": str(error), "line": None, "column": None}
+    return result
+
+
 @contextlib.contextmanager
 def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT) -> Iterator[PageServer]:
     """Serve a page that edits a world file until the context ends.
@@ -88,24 +109,16 @@ def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PO
     async def page(request: Request) -> Response:
         current = text if not path.exists() else path.read_text(encoding="utf-8")
         settings = {"file": path.name, "path": str(path), "text": current, "new": not path.exists()}
-        styles = ("style.css", "editor.css")
         title = f"{path.name} - wherry"
         return HTMLResponse(
-            render_page("editor.html.j2", ("dom.js", "editor.js"), title=title, settings=settings, styles=styles)
+            render_page("editor.html.j2", EDITOR_SCRIPTS, title=title, settings=settings, styles=EDITOR_STYLES)
         )
 
     async def check(request: Request) -> Response:
         return JSONResponse(check_world(await _body(request), path.name))
 
     async def save(request: Request) -> Response:
-        edited = await _body(request)
-        result = check_world(edited, path.name)
-        if result["error"] is None:
-            try:
-                write_atomically(path, edited)
-            except InputError as error:
-                result = {"error": str(error), "line": None, "column": None}
-        return JSONResponse(result)
+        return JSONResponse(save_world(await _body(request), path))
 
     async def connection(websocket: WebSocket) -> None:
         await hold_connection(websocket, server)

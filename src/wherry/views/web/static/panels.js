@@ -226,7 +226,8 @@ class Panels {
     element("progress").hidden = !step;
     if (!step) return;
     const steps = this.trace.records.StepTaken;
-    if (this.changed("step", step) | this.changed("steps", steps.length)) this.drawChart(steps, this.trace.indexAt("StepTaken", time));
+    const [isOtherStep, hasNewSteps] = [this.changed("step", step), this.changed("steps", steps.length)];
+    if (isOtherStep || hasNewSteps) this.drawChart(steps, this.trace.indexAt("StepTaken", time));
     const held = perceived?.objects.some(({ attributes }) => attributes.in_bot) ? 1 : 0;
     if (!this.changed("boxes", `${step.delivered} ${step.remaining} ${held}`)) return;
     const total = step.delivered + step.remaining;
@@ -274,7 +275,7 @@ class Panels {
     const fraction = update && !isExplored ? update.fraction : null;
     if (!this.changed("explored", fraction)) return;
     element("exploring").hidden = fraction === null;
-    element("exploring-name").textContent = this.trace.records.RunStarted[0].task === "map" ? "Mapped part of the log" : "MapUpdate";
+    element("exploring-name").textContent = this.trace.records.RunStarted[0].task === "map" ? "Mapped part of the log" : "Explored";
     const percent = Math.round((fraction ?? 0) * 100);
     element("explored").textContent = `${percent} %`;
     element("meter").setAttribute("aria-valuenow", percent);
