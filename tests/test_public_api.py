@@ -1,4 +1,4 @@
-"""The public API: the names that each package exports, and that documents import no others."""
+"""The public API: the names that each package exports, and their use in documents."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from wherry.commands.common import (
 )
 from wherry.commands.option_groups import with_option_groups
 from wherry.commands.recording import RecordOption, recorded
-from wherry.commands.watching import PageOptions, film_sinks, trace_sink
+from wherry.commands.watching import PageOptions, recording_sink, trace_sink
 
 
 @with_option_groups
@@ -60,7 +60,7 @@ def deliver(
         console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from the bottom cannot be reached.")
     with (
         recorded(record, laser_height=LASER_HEIGHT) as (recording, recorded_robot),
-        film_sinks(run.simulation, rerun=rerun, video=video) as film,
+        recording_sink(run.simulation, rerun=rerun, video=video) as film,
         trace_sink(f"wherry: {run.plan.name}", run.out, console, page) as sink,
     ):
         with DeliveryProgress(console, len(run.plan.boxes)) as progress:

@@ -20,7 +20,7 @@ from wherry.commands.common import (
     WorldArgument,
     console_for,
     help_without_command,
-    one_of,
+    name_completion,
     print_json,
 )
 from wherry.commands.option_groups import with_option_groups
@@ -82,13 +82,14 @@ class DeliverOptions:
     learner: LearnerOption = "bayes"
     body: Annotated[Path | None, typer.Option(help="A YAML file with the robot's shape and limits.")] = None
     mapping: Annotated[
-        str, typer.Option(help="Provider of the map: own, or ros for /map.", autocompletion=one_of(("own", "ros")))
+        str,
+        typer.Option(help="Provider of the map: own, or ros for /map.", autocompletion=name_completion(("own", "ros"))),
     ] = "own"
     localization: Annotated[
         str,
         typer.Option(
             help="Provider of the pose: own, or ros for map → odom on /tf, or /amcl_pose.",
-            autocompletion=one_of(("own", "ros")),
+            autocompletion=name_completion(("own", "ros")),
         ),
     ] = "own"
     wait: Annotated[float, typer.Option(min=0, help="Seconds to wait for the robot, a map, a pose.")] = 30.0
