@@ -71,7 +71,7 @@ def random_arena(seed: int) -> Arena:
     after, reward, ends = rng.integers(20, size=(20, 2)), rng.uniform(-9, 20, (20, 2)), rng.random((20, 2)) < 0.1
 
     def transition(state: State, action: Action) -> Transition:
-        here = state["walker"].at, int(action.name == "right")
+        here = state["walker"].x, int(action.name == "right")
         return Transition(state, action, state_at(int(after[here])), float(reward[here]), bool(ends[here]))
 
     starts = tuple(state_at(number) for number in range(20))

@@ -107,9 +107,8 @@ def test_uct_finds_the_better_action_in_most_random_worlds() -> None:
 def test_same_seed_gives_the_same_values(name: str) -> None:
     outcomes = random_world(12, np.random.default_rng(7))
     first, second = (make(name, TableModel(outcomes), discount=0.9, r_max=1.0) for _ in range(2))
-    assert [first.value(state_at(number)) for number in range(12)] == [
-        second.value(state_at(number)) for number in range(12)
-    ]
+    states = [state_at(number) for number in range(12)]
+    assert [first.value(state) for state in states] == [second.value(state) for state in states]
 
 
 def test_grounding_keeps_every_outcome_with_its_probability() -> None:
