@@ -14,11 +14,10 @@ from wherry.commands import bench as command
 from wherry.experiments import bench
 from wherry.experiments.bench import BENCHES, MEASURED_HERE, PUBLISHED, BenchResult, BenchSettings, Timing
 from wherry.pipelines.grids.learning import LearningResult, LearningSettings, Repetition
+from wherry_testing.command_line import RunCommand
 
-Call = Callable[..., tuple[int, str, str]]
 
-
-def test_ratios_are_relative_to_our_first_timing_of_the_same_task() -> None:
+def test_ratios_are_relative_to_wherrys_first_timing_of_the_same_task() -> None:
     rows = (
         Timing("a", "wherry", 2.0),
         Timing("a", "wherry, slow", 4.0),
@@ -29,13 +28,13 @@ def test_ratios_are_relative_to_our_first_timing_of_the_same_task() -> None:
     assert [result.ratio(row) for row in rows] == [None, None, 15.0, None]
 
 
-def test_timings_are_printed_as_table_and_json(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_timings_are_printed_as_table_and_json(run_command: RunCommand, monkeypatch: pytest.MonkeyPatch) -> None:
     def quick(settings: BenchSettings, progress: Callable[[str], None]) -> list[Timing]:
         progress("something")
         return [Timing("a step", "wherry", 0.5), Timing("a step", "another", 100.0, PUBLISHED)]
 
     monkeypatch.setattr(bench, "BENCHES", {"learning": quick})
-    status, out, err = call("bench", "learning", "--json")
+    status, out, err = run_command("bench", "learning", "--json")
     assert status == 0
     assert json.loads(out)["times"][1] == {
         "task": "a step",
@@ -55,8 +54,8 @@ def test_a_localization_update_takes_less_than_20_ms(tmp_path: Path) -> None:
     assert others[-1].source == PUBLISHED
 
 
-def test_pypi_amcl_is_given_the_same_drive(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A fake amcl module records its updates; the real one is no dependency."""
+def test_pypi_amcl_is_timed_on_the_same_drive(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A fake amcl module records its updates; the real one is not a dependency."""
     updates: list[tuple[int, float]] = []
 
     class Vector:
@@ -94,7 +93,7 @@ def test_pypi_amcl_is_given_the_same_drive(monkeypatch: pytest.MonkeyPatch, tmp_
 
 @pytest.fixture
 def stubbed_learning(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Replace our own learners by one that takes no time."""
+    """Replace our own learning runs by one with a fixed result."""
 
     class Experiment:
         def __init__(self, settings: LearningSettings) -> None:
@@ -126,26 +125,26 @@ def test_efficient_rl_runs_in_its_own_environment(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("stubbed_learning")
 def test_without_efficient_rl_its_published_times_are_used(tmp_path: Path) -> None:
     times = BENCHES["learning"](BenchSettings(tmp_path), lambda _: None)
-    theirs = [row for row in times if row.implementation == "DOORMAX, efficient_rl"]
-    assert [(row.milliseconds, row.source) for row in theirs] == [(27.45, PUBLISHED), (320.6, PUBLISHED)]
+    efficient_rl = [row for row in times if row.implementation == "DOORMAX, efficient_rl"]
+    assert [(row.milliseconds, row.source) for row in efficient_rl] == [(27.45, PUBLISHED), (320.6, PUBLISHED)]
 
 
 @pytest.mark.usefixtures("stubbed_learning")
-def test_an_environment_without_efficient_rl_is_reported_in_one_line(call: Call, tmp_path: Path) -> None:
-    missing = call("bench", "learning", "--efficient-rl", tmp_path / "nothing", "--quiet")
+def test_an_environment_without_efficient_rl_is_reported_in_one_line(run_command: RunCommand, tmp_path: Path) -> None:
+    missing = run_command("bench", "learning", "--efficient-rl", tmp_path / "nothing", "--quiet")
     assert missing == (2, "", f"wherry: {tmp_path / 'nothing'}: efficient_rl: No such file or directory\n")
-    status, _, err = call("bench", "learning", "--efficient-rl", sys.executable, "--quiet")
+    status, _, err = run_command("bench", "learning", "--efficient-rl", sys.executable, "--quiet")
     assert status == 2
     assert err == f"wherry: {sys.executable}: efficient_rl: ModuleNotFoundError: No module named 'efficient_rl'\n"
 
 
-def test_an_unknown_bench_is_rejected(call: Call) -> None:
+def test_an_unknown_bench_is_rejected(run_command: RunCommand) -> None:
     line = "wherry: NAME: chess: is none of learning, slam, localization, planning\n"
-    assert call("bench", "chess") == (2, "", line)
+    assert run_command("bench", "chess") == (2, "", line)
     assert tuple(BENCHES) == command.NAMES
 
 
-def test_a_missing_log_is_reported_in_one_line(call: Call, tmp_path: Path) -> None:
-    status, _, err = call("bench", "slam", "--data", tmp_path, "--quiet")
+def test_a_missing_log_is_reported_in_one_line(run_command: RunCommand, tmp_path: Path) -> None:
+    status, _, err = run_command("bench", "slam", "--data", tmp_path, "--quiet")
     assert status == 2
     assert err.count("\n") == 1

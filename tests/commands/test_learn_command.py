@@ -1,9 +1,8 @@
-"""wherry learn: its JSON, its figures, and the input that it refuses."""
+"""wherry learn: its JSON, learning curves, and rejected input."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,18 +11,18 @@ from PIL import Image
 from wherry.commands import learn as command
 from wherry.pipelines.grids.arenas import ARENAS
 from wherry.pipelines.grids.learners import LEARNERS
+from wherry.views.learning_curve import learning_curves
+from wherry_testing.command_line import RunCommand
 
-Call = Callable[..., tuple[int, str, str]]
-
-PROMISED = {"steps_mean", "steps_sd", "steps_p95", "converged", "repetitions", "ms_per_step"}
+DOCUMENTED_KEYS = {"steps_mean", "steps_sd", "steps_p95", "converged", "repetitions", "ms_per_step"}
 
 
-def test_the_last_line_is_json_and_the_curve_is_an_image(call: Call, tmp_path: Path) -> None:
-    status, out, err = call("learn", "taxi", "--inference", "near-miss", "--repetitions", 2, "--json",
-                            "--out", tmp_path / "curve.png", "--rules-out", tmp_path / "rules.json")  # fmt: skip
+def test_the_last_line_is_json_and_the_curve_is_an_image(run_command: RunCommand, tmp_path: Path) -> None:
+    files = ("--out", tmp_path / "curve.png", "--rules-out", tmp_path / "rules.json")
+    status, out, err = run_command("learn", "taxi", "--inference", "near-miss", "--repetitions", 2, "--json", *files)
     assert status == 0
     result = json.loads(out)
-    assert set(result) >= PROMISED
+    assert set(result) >= DOCUMENTED_KEYS
     assert (result["converged"], result["repetitions"], result["learner"]) == (2, 2, "doormax-near-miss")
     assert "N: if not touch_N(taxi, wall): taxi.y += 1" in err
     with Image.open(tmp_path / "curve.png") as picture:
@@ -32,17 +31,17 @@ def test_the_last_line_is_json_and_the_curve_is_an_image(call: Call, tmp_path: P
     assert json.loads((tmp_path / "rules.json").read_text())["domain"]["name"] == "taxi"
 
 
-def test_near_misses_need_fewer_steps_than_memorised_failures(call: Call) -> None:
+def test_near_misses_need_fewer_steps_than_memorised_failures(run_command: RunCommand) -> None:
     def steps(inference: str) -> float:
-        _, out, _ = call("learn", "taxi", "--inference", inference, "--repetitions", 3, "--json", "--quiet")
+        _, out, _ = run_command("learn", "taxi", "--inference", inference, "--repetitions", 3, "--json", "--quiet")
         mean: float = json.loads(out)["steps_mean"]
         return mean
 
     assert steps("near-miss") < steps("memorise")
 
 
-def test_other_domains_can_be_learnt(call: Call) -> None:
-    status, out, err = call("learn", "delivery", "--learner", "bayes", "--repetitions", 1, "--quiet", "--json")
+def test_the_delivery_domain_can_be_learnt(run_command: RunCommand) -> None:
+    status, out, err = run_command("learn", "delivery", "--learner", "bayes", "--repetitions", 1, "--quiet", "--json")
     assert (status, err) == (0, "")
     assert json.loads(out)["domain"] == "delivery"
 
@@ -66,8 +65,8 @@ def test_other_domains_can_be_learnt(call: Call) -> None:
         (["delivery", "--world", "nowhere"], "wherry: nowhere: is neither a file nor one of the worlds"),
     ],
 )
-def test_invalid_input_is_refused_in_one_line(call: Call, arguments: list[str], line: str) -> None:
-    status, out, err = call("learn", *arguments)
+def test_invalid_input_is_rejected_in_one_line(run_command: RunCommand, arguments: list[str], line: str) -> None:
+    status, out, err = run_command("learn", *arguments)
     assert (status, out) == (2, "")
     assert err.startswith(line)
     assert err.count("\n") == 1
@@ -76,3 +75,12 @@ def test_invalid_input_is_refused_in_one_line(call: Call, arguments: list[str], 
 def test_the_command_offers_all_domains_and_learners() -> None:
     assert tuple(ARENAS) == command.DOMAINS
     assert {*command.OFFERED, *command.INFERENCES.values()} == set(LEARNERS)
+
+
+def test_every_learner_has_a_line_of_its_own_colour_and_style() -> None:
+    runs = {name: [[(10, 0), (20, 6)], [(12, 3), (30, 6)]] for name in LEARNERS}
+    (axes,) = learning_curves(runs, 6, "All learners").axes
+    lines = [line for line in axes.get_lines() if line.get_marker() == "None"]
+    styles = {str(line.get_label()): (line.get_color(), line.get_linestyle()) for line in lines}
+    assert set(styles) == set(LEARNERS)
+    assert len(set(styles.values())) == len(LEARNERS)

@@ -21,7 +21,7 @@ from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import State
 from wherry.pipelines.grids.arenas import Arena
 from wherry.planning.value_iteration import ValueIteration
-from wherry_testing.small_worlds import DOMAIN, at
+from wherry_testing.small_worlds import DOMAIN, state_at
 
 MAX_EPISODE_STEPS = 100
 
@@ -71,10 +71,10 @@ def random_arena(seed: int) -> Arena:
     after, reward, ends = rng.integers(20, size=(20, 2)), rng.uniform(-9, 20, (20, 2)), rng.random((20, 2)) < 0.1
 
     def transition(state: State, action: Action) -> Transition:
-        here = state["walker"].at, int(action.name == "right")
-        return Transition(state, action, at(int(after[here])), float(reward[here]), bool(ends[here]))
+        here = state["walker"].x, int(action.name == "right")
+        return Transition(state, action, state_at(int(after[here])), float(reward[here]), bool(ends[here]))
 
-    starts = tuple(at(number) for number in range(20))
+    starts = tuple(state_at(number) for number in range(20))
     truth = DeterministicMdp(DOMAIN, transition, lambda rng: starts[rng.integers(len(starts))])
     return Arena("random", truth, truth, ((starts[0], MAX_EPISODE_STEPS + 1),), starts)  # a probe that is never solved
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.kernels import kernel, reordering_kernel
+from wherry.kernels import fastmath_kernel, kernel
 from wherry.localization.resampling import BIN_SIZE, HEADING_BINS, Integers, bin_slot, pack
 from wherry.space.pose import Floats, Pose
 
@@ -107,7 +107,7 @@ def _join_neighbours(table: Integers, bins: Integers) -> Integers:
     return root
 
 
-@reordering_kernel
+@fastmath_kernel
 def moments(particles: Floats, weights: Floats, chosen: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Weighted mean [3] m, m, rad and covariance [3, 3] of the chosen particles, with circular mean of the headings."""
     total, x, y, cos, sin = 0.0, 0.0, 0.0, 0.0, 0.0

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.kernels import kernel, reordering_kernel
+from wherry.kernels import fastmath_kernel, kernel
 from wherry.localization.parameters import AmclParameters
 from wherry.robot import Scan
 from wherry.space.distance_field import DistanceField
@@ -194,7 +194,7 @@ def _padded(table: NDArray[np.float32], outside: float) -> NDArray[np.float32]:
     return np.pad(table, 1, constant_values=np.float32(outside))
 
 
-@reordering_kernel
+@fastmath_kernel
 def _add_from_table(
     table: NDArray[np.float32], grid_frame: Floats, particles: Floats, ends: NDArray[np.float32], log_weights: Floats
 ) -> None:
@@ -214,7 +214,7 @@ def _add_from_table(
         log_weights[i] += _sum_of(flat, cells)
 
 
-@reordering_kernel
+@fastmath_kernel
 def _sum_of(flat: NDArray[np.float32], cells: NDArray[np.int32]) -> float:
     """The sum of the flattened table's values at the cells [B], in an order that the compiler may vectorize."""
     total = np.float32(0.0)
@@ -238,7 +238,7 @@ def _count_agreeing(
     return agreeing
 
 
-@reordering_kernel
+@fastmath_kernel
 def _find_cells(
     shape: tuple[int, int], grid_frame: Floats, pose: Floats, ends: NDArray[np.float32], cells: NDArray[np.int32]
 ) -> None:

@@ -1,4 +1,4 @@
-"""Time of a scan, compared with yag_slam (Karto's matcher for Python) where it is installed."""
+"""Processor time per scan, compared with yag_slam (Karto's matcher for Python) if it is installed."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from wherry.pipelines.logs.mapping import MappingSettings, run
 
 
 def measure(log: Path) -> Mapping[str, float]:
-    """Map a log with every method that is installed.
+    """Map a log with every installed method.
 
     Args:
         log: The lidar log.
 
     Returns:
-        Median processor time of a scan by method, ms.
+        Median processor time per scan of each method, ms.
 
     Raises:
         InputError: The log cannot be used.
@@ -34,14 +34,14 @@ def measure(log: Path) -> Mapping[str, float]:
 
 
 def measure_external(log: Path) -> Mapping[str, float]:
-    """As `measure`, of external methods alone."""
+    """As `measure`, for the external methods only."""
     if importlib.util.find_spec("yag_slam") is None:
         return {}
     return {"yag_slam": _yag_slam(read_log(log))}
 
 
 def _yag_slam(log: LidarLog) -> float:
-    """Median processor time of a scan with yag_slam and its default settings, ms."""
+    """Median processor time per scan of yag_slam with its default settings, ms."""
     from yag_slam.graph_slam import GraphSlam, default_config, default_config_loop  # noqa: PLC0415
     from yag_slam.models import LocalizedRangeScan  # noqa: PLC0415
     from yag_slam.scan_matching import Scan2DMatcherCpp  # noqa: PLC0415

@@ -69,7 +69,7 @@ def load_rules(
         InputError: The file cannot be read, is not a rules file, or belongs to another domain.
     """
     try:
-        document = _document_type().model_validate_json(read_text(path, limit=MAX_FILE_SIZE))
+        document = _document_type().model_validate_json(read_text(path, max_bytes=MAX_FILE_SIZE))
     except ValidationError as error:
         first = error.errors()[0]
         raise InputError(path, ".".join(map(str, first["loc"])), first["msg"]) from error
