@@ -1,4 +1,4 @@
-"""AMCL tracks and localizes globally, and invalid measurements never make its estimate NaN."""
+"""AMCL: tracking, global localization, and invalid measurements."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry_testing.rooms import LIDAR, Building, drive, wheel_odometry
 
-CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])
+START_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.03**2])  # m², m², rad²
 BOXES = ((2.1, 3.0, 0.1), (4.5, 2.7, 0.1), (5.1, 1.5, 0.1), (8.1, 3.9, 0.1), (5.1, 6.3, 0.1), (2.1, 6.3, 0.1))
 GRID = Building().grid()
 
@@ -32,7 +32,7 @@ def track(
     truth = list(drive())[:steps]
     building = Building(circles=BOXES)
     amcl = Amcl(grid, LIDAR, parameters, np.random.default_rng(seed))
-    amcl.initialize(truth[0], CLOSE)
+    amcl.initialize(truth[0], START_COVARIANCE)
     estimates = []
     for i, (pose, odometry) in enumerate(zip(truth, wheel_odometry(truth, rng), strict=True)):
         scan = building.scan(odometry.time, pose, rng)
@@ -88,7 +88,7 @@ def test_random_particles_recover_a_kidnapped_robot() -> None:
     truth = list(drive())[:1200]
     rng = np.random.default_rng(4)
     amcl = Amcl(GRID, LIDAR, parameters, np.random.default_rng(4))
-    amcl.initialize(truth[0], CLOSE)
+    amcl.initialize(truth[0], START_COVARIANCE)
     odometry = wheel_odometry(truth[:200], rng)
     for pose, wheels in zip(truth[:200], odometry, strict=True):
         amcl.update(wheels, Building().scan(wheels.time, pose, rng))
@@ -105,69 +105,72 @@ STILL = Odometry(0.0, Pose(), Velocity())
 HERE = Pose(1.0, 1.0, 0.3)
 
 
-def started() -> Amcl:
+def updated_filter() -> Amcl:
     """A filter that was updated with one scan at HERE."""
     amcl = Amcl(GRID, LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0))
-    amcl.initialize(HERE, CLOSE)
+    amcl.initialize(HERE, START_COVARIANCE)
     first = amcl.update(STILL, Building().scan(0.0, HERE))
     assert not first.problem
     assert first.is_updated
     return amcl
 
 
-def later(amcl: Amcl, ranges: np.ndarray | None = None, time: float = 1.0, pose: Pose = STILL.pose) -> PoseEstimate:
+def next_estimate(
+    amcl: Amcl, ranges: np.ndarray | None = None, time: float = 1.0, pose: Pose = STILL.pose
+) -> PoseEstimate:
+    """The estimate after another scan at HERE, with other ranges, time, s, or odometry if they are given."""
     scan = Building().scan(time, HERE)
     return amcl.update(Odometry(time, pose, Velocity()), scan if ranges is None else replace(scan, ranges=ranges))
 
 
 @pytest.mark.parametrize("reading", [math.nan, math.inf, -math.inf, -1.0, 0.0, 1e300])
 def test_scan_without_valid_readings_changes_nothing(reading: float) -> None:
-    found = later(started(), np.full(360, reading))
+    found = next_estimate(updated_filter(), np.full(360, reading))
     assert found.problem == "the scan has no readings"
     assert found.pose.distance_to(HERE) < 0.03
 
 
 def test_empty_scan_changes_nothing() -> None:
-    assert later(started(), np.empty(0)).problem == "the scan has no readings"
+    assert next_estimate(updated_filter(), np.empty(0)).problem == "the scan has no readings"
 
 
 def test_some_invalid_readings_are_ignored() -> None:
     ranges = Building().scan(1.0, HERE).ranges.copy()
     ranges[::3], ranges[1::7] = math.nan, -5.0
-    found = later(started(), ranges)
+    found = next_estimate(updated_filter(), ranges)
     assert not found.problem
     assert found.pose.distance_to(HERE) < 0.03
 
 
 def test_odometry_that_is_not_finite_is_rejected() -> None:
-    amcl = started()
-    assert later(amcl, pose=Pose(math.nan, 0.0, 0.0)).problem == "the odometry is not finite"
-    assert later(amcl).problem == ""
+    amcl = updated_filter()
+    assert next_estimate(amcl, pose=Pose(math.nan, 0.0, 0.0)).problem == "the odometry is not finite"
+    assert next_estimate(amcl).problem == ""
 
 
 def test_scan_before_the_last_one_is_rejected() -> None:
-    amcl = started()
-    later(amcl, time=5.0)
-    assert later(amcl, time=4.0).problem == "time runs backwards"
-    assert later(amcl, time=5.0).problem == ""
+    amcl = updated_filter()
+    next_estimate(amcl, time=5.0)
+    assert next_estimate(amcl, time=4.0).problem == "time runs backwards"
+    assert next_estimate(amcl, time=5.0).problem == ""
 
 
 def test_odometry_jump_is_not_a_motion() -> None:
-    amcl = started()
-    found = later(amcl, pose=Pose(100.0, 3.0, 2.0))
+    amcl = updated_filter()
+    found = next_estimate(amcl, pose=Pose(100.0, 3.0, 2.0))
     assert "jumped by 100" in found.problem
     assert found.pose.distance_to(HERE) < 0.03
-    after = later(amcl, time=2.0, pose=Pose(100.0, 3.0, 2.0))
+    after = next_estimate(amcl, time=2.0, pose=Pose(100.0, 3.0, 2.0))
     assert not after.problem
     assert after.pose.distance_to(HERE) < 0.03
 
 
 def test_filter_is_updated_after_motion_or_on_request() -> None:
-    amcl = started()
-    assert not later(amcl).is_updated
+    amcl = updated_filter()
+    assert not next_estimate(amcl).is_updated
     amcl.request_update()
-    assert later(amcl, time=2.0).is_updated
-    assert not later(amcl, time=3.0).is_updated
+    assert next_estimate(amcl, time=2.0).is_updated
+    assert not next_estimate(amcl, time=3.0).is_updated
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.0, 1.0])
@@ -182,27 +185,29 @@ def test_maps_without_structure_never_give_nan(probability: float) -> None:
 
 
 def test_start_outside_the_map_is_kept() -> None:
-    amcl = started()
-    amcl.initialize(Pose(500.0, -500.0, 0.0), CLOSE)
-    found = later(amcl)
+    amcl = updated_filter()
+    amcl.initialize(Pose(500.0, -500.0, 0.0), START_COVARIANCE)
+    found = next_estimate(amcl)
     assert found.pose.distance_to(Pose(500.0, -500.0)) < 1.0
 
 
 def test_invalid_initial_distributions_are_rejected() -> None:
-    amcl = started()
+    amcl = updated_filter()
     with pytest.raises(InputError, match="not finite"):
-        amcl.initialize(Pose(math.nan), CLOSE)
+        amcl.initialize(Pose(math.nan), START_COVARIANCE)
     with pytest.raises(InputError, match="not a covariance"):
-        amcl.initialize(Pose(), -CLOSE)
+        amcl.initialize(Pose(), -START_COVARIANCE)
     nowhere = OccupancyGrid(np.full((10, 10), 0.5, np.float32), 0.05)
     with pytest.raises(InputError, match="no free space"):
         Amcl(nowhere, LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0)).initialize_globally()
 
 
 def test_modes_share_the_particles_by_weight() -> None:
-    amcl = started()
+    amcl = updated_filter()
     there = Pose(7.5, 3.3, 0.0)
-    amcl.initialize_modes([PoseMode(HERE, CLOSE, 3.0), PoseMode(there, CLOSE, 1.0)], prior_weight=0.2)
+    amcl.initialize_modes(
+        [PoseMode(HERE, START_COVARIANCE, 3.0), PoseMode(there, START_COVARIANCE, 1.0)], prior_weight=0.2
+    )
     near_there = np.hypot(*(amcl.particles[:, :2] - (there.x, there.y)).T) < 1.0
     assert near_there.mean() == pytest.approx(0.2, abs=0.05)  # a quarter of what the prior leaves
     assert len(amcl.particles) == PRECISE_PARAMETERS.max_particles
@@ -213,7 +218,7 @@ def test_tracking_with_a_lidar_mounted_sideways() -> None:
     truth = list(drive())[:300]
     rng = np.random.default_rng(0)
     amcl = Amcl(GRID, mounted, PRECISE_PARAMETERS, np.random.default_rng(0))
-    amcl.initialize(truth[0], CLOSE)
+    amcl.initialize(truth[0], START_COVARIANCE)
     for pose, odometry in zip(truth, wheel_odometry(truth, rng), strict=True):
         seen = Building().ranges(pose @ mounted, np.linspace(-2.0, 2.0, 181), 12.0)
         scan = Scan(odometry.time, seen, -2.0, 4.0 / 180, 0.05, 12.0)

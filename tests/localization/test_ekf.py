@@ -13,14 +13,14 @@ from wherry.space.pose import Pose
 from wherry_testing.rooms import LIDAR, Building, drive, wheel_odometry
 
 PARAMETERS = AmclParameters(alpha1=0.05, alpha2=0.05, alpha3=0.05, alpha4=0.05, sigma_hit=0.1)
-CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])
+START_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.03**2])  # m², m², rad²
 
 
 def errors(start: Pose, steps: int = 600) -> np.ndarray:
     rng = np.random.default_rng(0)
     truth = list(drive())[:steps]
     ekf = EkfLocalization(Building().grid(), LIDAR, PARAMETERS)
-    ekf.initialize(start, CLOSE)
+    ekf.initialize(start, START_COVARIANCE)
     pairs = zip(truth, wheel_odometry(truth, rng), strict=True)
     return np.array([ekf.update(now, Building().scan(now.time, pose, rng)).distance_to(pose) for pose, now in pairs])
 

@@ -14,7 +14,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry_testing.rooms import LIDAR, WALL_THICKNESS, Building, drive, wheel_odometry
 
-CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])
+START_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.03**2])  # m², m², rad²
 
 
 def follow(building: Building, localizer: Localizer, truth: list[Pose], odometry: list[Odometry]) -> list[Localization]:
@@ -30,7 +30,7 @@ def test_wheel_slip_is_corrected() -> None:
     wheels[60:] = [replace(now, pose=shifted @ now.pose) for now in wheels[60:]]
     building = Building()
     localizer = Localizer(building.grid(), LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0))
-    localizer.initialize(truth[0], CLOSE)
+    localizer.initialize(truth[0], START_COVARIANCE)
     found = follow(building, localizer, truth, wheels)
     errors = [one.pose.distance_to(at) for one, at in zip(found, truth, strict=True)]
     assert max(errors[:60]) < 0.05
@@ -39,7 +39,7 @@ def test_wheel_slip_is_corrected() -> None:
 
 
 @pytest.mark.parametrize("at", [40, 180])
-def test_two_seconds_of_wheel_slip_are_corrected_meanwhile(at: int) -> None:
+def test_two_seconds_of_wheel_slip_are_corrected_while_it_lasts(at: int) -> None:
     path = list(drive())[:250]
     truth = path[:at] + [path[at]] * 20 + path[at:]
     driven = wheel_odometry(path, np.random.default_rng(0))
@@ -49,7 +49,7 @@ def test_two_seconds_of_wheel_slip_are_corrected_meanwhile(at: int) -> None:
     resumed = [replace(now, time=now.time + 2.0, pose=shifted @ now.pose) for now in driven[at:]]
     building = Building()
     localizer = Localizer(building.grid(), LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0))
-    localizer.initialize(truth[0], CLOSE)
+    localizer.initialize(truth[0], START_COVARIANCE)
     found = follow(building, localizer, truth, driven[:at] + slipping + resumed)
     errors = [one.pose.distance_to(pose) for one, pose in zip(found, truth, strict=True)]
     assert max(errors) < 0.3
@@ -64,7 +64,7 @@ def test_robot_is_not_lost_beyond_the_border_of_the_map() -> None:
     truth = list(drive())[:300]
     assert max(at.x for at in truth) > 6.5
     localizer = Localizer(replace(whole, probability=probability), LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0))
-    localizer.initialize(truth[0], CLOSE)
+    localizer.initialize(truth[0], START_COVARIANCE)
     found = follow(building, localizer, truth, wheel_odometry(truth, np.random.default_rng(0)))
     assert all(np.isfinite(one.pose.as_array()).all() for one in found)
     assert max(one.pose.distance_to(at) for one, at in zip(found, truth, strict=True)) < 0.5

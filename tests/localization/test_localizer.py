@@ -14,7 +14,7 @@ from wherry_testing.rooms import LIDAR, Building, drive, wheel_odometry
 
 GRID = Building().grid()
 BUILDING = Building(circles=((2.1, 3.0, 0.1), (4.5, 2.7, 0.1), (8.1, 3.9, 0.1), (5.1, 6.3, 0.1), (2.1, 6.3, 0.1)))
-CLOSE = np.diag([0.05**2, 0.05**2, 0.03**2])
+START_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.03**2])  # m², m², rad²
 
 
 def follow(localizer: Localizer, truth: list[Pose], odometry: list[Odometry], seed: int = 0) -> list[Localization]:
@@ -26,7 +26,7 @@ def follow(localizer: Localizer, truth: list[Pose], odometry: list[Odometry], se
 def test_undisturbed_robot_is_never_lost() -> None:
     truth = list(drive())
     localizer = Localizer(GRID, LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0))
-    localizer.initialize(truth[0], CLOSE)
+    localizer.initialize(truth[0], START_COVARIANCE)
     found = follow(localizer, truth, wheel_odometry(truth, np.random.default_rng(0)))
     assert max(one.lost_probability for one in found) < 0.5
     assert not any(one.hypotheses for one in found)
@@ -51,7 +51,7 @@ def test_kidnapping_is_detected_and_recovered() -> None:
     shift = wheels[-1].pose @ resumed[0].pose.inverse
     wheels += [replace(now, time=10.0 + now.time, pose=shift @ now.pose) for now in resumed]
     localizer = Localizer(GRID, LIDAR, PRECISE_PARAMETERS, np.random.default_rng(0))
-    localizer.initialize(truth[0], CLOSE)
+    localizer.initialize(truth[0], START_COVARIANCE)
     found = follow(localizer, truth, wheels)
     assert max(one.lost_probability for one in found[:100]) < 0.1
     assert max(one.lost_probability for one in found[100:120]) > 0.9

@@ -1,4 +1,4 @@
-"""Detection of being lost: evidence, its baseline, and both probabilities."""
+"""Detection of being lost: evidence, baseline, and the two probabilities."""
 
 from __future__ import annotations
 

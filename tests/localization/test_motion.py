@@ -1,4 +1,4 @@
-"""The motion models are exact without noise, and have the variances of table 5.6 with it."""
+"""Motion models: exact motion without noise, and the variances of table 5.6 with it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ poses = st.builds(Pose, coordinates, coordinates, angles)
 EXACT = AmclParameters(alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0, alpha5=0.0)
 
 
-def test_every_named_model_exists() -> None:
+def test_every_robot_model_of_the_parameters_exists() -> None:
     assert tuple(MOTION_MODELS) == ROBOT_MODELS
 
 

@@ -1,4 +1,4 @@
-"""Particles drawn around a match have a high likelihood, and importance weights leave the posterior unchanged."""
+"""The mixture proposal: particles around a scan match, importance weights, and tempering of the likelihood."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TRUTH = Pose(4.5, 2.0, 0.4)
 WIDE = np.diag([0.3**2, 0.3**2, 0.2**2])
 
 
-def test_weighted_mean_is_unchanged() -> None:
+def test_importance_weights_keep_the_mean_of_the_posterior() -> None:
     rng = np.random.default_rng(0)
     mean = TRUTH.as_array() + np.array([0.2, -0.1, 0.1])
     particles = rng.multivariate_normal(mean, WIDE, 20_000)

@@ -1,4 +1,4 @@
-"""The sensor models compute their formulas for every particle and beam."""
+"""Sensor models: selection of beams, likelihood field, beam skipping and beam model."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wherry.localization.parameters import LASER_MODELS, AmclParameters
-from wherry.localization.sensor import SENSOR_MODELS, Beams, trace_ray, valid_beams
+from wherry.localization.sensor import SENSOR_MODELS, Beams, SensorModel, trace_ray, valid_beams
 from wherry.robot import Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
@@ -18,7 +18,7 @@ from wherry_testing.rooms import LIDAR, Building
 PARAMETERS = AmclParameters()
 
 
-def test_every_named_model_exists() -> None:
+def test_every_laser_model_of_the_parameters_exists() -> None:
     assert tuple(SENSOR_MODELS) == LASER_MODELS
 
 
@@ -69,15 +69,15 @@ def test_beam_skipping_drops_beams_that_agree_with_few_particles() -> None:
     skipping = SENSOR_MODELS["likelihood_field_prob"](field, PARAMETERS)
     plain = SENSOR_MODELS["likelihood_field"](field, PARAMETERS)
 
-    def weigh(model: object, ends: list[list[float]]) -> np.ndarray:
+    def log_weights_by(model: SensorModel, ends: list[list[float]]) -> np.ndarray:
         log_weights = np.zeros(10)
         beams = Beams(np.array(ends), Pose(), np.hypot(*np.array(ends).T), 10.0)
-        model.add_log_likelihood(particles, beams, log_weights)  # type: ignore[attr-defined]
+        model.add_log_likelihood(particles, beams, log_weights)
         return log_weights
 
-    np.testing.assert_allclose(weigh(skipping, [wall, wall, box]), weigh(plain, [wall, wall]))
+    np.testing.assert_allclose(log_weights_by(skipping, [wall, wall, box]), log_weights_by(plain, [wall, wall]))
     # With more than 90 % of the beams to be skipped, none is.
-    np.testing.assert_allclose(weigh(skipping, [box] * 10), weigh(plain, [box] * 10))
+    np.testing.assert_allclose(log_weights_by(skipping, [box] * 10), log_weights_by(plain, [box] * 10))
 
 
 def test_rays_end_at_the_first_obstacle() -> None:

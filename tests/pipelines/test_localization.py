@@ -1,4 +1,4 @@
-"""Localization on a log: errors against a reference, reproducibility, and rejected inputs."""
+"""Localization of a recorded log: errors against a reference, reproducibility, and rejected inputs."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_unknown_parameters_are_reported(files: LocalizationSettings, tmp_path: 
     assert run.result().unknown_parameters == ("sigma_hitt",)
 
 
-def test_reference_of_another_time_is_rejected(files: LocalizationSettings, tmp_path: Path) -> None:
+def test_reference_without_poses_at_the_scans_is_rejected(files: LocalizationSettings, tmp_path: Path) -> None:
     (tmp_path / "other.txt").write_text("1000 0 0 0\n1001 0 0 0\n")
     run = prepare(LocalizationSettings(files.log, files.map_file, reference=tmp_path / "other.txt"))
     list(run.steps())
@@ -123,7 +123,7 @@ def test_broken_pose_graph_is_rejected(files: LocalizationSettings, tmp_path: Pa
         prepare(LocalizationSettings(files.log, tmp_path / "graph.npz"))
 
 
-def test_constant_stamps_are_no_odometry_jump(files: LocalizationSettings) -> None:
+def test_equal_timestamps_cause_no_odometry_jump(files: LocalizationSettings) -> None:
     lines = files.log.read_text().splitlines()
     stopped = [" ".join([*line.split()[:-3], "1134860000.0 nohost 1134860000.0"]) for line in lines[::2]]
     files.log.write_text("\n".join(stopped) + "\n")
