@@ -27,7 +27,7 @@ WINDOW_MIN_LOST_PROBABILITY = 0.02  # probability of being lost below which the 
 RELOCALIZATION_MIN_LOST_PROBABILITY = 0.1  # probability of being lost above which the whole map is searched
 RELOCALIZATION_MIN_SCANS = 3  # scans that the window must hold before the whole map is searched
 LOST_SUSTAINED_PROBABILITY = 0.9  # sustained probability of being lost above which the robot is certainly lost
-LOST_WINDOW_PROBABILITY = 0.5  # probability of being lost that, exceeded throughout a full window, also makes it certain
+LOST_WINDOW_PROBABILITY = 0.5  # probability of being lost that makes it certain if exceeded throughout a full window
 
 # Which hypotheses replace the estimate
 TRACKING_MIN_GAIN = 0.8  # gain of mean log likelihood per beam over the estimate, unless certainly lost
