@@ -206,7 +206,7 @@ class GoalAgent:
 
     def decide(self, state: State) -> Decision | None:
         """The next action of the plan, replanning after a revision or an unplanned state; None at the end."""
-        self._unknown_pair_counter.meet(state)
+        self._unknown_pair_counter.add(state)
         if self._plan.states[:1] != (state,) or self._planned_revisions != self.learner.revisions:
             self._replan(state)
         if not self._is_exploring and self.learner.has_disagreement:

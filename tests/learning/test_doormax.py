@@ -224,14 +224,14 @@ def test_other_effect_types_can_be_given() -> None:
     assert counter_of(ask(doormax, "111", counter=7)) == 14
 
 
-def test_settling_keeps_the_effect_type_with_the_fewest_effects() -> None:
+def test_keep_simplest_keeps_the_effect_type_with_the_fewest_effects() -> None:
     doormax = learner()
     teach(doormax, "100", (3, 4))
     teach(doormax, "010", (5, 6))
     assert models(doormax, "assignment") == {4: "100", 6: "010"}
     assert ask(doormax, "100", counter=9).most_likely.next_state is None
     revisions = dict(doormax.revisions)
-    doormax.settle()
+    doormax.keep_simplest()
     assert models(doormax, "increment") == {1: "**0"}
     assert models(doormax, "assignment") == {}
     assert counter_of(ask(doormax, "100", counter=9)) == 10

@@ -82,4 +82,4 @@ def test_unknown_answers_stay_below_the_bound(environment: DeterministicMdp, opt
         answers.observe(done)
         learner.add_experience(done)
         state = environment.reset(rng) if done.terminated else done.next_state
-    assert 0 < answers.most <= answers.bound
+    assert 0 < answers.max_count <= answers.bound

@@ -10,7 +10,7 @@ from wherry.errors import InputError
 from wherry.oomdp.domain import Action
 from wherry.pipelines.grids.game_setups import GAME_SETUPS, PLAY_LEARNERS, GameSettings
 from wherry.pipelines.grids.play import Game
-from wherry.pipelines.grids.predictions_in_words import describe_changes
+from wherry.pipelines.grids.prediction_text import describe_changes
 
 
 def predicted(game: Game) -> dict[str, str]:

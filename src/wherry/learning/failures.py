@@ -1,4 +1,4 @@
-"""DOORMAX's failure conditions F: where an action, or what it does to one attribute, is known to fail."""
+"""DOORMAX's failure conditions F: those under which an action, or its effect on one attribute, is known to fail."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from wherry.learning.effect_rules import Subject
 from wherry.oomdp.conditions import Condition
 
 FailureKey = str | Subject
-"""An action whose failures change nothing at all, or an action and an attribute that keeps its value."""
+"""An action, whose failures change nothing at all; or an action and an attribute, whose failures keep its value."""
 
 
 @dataclass
 class FailureConditions:
-    """F, memorised. Its conditions have no *, so that none covers another and has to be removed for it.
+    """F, a set of memorised conditions. They have no *, so none covers another.
 
     Attributes:
         size: n, the number of terms.

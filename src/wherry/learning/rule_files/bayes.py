@@ -88,7 +88,7 @@ def _encode(learner: BayesianLearner) -> BayesianKnowledge:
         for subject, found in learner.evidence.items()
     ]
     return BayesianKnowledge(
-        expected_terms=learner.factor * learner.domain.size,
+        expected_terms=learner.literal_odds * learner.domain.size,
         novelty=learner.unseen.novelty,
         effect_types=list(learner.effect_types),
         tried={
@@ -117,7 +117,7 @@ def _decode(knowledge: BayesianKnowledge, reader: KnowledgeReader) -> BayesianLe
         field = f"knowledge.evidence.{at}"
         subject = reader.subject(entry.action, entry.attribute, field)
         learner.evidence[subject] = _evidence(entry, learner.effect_types, reader, field)
-    learner.reconsider()
+    learner.refit()
     reader.add_rewards(learner.rewards, knowledge.rewards)
     return learner
 

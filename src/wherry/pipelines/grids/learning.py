@@ -207,5 +207,5 @@ def solved_at_once(learner: RuleLearner, arena: Arena) -> int:
 
     The learner is settled for that and takes no further step.
     """
-    learner.settle()
+    learner.keep_simplest()
     return arena.solved(ValueIteration(learner, optimistic=False, space=arena.testing).policy)

@@ -13,7 +13,7 @@ from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import State
 from wherry.pipelines.grids.game_setups import GAME_SETUPS, PLAY_LEARNERS, GameSettings
-from wherry.pipelines.grids.predictions_in_words import PredictionText, describe_changes, describe_prediction
+from wherry.pipelines.grids.prediction_text import PredictionText, describe_changes, describe_prediction
 
 
 class Game:

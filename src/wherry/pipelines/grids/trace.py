@@ -42,7 +42,7 @@ class GridTrace:
             self._sink(_cells_of(state))
             self._say("I know nothing of what my actions do.")
         self._time += 1.0
-        self._unknown.meet(state)
+        self._unknown.add(state)
         self._episodes += step.transition.terminated
         self._sink(
             StepTaken(

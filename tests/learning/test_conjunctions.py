@@ -7,10 +7,10 @@ from itertools import product
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wherry.learning.concepts import Concept, condition_of, largest, literals_of, union_weight
+from wherry.learning.conjunctions import ConjunctionPosterior, condition_of, literals_of, maximal_sets, union_weight
 from wherry.oomdp.conditions import Condition
 
-SIZE, FACTOR = 4, 0.3
+SIZE, LITERAL_ODDS = 4, 0.3
 ALL_HYPOTHESES = [Condition.parse("".join(signs)) for signs in product("01*", repeat=SIZE)]
 terms = st.integers(0, 2**SIZE - 1)
 targets = st.sampled_from(ALL_HYPOTHESES)
@@ -26,7 +26,7 @@ def remaining(positives: list[int], negatives: list[int]) -> list[Condition]:
 
 
 def weight(hypotheses: list[Condition]) -> float:
-    return sum(FACTOR**hypothesis.literal_count for hypothesis in hypotheses)
+    return sum(LITERAL_ODDS**hypothesis.literal_count for hypothesis in hypotheses)
 
 
 @settings(max_examples=300, deadline=None)
@@ -34,12 +34,12 @@ def weight(hypotheses: list[Condition]) -> float:
 def test_probabilities_equal_those_of_listed_hypotheses(target: Condition, examples: list[int], asked: int) -> None:
     positives = [example for example in examples if target.covers_terms(example)]
     negatives = [example for example in examples if not target.covers_terms(example)]
-    concept = Concept.of(SIZE, FACTOR, positives, negatives)
+    conjunction = ConjunctionPosterior.of(SIZE, LITERAL_ODDS, positives, negatives)
     hypotheses = remaining(positives, negatives)
     expected = weight([h for h in hypotheses if h.covers_terms(asked)]) / weight(hypotheses)
-    assert concept.is_consistent
-    assert abs(concept.probability(asked) - expected) < 1e-9
-    assert concept.covers(asked) == (bool(positives) and all(h.covers_terms(asked) for h in hypotheses))
+    assert conjunction.is_consistent
+    assert abs(conjunction.probability(asked) - expected) < 1e-9
+    assert conjunction.covers(asked) == (bool(positives) and all(h.covers_terms(asked) for h in hypotheses))
 
 
 @settings(max_examples=200, deadline=None)
@@ -47,8 +47,8 @@ def test_probabilities_equal_those_of_listed_hypotheses(target: Condition, examp
 def test_the_simplest_hypotheses_are_the_shortest_remaining_ones(target: Condition, examples: list[int]) -> None:
     positives = [example for example in examples if target.covers_terms(example)]
     negatives = [example for example in examples if not target.covers_terms(example)]
-    concept = Concept.of(SIZE, FACTOR, positives, negatives)
-    found = {str(condition_of(literals, SIZE)) for literals in concept.simplest}
+    conjunction = ConjunctionPosterior.of(SIZE, LITERAL_ODDS, positives, negatives)
+    found = {str(condition_of(literals, SIZE)) for literals in conjunction.simplest}
     hypotheses = remaining(positives, negatives)
     if not positives:
         assert not found
@@ -60,14 +60,20 @@ def test_the_simplest_hypotheses_are_the_shortest_remaining_ones(target: Conditi
 
 @given(st.lists(terms, min_size=1, max_size=6), st.lists(terms, min_size=1, max_size=6))
 def test_contradictory_examples_are_inconsistent(positives: list[int], negatives: list[int]) -> None:
-    concept = Concept.of(SIZE, FACTOR, positives, negatives)
-    assert concept.is_consistent == bool(remaining(positives, negatives))
+    conjunction = ConjunctionPosterior.of(SIZE, LITERAL_ODDS, positives, negatives)
+    assert conjunction.is_consistent == bool(remaining(positives, negatives))
 
 
 @given(st.sets(st.integers(0, 2**8 - 1), max_size=6))
-def test_union_weight_counts_every_part_once(parts: set[int]) -> None:
+def test_union_weight_counts_every_subset_once(parts: set[int]) -> None:
     every = [literals for literals in range(2**8) if any(not literals & ~part for part in parts)]
-    assert abs(union_weight(largest(parts), FACTOR) - sum(FACTOR ** literals.bit_count() for literals in every)) < 1e-6
+    assert (
+        abs(
+            union_weight(maximal_sets(parts), LITERAL_ODDS)
+            - sum(LITERAL_ODDS ** literals.bit_count() for literals in every)
+        )
+        < 1e-6
+    )
 
 
 def test_terms_convert_to_literals_and_conditions() -> None:
@@ -75,19 +81,21 @@ def test_terms_convert_to_literals_and_conditions() -> None:
     assert str(condition_of(0b1000_0001, 4)) == "1**0"
 
 
-def test_disagreement_is_largest_where_explanations_are_split() -> None:
-    concept = Concept.of(3, 0.1, [0b011], [0b000])  # terms 0 and 1 held once, and did not when it failed
-    assert {str(condition_of(literals, 3)) for literals in concept.simplest} == {"1**", "*1*"}
-    assert concept.disagreement(0b001) == concept.disagreement(0b010) == 1.0
-    assert concept.disagreement(0b111) == concept.disagreement(0b000) == 0.0
+def test_disagreement_is_largest_where_half_of_the_simplest_hypotheses_cover_a_condition() -> None:
+    conjunction = ConjunctionPosterior.of(
+        3, 0.1, [0b011], [0b000]
+    )  # it held with terms 0 and 1, and not without
+    assert {str(condition_of(literals, 3)) for literals in conjunction.simplest} == {"1**", "*1*"}
+    assert conjunction.disagreement(0b001) == conjunction.disagreement(0b010) == 1.0
+    assert conjunction.disagreement(0b111) == conjunction.disagreement(0b000) == 0.0
 
 
-def test_explanations_disagree_wherever_a_term_differs_from_the_only_success() -> None:
-    concept = Concept.of(3, 0.1, [0b011], [])
-    assert len(concept.simplest) == 3
-    assert concept.disagreement(0b011) == 0.0
-    assert concept.disagreement(0b010) > 0.0
-    assert Concept.of(2, 0.1, [0b00, 0b11], []).simplest == (0,)
+def test_simplest_hypotheses_disagree_where_a_term_differs_from_the_only_positive_example() -> None:
+    conjunction = ConjunctionPosterior.of(3, 0.1, [0b011], [])
+    assert len(conjunction.simplest) == 3
+    assert conjunction.disagreement(0b011) == 0.0
+    assert conjunction.disagreement(0b010) > 0.0
+    assert ConjunctionPosterior.of(2, 0.1, [0b00, 0b11], []).simplest == (0,)
 
 
 def test_forty_terms_are_counted_exactly() -> None:
@@ -95,9 +103,9 @@ def test_forty_terms_are_counted_exactly() -> None:
     near = [needed ^ 1 << at for at in range(size)]  # one term differs in each
     positives = [example for example in near if example & needed == needed]
     negatives = [example for example in near if example & needed != needed]
-    concept = Concept.of(size, 0.1, positives[:20], negatives)
-    assert [str(condition_of(literals, size)) for literals in concept.simplest] == ["1**1" + "*" * 36]
-    assert concept.probability(needed | 0b110) > 0.9
-    assert concept.probability(0b0001) == 0.0
-    assert Concept.of(size, 0.1, [], near).probability(near[0]) == 0.0
-    assert 0.0 < Concept.of(size, 0.1, [], near[:10]).probability(near[-1]) < 1.0
+    conjunction = ConjunctionPosterior.of(size, 0.1, positives[:20], negatives)
+    assert [str(condition_of(literals, size)) for literals in conjunction.simplest] == ["1**1" + "*" * 36]
+    assert conjunction.probability(needed | 0b110) > 0.9
+    assert conjunction.probability(0b0001) == 0.0
+    assert ConjunctionPosterior.of(size, 0.1, [], near).probability(near[0]) == 0.0
+    assert 0.0 < ConjunctionPosterior.of(size, 0.1, [], near[:10]).probability(near[-1]) < 1.0
