@@ -53,9 +53,9 @@ def test_the_simplest_hypotheses_are_the_shortest_remaining_ones(target: Conditi
     if not positives:
         assert not found
         return
-    some = [hypothesis for hypothesis in hypotheses if hypothesis.literal_count] or hypotheses
-    fewest = min(hypothesis.literal_count for hypothesis in some)
-    assert found == {str(hypothesis) for hypothesis in some if hypothesis.literal_count == fewest}
+    candidates = [hypothesis for hypothesis in hypotheses if hypothesis.literal_count] or hypotheses
+    fewest = min(hypothesis.literal_count for hypothesis in candidates)
+    assert found == {str(hypothesis) for hypothesis in candidates if hypothesis.literal_count == fewest}
 
 
 @given(st.lists(terms, min_size=1, max_size=6), st.lists(terms, min_size=1, max_size=6))
@@ -66,14 +66,9 @@ def test_contradictory_examples_are_inconsistent(positives: list[int], negatives
 
 @given(st.sets(st.integers(0, 2**8 - 1), max_size=6))
 def test_union_weight_counts_every_subset_once(parts: set[int]) -> None:
-    every = [literals for literals in range(2**8) if any(not literals & ~part for part in parts)]
-    assert (
-        abs(
-            union_weight(maximal_sets(parts), LITERAL_ODDS)
-            - sum(LITERAL_ODDS ** literals.bit_count() for literals in every)
-        )
-        < 1e-6
-    )
+    subsets = [literals for literals in range(2**8) if any(not literals & ~part for part in parts)]
+    expected = sum(LITERAL_ODDS ** literals.bit_count() for literals in subsets)
+    assert abs(union_weight(maximal_sets(parts), LITERAL_ODDS) - expected) < 1e-6
 
 
 def test_terms_convert_to_literals_and_conditions() -> None:
@@ -82,9 +77,7 @@ def test_terms_convert_to_literals_and_conditions() -> None:
 
 
 def test_disagreement_is_largest_where_half_of_the_simplest_hypotheses_cover_a_condition() -> None:
-    conjunction = ConjunctionPosterior.of(
-        3, 0.1, [0b011], [0b000]
-    )  # it held with terms 0 and 1, and not without
+    conjunction = ConjunctionPosterior.of(3, 0.1, [0b011], [0b000])
     assert {str(condition_of(literals, 3)) for literals in conjunction.simplest} == {"1**", "*1*"}
     assert conjunction.disagreement(0b001) == conjunction.disagreement(0b010) == 1.0
     assert conjunction.disagreement(0b111) == conjunction.disagreement(0b000) == 0.0
