@@ -122,7 +122,7 @@ def test_factored_rmax_takes_as_many_steps_as_published() -> None:
 
 def test_rewards_above_r_max_are_refused() -> None:
     arena = Arena.of_size(5)
-    with pytest.raises(ValueError, match="R_max is 10, and a step is worth 20"):
+    with pytest.raises(ValueError, match="R_max is 10, but a step has the reward 20"):
         replace(TabularRmax(ModelEntries.of_steps(arena.tables)), r_max=10.0).learn(
             arena.tables, arena.probes, np.random.default_rng(0), max_episode_steps=5, max_steps=5
         )

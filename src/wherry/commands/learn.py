@@ -68,7 +68,7 @@ def learn(
     )
     console = output.console()
     with trace_sink("wherry: learning", None, console, page) as sink:
-        experiment.watch = sink if page.view else None
+        experiment.sink = sink if page.view else None
         _run(experiment, console)
     result = experiment.result()
     _report_rules(experiment, console, rules_out)

@@ -15,7 +15,7 @@ from wherry.pipelines.grids.learning import (
     LearningExperiment,
     LearningResult,
     LearningSettings,
-    solved_at_once,
+    probes_solved_by_transfer,
 )
 from wherry.views.learning_curve import StepsNeeded, as_bytes, learning_curves, steps_needed
 
@@ -99,7 +99,7 @@ def reproduce(images: Path, progress: Callable[[int, int], None], repetitions: T
                 done += 1
                 progress(done, chosen.total())
                 if size == 5 and experiment.learner is not None and entry.converges:
-                    transferred.append(solved_at_once(experiment.learner, large) == len(large.probes))
+                    transferred.append(probes_solved_by_transfer(experiment.learner, large) == len(large.probes))
             results[size][learner] = experiment.result()
             if transferred:
                 transfers.append(f"{learner} in {sum(transferred)} of {len(transferred)}")
