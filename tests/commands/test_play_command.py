@@ -1,4 +1,4 @@
-"""wherry play on a pipe and on a terminal: what it shows, and what the keys do."""
+"""wherry play on a pipe and on a terminal: its screens and its keys."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def play(call: Call, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int
 def test_a_pipe_is_read_line_by_line(play: Call) -> None:
     status, out, _ = play("N\npickup\nss\nq\nn\n", "taxi", "--seed", 1)
     assert status == 0
-    screens = out.split("Taxi 5×5, watched by bayes: ")[1:]
+    screens = out.split("Taxi 5×5, learner bayes: ")[1:]
     assert [screen.partition(",")[0] for screen in screens] == [f"step {number}" for number in range(5)]
     assert "cond(s) = " in screens[0]
     assert "touch_N(taxi, wall)" in screens[0]
@@ -55,45 +55,48 @@ def test_the_learner_completes_an_episode_when_asked(play: Call) -> None:
 
 def test_unknown_keys_are_reported_and_do_nothing(play: Call) -> None:
     _, out, _ = play("north\nr\nx\n", "taxi")
-    assert "'north' means nothing" in out
-    assert "'x' means nothing" in out
+    assert "'north' is not a key" in out
+    assert "'x' is not a key" in out
     assert "step 1" not in out
 
 
 def test_keys_act_at_once_on_a_terminal() -> None:
-    ours, theirs = pty.openpty()
+    master, slave = pty.openpty()
     process = subprocess.Popen(
         [sys.executable, "-m", "wherry", "play", "taxi"],
-        stdin=theirs, stdout=theirs, stderr=theirs, env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
-    )  # fmt: skip
-    os.close(theirs)
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+    )
+    os.close(slave)
     try:
-        shown = read_until(ours, "step 0")
-        os.write(ours, b"\x1b[A")
-        shown += read_until(ours, "step 1")
-        os.write(ours, b"p")
-        shown += read_until(ours, "step 2")
-        os.write(ours, b"q")
-        shown += read_until(ours, None)
+        output = read_until(master, "step 0")
+        os.write(master, b"\x1b[A")
+        output += read_until(master, "step 1")
+        os.write(master, b"p")
+        output += read_until(master, "step 2")
+        os.write(master, b"q")
+        output += read_until(master, None)
         assert process.wait(timeout=30) == 0
     finally:
         process.kill()
         process.wait()
-        os.close(ours)
-    assert "PICKUP: nothing changes" in shown
+        os.close(master)
+    assert "PICKUP: nothing changes" in output
 
 
-def read_until(terminal: int, words: str | None) -> str:
-    """Return what a terminal shows until some words appear, or until it is closed."""
-    seen, deadline = "", time.monotonic() + 60
-    while words is None or words not in seen:
-        assert time.monotonic() < deadline, seen
+def read_until(terminal: int, expected: str | None) -> str:
+    """Return a terminal's output up to an expected text; None to read until the program closes the terminal."""
+    output, deadline = "", time.monotonic() + 60
+    while expected is None or expected not in output:
+        assert time.monotonic() < deadline, output
         if select.select([terminal], [], [], 1.0)[0]:
             try:
-                seen += os.read(terminal, 65536).decode("utf-8", errors="replace")
-            except OSError:  # the other side is closed
+                output += os.read(terminal, 65536).decode("utf-8", errors="replace")
+            except OSError:  # the program has closed the terminal
                 break
-    return seen
+    return output
 
 
 @pytest.mark.parametrize("arguments", [["chess"], ["taxi", "--learner", "oracle"], ["delivery", "--boxes", "900"]])

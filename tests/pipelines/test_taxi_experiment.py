@@ -12,7 +12,12 @@ from wherry.errors import InputError
 from wherry.learning.registry import RULE_LEARNERS, Job
 from wherry.pipelines.grids.arenas import Arena
 from wherry.pipelines.grids.learners import LEARNERS
-from wherry.pipelines.grids.learning import LearningExperiment, LearningResult, LearningSettings, probes_solved_by_transfer
+from wherry.pipelines.grids.learning import (
+    LearningExperiment,
+    LearningResult,
+    LearningSettings,
+    probes_solved_by_transfer,
+)
 
 
 def run(learner: str, size: int, repetitions: int, seed: int = 0) -> LearningResult:

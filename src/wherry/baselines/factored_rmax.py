@@ -66,11 +66,9 @@ class FactoredRmax:
 
     def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
         """Return the outcome given by the tables; unknown where one of them has no entry."""
-        return (
-            ConditionalPrediction(((ModelOutcome(self), 1.0),))
-            if self._knows(state, action)
-            else UNKNOWN_IN_EVERY_STATE
-        )
+        if not self._knows(state, action):
+            return UNKNOWN_IN_EVERY_STATE
+        return ConditionalPrediction(((ModelOutcome(self), 1.0),))
 
     def _knows(self, state: State, action: Action) -> bool:
         """Return whether every table has an entry for the step."""

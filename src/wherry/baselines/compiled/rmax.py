@@ -70,8 +70,7 @@ class TabularRmax(TabularLearner):
             first_user=first_user,
             users=(requirements[user_order] // required.shape[2]).astype(np.int32),
             discount=self.discount,
-            v_max=self.r_max
-            / (1 - self.discount),  # bit for bit as value iteration computes it
+            v_max=self.r_max / (1 - self.discount),  # bit for bit as value iteration computes it
             lower_bound=min(0.0, float(mdp.reward.min())) / (1 - self.discount),
             tolerance=self.tolerance,
         )

@@ -40,7 +40,7 @@ class GridTrace:
         state, after = step.transition.state, step.transition.next_state
         if self._recorded_revisions is None:
             self._sink(_cell_layout(state))
-            self._say("I know nothing of what my actions do.")
+            self._say("I do not know yet what my actions do.")
         self._time += 1.0
         self._unknown.add(state)
         self._episodes += step.transition.terminated
@@ -64,7 +64,7 @@ class GridTrace:
 
     def episode_ended(self, solved: int, probes: int) -> None:
         """Record how many probes the policy now solves in the fewest steps."""
-        self._say(f"With what I know now I solve {solved} of {probes} probes in the fewest steps.")
+        self._say(f"My rules now solve {solved} of {probes} probes in the fewest steps.")
         if solved == probes:
             self._sink(Narration(self._time, Phase.DONE, "My policy is optimal from every probe."))
 
