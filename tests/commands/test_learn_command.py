@@ -1,4 +1,4 @@
-"""wherry learn: its JSON, its figures, and the input that it refuses."""
+"""wherry learn: its JSON, its picture of the learning curve, and the input that it refuses."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from wherry.pipelines.grids.learners import LEARNERS
 
 Call = Callable[..., tuple[int, str, str]]
 
-PROMISED = {"steps_mean", "steps_sd", "steps_p95", "converged", "repetitions", "ms_per_step"}
+DOCUMENTED_KEYS = {"steps_mean", "steps_sd", "steps_p95", "converged", "repetitions", "ms_per_step"}
 
 
 def test_the_last_line_is_json_and_the_curve_is_an_image(call: Call, tmp_path: Path) -> None:
-    status, out, err = call("learn", "taxi", "--inference", "near-miss", "--repetitions", 2, "--json",
-                            "--out", tmp_path / "curve.png", "--rules-out", tmp_path / "rules.json")  # fmt: skip
+    files = ["--out", tmp_path / "curve.png", "--rules-out", tmp_path / "rules.json"]
+    status, out, err = call("learn", "taxi", "--inference", "near-miss", "--repetitions", 2, "--json", *files)
     assert status == 0
     result = json.loads(out)
-    assert set(result) >= PROMISED
+    assert set(result) >= DOCUMENTED_KEYS
     assert (result["converged"], result["repetitions"], result["learner"]) == (2, 2, "doormax-near-miss")
     assert "N: if not touch_N(taxi, wall): taxi.y += 1" in err
     with Image.open(tmp_path / "curve.png") as picture:
@@ -54,7 +54,7 @@ def test_other_domains_can_be_learnt(call: Call) -> None:
         (["taxi", "--inference", "guess"], "wherry: --inference: guess: is none of memorise, near-miss\n"),
         (
             ["taxi", "--learner", "bayes", "--inference", "near-miss"],
-            "wherry: --inference: near-miss: is DOORMAX's, not of bayes\n",
+            "wherry: --inference: near-miss: is an option of doormax, not of bayes\n",
         ),
         (["taxi", "--out", "curve.jpg"], "wherry: --out: curve.jpg: must end in .png or .svg\n"),
         (
@@ -75,4 +75,4 @@ def test_invalid_input_is_refused_in_one_line(call: Call, arguments: list[str], 
 
 def test_the_command_offers_all_domains_and_learners() -> None:
     assert tuple(ARENAS) == command.DOMAINS
-    assert {*command.OFFERED, *command.INFERENCES.values()} == set(LEARNERS)
+    assert {*command.LEARNER_CHOICES, *command.INFERENCES.values()} == set(LEARNERS)

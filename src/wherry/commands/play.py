@@ -70,7 +70,11 @@ def play(
         earlier_rules = game.rules
         _handle_key(game, key)
     if as_json:
-        statistics = {"steps": game.total_steps, "episodes": game.finished_episodes, "surprises": game.wrong_predictions}
+        statistics = {
+            "steps": game.total_steps,
+            "episodes": game.finished_episodes,
+            "surprises": game.wrong_predictions,
+        }
         print_json({**statistics, "rules": len(game.rules)})
 
 
