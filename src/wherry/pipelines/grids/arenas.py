@@ -82,16 +82,19 @@ class Arena:
 
     @classmethod
     def of_world(cls, world: str) -> Arena:
-        """Return the delivery of one box in a world; robot and box start in any two different cells.
+        """Return the delivery of one box in a world.
+
+        Robot and box start in two different cells outside the warehouse, from which the box can be delivered.
 
         Raises:
             InputError: There is no such world, or it has no robot, no warehouse or no room for a box.
         """
         plan = find_world(world)
         grid, site = delivery_grid(plan, 1), DeliverySite.of_plan(plan)
-        possible, on_floor = DeliveryHeuristic(), [cell for cell in plan.cells() if cell not in plan.warehouse]
-        states = (site.state(robot, [BoxState("box1", cell)]) for robot, cell in permutations(on_floor, 2))
-        starts = [state for state in states if possible(state) > 0]
+        floor = [cell for cell in plan.cells() if cell not in plan.warehouse]
+        states = (site.state(robot, [BoxState("box1", cell)]) for robot, cell in permutations(floor, 2))
+        steps_left = DeliveryHeuristic()
+        starts = [state for state in states if steps_left(state) > 0]  # 0 where walls separate robot, box or warehouse
         truth = DeterministicMdp(grid.domain, delivery_transition, lambda rng: starts[rng.integers(len(starts))])
         return cls(f"Delivery in {plan.name}", truth, truth, _with_lengths(truth, _draw_probes(starts)), tuple(starts))
 
