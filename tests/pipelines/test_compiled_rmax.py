@@ -102,7 +102,7 @@ def test_steps_share_the_entries_of_the_same_parents() -> None:
 
 def test_a_network_that_is_too_small_is_refused() -> None:
     arena = Arena.of_size(5)
-    with pytest.raises(ValueError, match=r"E, taxi\.x: depends on more than the network says"):
+    with pytest.raises(ValueError, match=r"E, taxi\.x: depends on more than its parents in the network"):
         ModelEntries.of_network(
             arena.tables,
             arena.environment.domain,

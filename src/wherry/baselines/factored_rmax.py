@@ -90,7 +90,7 @@ class FactoredRmax:
                 table[key] = value
                 self.revisions[transition.action.name] += 1
             elif table[key] != value:
-                violation = f"{transition.action}, {name_of(variable)}: depends on more than the network says"
+                violation = f"{transition.action}, {name_of(variable)}: depends on more than its parents in the network"
                 self._violations[violation] = None
 
 

@@ -59,4 +59,4 @@ class Rmax:
         if self._known.setdefault(pair, observed) is observed:
             self.revisions[transition.action.name] += 1
         elif self._known[pair] != observed:
-            self._violations[f"{transition.action}: did not do the same each time in one state"] = None
+            self._violations[f"{transition.action}: had different outcomes in the same state"] = None

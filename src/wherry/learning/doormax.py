@@ -35,7 +35,7 @@ class Doormax(ConditionLearner):
     Args:
         domain: Domain whose states and actions are learnt about.
         max_effects: k, largest number of different effects of one type that an action has on an attribute. A Boolean
-            that an action leaves alone needs two: := True where it is true, and := False where it is false.
+            that an action does not change needs two: := True where it is true, and := False where it is false.
         effect_types: Effect types to consider, by name.
         refutation: Whether a type whose prediction turned out wrong is removed; False is the paper's algorithm.
         failure_scope: With "action", as in the paper, a failure condition says that the action changes nothing at all;
@@ -97,10 +97,10 @@ class Doormax(ConditionLearner):
             return self._certain(((),) * len(object_terms), step_rewards)  # line 2: s' = s
         effects = []
         for item, terms in zip(state.objects, object_terms, strict=True):
-            found = self._object_effects(action, item.object_class, terms)
-            if isinstance(found, Subject):  # line 9
-                return self._unknown(found)  # line 10
-            effects.append(found)
+            prediction = self._object_effects(action, item.object_class, terms)
+            if isinstance(prediction, Subject):  # line 9
+                return self._unknown(prediction)  # line 10
+            effects.append(prediction)
         return self._certain(tuple(effects), step_rewards)  # lines 13, 14
 
     def _object_effects(self, action: str, object_class: ObjectClass, terms: int) -> ObjectEffects | Subject:
@@ -112,11 +112,11 @@ class Doormax(ConditionLearner):
         for subject in self.effect_rules.subjects[action, object_class.name]:  # line 3
             if self.failures.has(subject, terms):
                 continue
-            found = self.effect_rules.effects(subject, terms)  # lines 5, 6
-            if not found:
+            effects = self.effect_rules.effects(subject, terms)  # lines 5, 6
+            if not effects:
                 return subject
-            attributes.append((subject.attribute, found))
-            if subject.attribute == EXISTS and all(effect.argument is False for effect in found):
+            attributes.append((subject.attribute, effects))
+            if subject.attribute == EXISTS and all(effect.argument is False for effect in effects):
                 break
         return tuple(attributes)
 

@@ -43,9 +43,9 @@ class FailureConditions:
 
     def by_action(self) -> dict[str, tuple[Condition, ...]]:
         """Return F_a: for each action, the conditions under which it changes nothing, or not all it ever changed."""
-        found: dict[str, tuple[Condition, ...]] = {}
+        by_action: dict[str, tuple[Condition, ...]] = {}
         for key, failures in self.conditions.items():
             action = key.action if isinstance(key, Subject) else key
             conditions = (Condition.of(self.size, terms) for terms in sorted(failures))
-            found[action] = tuple(dict.fromkeys((*found.get(action, ()), *conditions)))
-        return found
+            by_action[action] = tuple(dict.fromkeys((*by_action.get(action, ()), *conditions)))
+        return by_action

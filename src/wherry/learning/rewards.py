@@ -24,15 +24,15 @@ class RewardCases:
 
     Attributes:
         merged: Merged condition of each reward; None once two of them overlap.
-        seen: Latest reward observed under each condition (bits).
+        latest: Latest reward observed under each condition (bits).
     """
 
     merged: dict[RewardAndEnd, Condition] | None = field(default_factory=dict)
-    seen: dict[int, RewardAndEnd] = field(default_factory=dict)
+    latest: dict[int, RewardAndEnd] = field(default_factory=dict)
 
     def contradicts(self, terms: int, value: RewardAndEnd) -> bool:
         """Return whether another reward was observed under the same condition."""
-        return self.seen.get(terms, value) != value
+        return self.latest.get(terms, value) != value
 
     def add(self, condition: Condition, value: RewardAndEnd) -> bool:
         """Add a reward; of contradictory ones under one condition the latest counts.
@@ -40,10 +40,10 @@ class RewardCases:
         Returns:
             Whether `value` may return something else now.
         """
-        if self.seen.get(condition.value) == value:
+        if self.latest.get(condition.value) == value:
             return False
         contradicted = self.contradicts(condition.value, value)
-        self.seen[condition.value] = value
+        self.latest[condition.value] = value
         if self.merged is not None:
             before = self.merged.get(value)
             if before is not None and before.covers(condition) and not contradicted:
@@ -58,7 +58,7 @@ class RewardCases:
     def value(self, terms: int, *, generalize: bool) -> RewardAndEnd | None:
         """Return the reward under a condition; None where it is not known."""
         if self.merged is None:
-            return self.seen.get(terms)
+            return self.latest.get(terms)
         if generalize and len(self.merged) == 1:
             return next(iter(self.merged))
         return next((value for value, model in self.merged.items() if model.covers_terms(terms)), None)

@@ -56,7 +56,7 @@ class ModelEntries:
             parents: The dynamic Bayesian network.
 
         Raises:
-            ValueError: A variable depends on more than the network says.
+            ValueError: A variable depends on more than its parents in the network.
         """
         states = list(mdp.state_numbers)
         variables = attributes_of(states[0])
@@ -69,7 +69,7 @@ class ModelEntries:
                 if given not in families:
                     families[given] = _numbers_of([_column(states, parent) for parent in given], len(states))
                 if not _is_function(families[given], next_values):
-                    raise ValueError(f"{action}, {name_of(variable)}: depends on more than the network says")
+                    raise ValueError(f"{action}, {name_of(variable)}: depends on more than its parents in the network")
             for index, family in enumerate(families.values()):
                 required[:, number, index] = family + count
                 count += int(family.max()) + 1

@@ -66,10 +66,10 @@ class KnowledgeReader:
         Raises:
             InputError: The file's schema is not the domain's.
         """
-        ours = DomainSchema.of(self.domain)
+        own_schema = DomainSchema.of(self.domain)
         for field in ("name", "classes", "terms", "actions"):
-            if getattr(schema, field) != getattr(ours, field):
-                raise self.refusal(f"domain.{field}", f"these are rules for another domain than {ours.name}")
+            if getattr(schema, field) != getattr(own_schema, field):
+                raise self.refusal(f"domain.{field}", f"these are rules for another domain than {own_schema.name}")
 
     def effect_types(self, names: list[str]) -> Mapping[str, EffectType]:
         """Return the effect types with some names."""

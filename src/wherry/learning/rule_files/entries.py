@@ -105,7 +105,7 @@ def reward_entries(rewards: Rewards) -> list[RewardEntry]:
         RewardEntry(
             action=action,
             changed=sorted(f"{class_name}.{attribute}" for class_name, attribute in changed),
-            worth={str(Condition.of(rewards.size, terms)): value for terms, value in cases.seen.items()},
+            worth={str(Condition.of(rewards.size, terms)): value for terms, value in cases.latest.items()},
         )
         for action, by_change in rewards.cases.items()
         for changed, cases in by_change.items()
