@@ -83,7 +83,7 @@ def test_poses_are_interpolated_with_odometry() -> None:
     assert sparse.at(np.array([9.0, 10.0]), long) == pytest.approx(np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
 
 
-def test_interpolation_at_the_poses_returns_them() -> None:
+def test_interpolation_at_the_times_of_poses_returns_the_poses() -> None:
     odometry = Trajectory(np.linspace(0, 100, 50), np.random.default_rng(0).normal(size=(50, 3)))
     for found in (Trajectory(TIMES, POSES).at(TIMES), Trajectory(TIMES, POSES).at(TIMES, odometry)):
         np.testing.assert_allclose(relative(found, POSES), 0.0, atol=1e-9)
@@ -111,9 +111,9 @@ def test_alignment_of_positions_recovers_any_rigid_motion(x: float, y: float, th
     assert absolute_trajectory_error(moved, reference) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_errors_that_no_rigid_motion_removes_remain() -> None:
+def test_alignment_keeps_errors_that_no_rigid_motion_removes() -> None:
     estimated = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-    reference = estimated + np.array([[0.0, 0.1, 0.0], [0.0, -0.2, 0.0], [0.0, 0.1, 0.0]])  # neither shift nor turn
+    reference = estimated + np.array([[0.0, 0.1, 0.0], [0.0, -0.2, 0.0], [0.0, 0.1, 0.0]])  # not a rigid motion
     errors = position_errors(estimated, reference, align(estimated, reference, heading_lever=1.0))
     assert root_mean_square(errors) == pytest.approx(math.sqrt((0.01 + 0.04 + 0.01) / 3))
 

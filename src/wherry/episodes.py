@@ -1,7 +1,7 @@
-"""The agent loop, and the agents that run in it (paper, section 6).
+"""The agent loop, and its agents (paper, section 6).
 
 The same loop runs on a grid, on the simulated robot and on a real one: perceive, decide, act, learn. It yields every
-step, so that whoever records or displays a run needs nothing else.
+step, which is all that recording or displaying a run requires.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import Environment, Learner, Prediction, Transition
 from wherry.oomdp.objects import State
-from wherry.planning.policy import Planner
+from wherry.planning.planner import Planner
 from wherry.planning.prediction_cache import PredictionCache
 from wherry.planning.search import Heuristic, Plan, UnmetGoals, a_star, cheapest_experiment, zero_heuristic
 
-MAX_FAILED_ATTEMPTS = 3  # failures of an action in one state after which it is not tried there again
+MAX_FAILED_ATTEMPTS = 3  # failures of an action in a state after which it is excluded there
 
 
 class ConditionalLearner(ConditionalModel, Learner, Protocol):
-    """A learner that is a conditional model: it predicts the same for all states with the same key."""
+    """A learner that is a conditional model, on which planners and agents can plan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Decision:
     Attributes:
         action: a.
         prediction: The agent's prediction for the action.
-        is_exploring: Whether the action is an experiment, or a step on the way to one.
+        is_exploring: Whether the action is an experiment or a step of the plan towards one.
     """
 
     action: Action
@@ -55,7 +55,7 @@ class Agent(Protocol):
 
     @property
     def unknown_pairs(self) -> int:
-        """Number of pairs of a condition met so far and an action with unknown outcome; 0 if they are not counted."""
+        """Number of pairs of an observed condition and an action with unknown outcome; 0 if they are not counted."""
         ...
 
     def predict(self, state: State, action: Action) -> Prediction:
@@ -63,7 +63,7 @@ class Agent(Protocol):
         ...
 
     def decide(self, state: State) -> Decision | None:
-        """Choose an action; None where the agent has nothing (more) to do."""
+        """Choose an action; None if the agent stops."""
         ...
 
     def learn(self, transition: Transition) -> None:
@@ -82,8 +82,8 @@ class Step:
         action: a.
         prediction: The agent's prediction before the action.
         transition: The experience.
-        is_exploring: Whether the action was an experiment, or a step on the way to one.
-        unknown_pairs: Number of pairs of a condition and an action with unknown outcome after this step.
+        is_exploring: Whether the action was an experiment or a step of the plan towards one.
+        unknown_pairs: Number of pairs of an observed condition and an action with unknown outcome after this step.
     """
 
     number: int
@@ -103,19 +103,19 @@ class Step:
 
     @property
     def is_learning(self) -> bool:
-        """Whether the step was exploration, or its prediction was wrong."""
+        """Whether the step was exploration or its prediction was wrong."""
         return self.is_exploring or self.is_surprise
 
 
 def run_episode(
     environment: Environment, agent: Agent, rng: np.random.Generator, *, max_steps: int | None = None
 ) -> Iterator[Step]:
-    """Run one episode until it terminates, the agent has nothing more to do, or a number of steps is reached.
+    """Run one episode, yielding its steps, until it terminates, the agent stops, or a number of steps is reached.
 
     Args:
         environment: The environment to act in.
         agent: The agent that acts.
-        rng: Draws the first state of the environment.
+        rng: Draws the initial state of the environment.
         max_steps: The largest number of steps; None for no limit.
     """
     state = environment.reset(rng)
@@ -127,7 +127,7 @@ def run_episode(
         number += 1
         action, prediction = decision.action, decision.prediction
         transition = environment.step(action)
-        if transition.state != state:  # a robot perceives once more before it acts, and may see something new
+        if transition.state != state:  # a robot perceives again just before it acts
             prediction = agent.predict(transition.state, action)
         agent.learn(transition)
         yield Step(
@@ -146,18 +146,17 @@ def run_episode(
 
 
 class GoalAgent:
-    """An agent with a task that it does once, such as delivering all boxes.
+    """An agent that completes a task, such as delivering all boxes.
 
-    Once it can plan the whole task it follows the shortest plan, and keeps learning meanwhile. Until then it carries
-    out experiments, the cheapest first. When nothing is left to find out and no plan completes the task, it does as
-    much of the task as possible.
+    Once it can plan the whole task it follows the shortest plan, and keeps learning on the way. Until then it carries
+    out experiments, the cheapest first. If no plan completes the task and no experiment remains, it completes as much
+    of the task as possible and stops.
 
     Args:
         learner: The learner, on whose predictions the agent plans.
-        unmet_goals: How many goals a state leaves unmet; 0 when the task is done.
-        heuristic: Admissible heuristic on the steps until the task is done, which speeds up planning.
-        detour: The largest cost of an experiment, in steps, for which the agent interrupts a plan that completes the
-            task.
+        unmet_goals: Number of unmet goals in a state; 0 when the task is complete.
+        heuristic: Admissible heuristic for the number of steps to the end of the task; a good one speeds up planning.
+        max_detour_cost: Cost, in steps, below which an experiment is worth interrupting a plan that completes the task.
     """
 
     def __init__(
@@ -166,10 +165,10 @@ class GoalAgent:
         unmet_goals: UnmetGoals,
         heuristic: Heuristic = zero_heuristic,
         *,
-        detour: float = 30.0,
+        max_detour_cost: float = 30.0,
     ) -> None:
         self.learner = learner
-        self.detour = detour
+        self.max_detour_cost = max_detour_cost
         self.unmet_goals = unmet_goals
         self.heuristic = heuristic
         self._cache = PredictionCache(learner)
@@ -187,17 +186,17 @@ class GoalAgent:
 
     @property
     def unknown_pairs(self) -> int:
-        """Number of pairs of a condition met so far and an action with unknown outcome."""
+        """Number of pairs of an observed condition and an action with unknown outcome."""
         return self._unknown_pair_counter.count()
 
     @property
     def failure_reason(self) -> str | None:
-        """Why the agent stopped before the task was done; None unless it did."""
+        """Why the agent stopped before the task was complete; None unless it did."""
         return self._failure_reason
 
     @property
     def plan(self) -> tuple[State, ...]:
-        """The states on the current plan, the present one first."""
+        """The states on the current plan, the current state first."""
         return self._plan.states
 
     def predict(self, state: State, action: Action) -> Prediction:
@@ -205,7 +204,7 @@ class GoalAgent:
         return self.learner.predict(state, action)
 
     def decide(self, state: State) -> Decision | None:
-        """The next action of the plan, replanning after a revision or an unplanned state; None at the end."""
+        """The next action of the plan; plans again in an unexpected state and after a revision; None at the end."""
         self._unknown_pair_counter.add(state)
         if self._plan.states[:1] != (state,) or self._planned_revisions != self.learner.revisions:
             self._replan(state)
@@ -220,7 +219,7 @@ class GoalAgent:
     def learn(self, transition: Transition) -> None:
         """Learn from one experience and advance the plan.
 
-        An action that fails repeatedly in one state against the learner's prediction is not tried there again.
+        An action that fails repeatedly in one state is not tried there again, whatever the learner predicts.
         """
         self.learner.add_experience(transition)
         self._plan = Plan(self._plan.actions[1:], self._plan.states[1:], self._plan.cost)
@@ -240,13 +239,13 @@ class GoalAgent:
             self._plan, self._is_exploring = experiment, True
 
     def _plan_detour(self, state: State) -> None:
-        """Replace the plan by a cheap experiment on which explanations disagree; its result may matter elsewhere."""
-        experiment = cheapest_experiment(self._cache, state, disagreements_only=True, max_cost=self.detour)
+        """Replace the plan by a cheap experiment on which hypotheses disagree; its result may matter elsewhere."""
+        experiment = cheapest_experiment(self._cache, state, disagreements_only=True, max_cost=self.max_detour_cost)
         if experiment is not None:
             self._plan, self._is_exploring = experiment, True
 
     def _why_incomplete(self, state: State) -> str | None:
-        """What is left to do, and which assumptions of the learner were violated; None when the task is done."""
+        """The number of unmet goals and the violated assumptions of the learner; None when the task is complete."""
         unmet = self.unmet_goals(state)
         if unmet <= 0:
             return None
@@ -258,7 +257,7 @@ class PolicyAgent:
     """An agent that follows a planner's policy; exploration is up to the planner.
 
     Args:
-        learner: The learner that is taught.
+        learner: The learner that learns from the experiences.
         planner: A planner on the learner's predictions.
     """
 
@@ -273,7 +272,7 @@ class PolicyAgent:
 
     @property
     def unknown_pairs(self) -> int:
-        """Always 0: it does not count unknown outcomes."""
+        """Always 0, since this agent does not count unknown outcomes."""
         return 0
 
     def predict(self, state: State, action: Action) -> Prediction:

@@ -23,12 +23,12 @@ __all__ = [
     "root_mean_square",
 ]
 
-FAR_RELATION_TIME = 60.0  # s between the poses of a relation from which on it counts as far
+FAR_RELATION_TIME = 60.0  # s between the poses of a relation above which it counts as far
 
 
 @dataclass(frozen=True)
 class Relations:
-    """True relative poses between times of a trajectory, checked by people.
+    """True relative poses between times of a trajectory, verified by hand.
 
     Attributes:
         times: Times of the first and of the second pose, [R, 2] s.
@@ -78,8 +78,8 @@ def relation_errors(trajectory: Trajectory, relations: Relations, odometry: Traj
 
     Args:
         trajectory: The estimate.
-        relations: The truth; relations outside of the trajectory's time are compared too.
-        odometry: Odometry to interpolate the trajectory with, see `Trajectory.at`.
+        relations: True relative poses; beyond the trajectory's time, see `Trajectory.at`.
+        odometry: Odometry to interpolate the trajectory with, see `Trajectory.at`; None without odometry.
 
     Raises:
         ValueError: There are no relations.
@@ -101,16 +101,15 @@ def relation_errors(trajectory: Trajectory, relations: Relations, odometry: Traj
 
 
 def align(estimated: Floats, reference: Floats, *, heading_lever: float = 0.0) -> Pose:
-    """The rigid motion that carries estimated poses onto true ones with least squares (Umeyama 1991, without scale).
+    """Least-squares rigid alignment of estimated poses with true ones (Umeyama 1991, without scale).
 
-    A map's frame is where the robot was switched on, so errors are counted after the one motion that fits the whole
-    trajectory.
+    The frame of a map is arbitrary, so errors are computed after the alignment that fits the whole trajectory best.
 
     Args:
         estimated: Poses [N, 3] m, m, rad, or positions [N, 2] m if headings have no weight; N ≥ 1.
         reference: True poses or positions at the same times, of the same shape.
-        heading_lever: Distance, m, at which an error of the heading counts like an error of the position; 0 to fit
-            positions alone. With headings, a robot that hardly moved can be aligned too.
+        heading_lever: Weight of an error of the heading relative to one of the position, m/rad; 0 to fit positions
+            alone. With headings, a robot that hardly moved can be aligned too.
 
     Returns:
         The estimates' frame in the reference frame.

@@ -1,4 +1,4 @@
-"""Learners solve Gymnasium's unmodified Taxi; its table of transitions gives the optimal policy."""
+"""Learners solve Gymnasium's unmodified Taxi; its transition table gives the optimal number of steps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TASK = {"reward": gymnasium_taxi_reward, "terminated": is_delivered}
 
 
 def optimal_steps(taxi: TaxiEnv) -> np.ndarray:
-    """[500] fewest steps to the end from every observation, by Gymnasium's table of transitions."""
+    """[500] smallest number of steps to the end from every observation, by Gymnasium's transition table."""
     after = np.array([[taxi.P[state][action][0][1] for action in range(6)] for state in range(500)])
     end = np.array([[taxi.P[state][action][0][3] for action in range(6)] for state in range(500)])
     steps = np.full(500, np.inf)
@@ -35,23 +35,23 @@ class TestTheContract(EnvironmentContract):
 
 
 def test_states_agree_with_encoded_observations() -> None:
-    view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
-    taxi = view.environment.unwrapped
-    state = view.state(taxi.encode(0, 3, 1, 2))  # row 0 from the top, column 3; passenger at G, destination Y
+    adapter = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
+    taxi = adapter.environment.unwrapped
+    state = adapter.state(taxi.encode(0, 3, 1, 2))  # row 0 from the top, column 3; passenger at G, destination Y
     assert (state["taxi"].x, state["taxi"].y) == (3, 4)
     assert (state["passenger"].x, state["passenger"].y, state["passenger"].in_taxi) == (4, 4, False)
     assert (state["destination"].x, state["destination"].y) == (0, 0)
-    riding = view.state(taxi.encode(2, 1, 4, 2))
+    riding = adapter.state(taxi.encode(2, 1, 4, 2))
     assert (riding["passenger"].x, riding["passenger"].y, riding["passenger"].in_taxi) == (1, 2, True)
-    assert len({view.state(number) for number in range(500)}) == 500
+    assert len({adapter.state(number) for number in range(500)}) == 500
 
 
 def test_touch_holds_at_gymnasiums_walls() -> None:
     """touch_D holds exactly where Gymnasium's action mask excludes the move."""
-    view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
+    adapter = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
     for number in range(500):
-        mask = view.environment.unwrapped.action_mask(number)
-        bits = view.domain.cond(view.state(number)).value
+        mask = adapter.environment.unwrapped.action_mask(number)
+        bits = adapter.domain.cond(adapter.state(number)).value
         for bit, direction in enumerate("NSEW"):
             assert (bits >> bit & 1) == 1 - mask[ACTIONS.index(direction)]
 
@@ -62,13 +62,13 @@ def test_touch_holds_at_gymnasiums_walls() -> None:
     ids=["doormax", "doormax given rewards", "bayes", "bayes given rewards"],
 )
 def test_learners_become_optimal(name: str, task: dict) -> None:
-    """After 20 episodes the greedy policy is optimal from every first state, with rewards learnt or given."""
-    view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
-    taxi = view.environment.unwrapped
-    learner, rng = RULE_LEARNERS[name].factory(view.domain, **task), np.random.default_rng(0)
+    """After 20 episodes the greedy policy is optimal from every initial state, with rewards learnt or given."""
+    adapter = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
+    taxi = adapter.environment.unwrapped
+    learner, rng = RULE_LEARNERS[name].factory(adapter.domain, **task), np.random.default_rng(0)
     agent = PolicyAgent(learner, ValueIteration(learner))
     for _ in range(20):
-        steps = list(run_episode(view, agent, rng, max_steps=2000))
+        steps = list(run_episode(adapter, agent, rng, max_steps=2000))
         assert steps[-1].transition.terminated
     assert learner.violations == ()
     planner = ValueIteration(learner, optimistic=False)
@@ -76,27 +76,26 @@ def test_learners_become_optimal(name: str, task: dict) -> None:
     for start in np.flatnonzero(taxi.initial_state_distrib):
         number, taken, end = int(start), 0, False
         while not end and taken <= optimal[start]:
-            action = planner.policy(view.state(number))
+            action = planner.policy(adapter.state(number))
             _, number, _, end = taxi.P[number][ACTIONS.index(action.name)][0]
             taken += 1
         assert end
         assert taken == optimal[start]
 
 
-def test_given_task_is_gymnasiums() -> None:
-    """For every observation and action, reward and termination equal those of Gymnasium's table."""
-    view = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
-    taxi = view.environment.unwrapped
+def test_given_rewards_and_terminations_are_gymnasiums() -> None:
+    """For every observation and action, reward and termination equal those of Gymnasium's transition table."""
+    adapter = GymnasiumTaxi(gymnasium.make("Taxi-v4"))
+    taxi = adapter.environment.unwrapped
     for number in range(500):
-        state = view.state(number)
+        state = adapter.state(number)
         if is_delivered(state):
             continue  # a terminal state
-        for at, name in enumerate(ACTIONS):
-            _, after, paid, end = taxi.P[number][at][0]
-            assert (gymnasium_taxi_reward(state, Action(name), view.state(after)), is_delivered(view.state(after))) == (
-                paid,
-                end,
-            )
+        for index, name in enumerate(ACTIONS):
+            _, after, reward, end = taxi.P[number][index][0]
+            next_state = adapter.state(after)
+            assert gymnasium_taxi_reward(state, Action(name), next_state) == reward
+            assert is_delivered(next_state) == end
 
 
 def test_same_seed_gives_the_same_episode() -> None:

@@ -27,37 +27,37 @@ DOORMAX = {"failure_scope": "attribute", "max_effects": 4}  # the agent has four
 SETTINGS = {"doormax": DOORMAX, "bayes": {}}
 
 
-def view_of(name: str) -> MiniGrid:
+def adapted(name: str) -> MiniGrid:
     return MiniGrid(gymnasium.make(f"MiniGrid-{name}-v0"))
 
 
-def learner_for(view: MiniGrid, name: str) -> RuleLearner:
-    return RULE_LEARNERS[name].factory(view.domain, effect_types=MINIGRID_EFFECT_TYPES, **SETTINGS[name])
+def learner_for(adapter: MiniGrid, name: str) -> RuleLearner:
+    return RULE_LEARNERS[name].factory(adapter.domain, effect_types=MINIGRID_EFFECT_TYPES, **SETTINGS[name])
 
 
-def train(view: MiniGrid, learner: RuleLearner, episodes: int) -> None:
+def train(adapter: MiniGrid, learner: RuleLearner, episodes: int) -> None:
     agent, rng = PolicyAgent(learner, ValueIteration(learner, r_max=1.0)), np.random.default_rng(0)
     for _ in range(episodes):
-        steps = list(run_episode(view, agent, rng, max_steps=2000))
+        steps = list(run_episode(adapter, agent, rng, max_steps=2000))
         assert steps[-1].transition.terminated
 
 
-def steps_of_the_learnt_policy(view: MiniGrid, learner: RuleLearner, seed: int) -> int:
+def steps_of_the_learnt_policy(adapter: MiniGrid, learner: RuleLearner, seed: int) -> int:
     planner = ValueIteration(learner, optimistic=False, r_max=1.0)
-    state = view.reset(np.random.default_rng(seed))
+    state = adapter.reset(np.random.default_rng(seed))
     for steps in range(1, 200):
-        done = view.step(planner.policy(state))
-        if done.terminated:
-            assert done.reward == 1.0
+        transition = adapter.step(planner.policy(state))
+        if transition.terminated:
+            assert transition.reward == 1.0
             return steps
-        state = done.next_state
+        state = transition.next_state
     raise AssertionError
 
 
-def fewest_steps(view: MiniGrid, seed: int) -> int:
+def fewest_steps(adapter: MiniGrid, seed: int) -> int:
     """Breadth-first search through the environment, restored before every step, without the action ``drop``."""
-    view.reset(np.random.default_rng(seed))
-    environment = view.environment.unwrapped
+    adapter.reset(np.random.default_rng(seed))
+    environment = adapter.environment.unwrapped
     assert isinstance(environment, MiniGridEnv)
     doors = [item for item in environment.grid.grid if isinstance(item, Door)]
 
@@ -66,8 +66,8 @@ def fewest_steps(view: MiniGrid, seed: int) -> int:
         items = tuple(environment.grid.grid)
         return tuple(environment.agent_pos), environment.agent_dir, environment.carrying, items, locks
 
-    def restore(kept: tuple) -> None:
-        environment.agent_pos, environment.agent_dir, environment.carrying, items, locks = kept
+    def restore(saved: tuple) -> None:
+        environment.agent_pos, environment.agent_dir, environment.carrying, items, locks = saved
         environment.grid.grid = list(items)
         for door, lock in zip(doors, locks, strict=True):
             door.is_open, door.is_locked = lock
@@ -90,13 +90,13 @@ def fewest_steps(view: MiniGrid, seed: int) -> int:
 class TestTheContract(EnvironmentContract):
     @pytest.fixture(params=["Empty-5x5", "DoorKey-5x5", "Unlock", "FourRooms"])
     def environment(self, request: pytest.FixtureRequest) -> MiniGrid:
-        return view_of(request.param)
+        return adapted(request.param)
 
 
 def test_states_contain_the_objects_of_the_grid() -> None:
-    view = view_of("DoorKey-5x5")
-    state = view.reset(np.random.default_rng(0))
-    grid = view.environment.unwrapped
+    adapter = adapted("DoorKey-5x5")
+    state = adapter.reset(np.random.default_rng(0))
+    grid = adapter.environment.unwrapped
     agent, (key,), (door,) = state["agent"], state.of_class("Key"), state.of_class("Door")
     assert (agent.x, 4 - agent.y) == tuple(grid.agent_pos)
     assert agent.facing == ("east", "south", "west", "north")[grid.agent_dir]
@@ -105,33 +105,33 @@ def test_states_contain_the_objects_of_the_grid() -> None:
     assert (key.held, key.colour, door.colour, door.open, door.locked) == (False, "yellow", "yellow", False, True)
     (goal,) = state.scene.of_class("Goal")
     assert (goal.x, goal.y) == (3, 1)
-    assert len(state.scene.of_class("Wall")) == 18  # 16 around, 3 between, one of them the door
+    assert len(state.scene.of_class("Wall")) == 18  # 16 on the outer edge, and 3 inside less the door
 
 
 @pytest.mark.parametrize("name", ["Empty-5x5", "DoorKey-6x6", "Unlock", "FourRooms"])
 def test_states_determine_transitions(name: str) -> None:
-    """An action in a state always has the same result, and every change is explained by an effect."""
-    view, rng = view_of(name), np.random.default_rng(2)
-    seen = {}
-    state = view.reset(rng)
+    """An action in a state always has the same result, and every change is an effect of some type."""
+    adapter, rng = adapted(name), np.random.default_rng(2)
+    results = {}
+    state = adapter.reset(rng)
     for _ in range(1500):
-        done = view.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
-        before = seen.setdefault((done.state, done.action), (done.next_state, done.reward, done.terminated))
-        assert before == (done.next_state, done.reward, done.terminated)
+        transition = adapter.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
+        first_result = results.setdefault((transition.state, transition.action), (transition.next_state, transition.reward, transition.terminated))
+        assert first_result == (transition.next_state, transition.reward, transition.terminated)
         for item in state.objects:
-            after = done.next_state[item.name]
+            after = transition.next_state[item.name]
             for attribute, old, new in zip(item.object_class.attributes, item.values, after.values, strict=True):
                 effects = effects_between(attribute, old, new, MINIGRID_EFFECT_TYPES)
                 assert effects
                 assert all(MINIGRID_EFFECT_TYPES[effect.type].apply(old, effect.argument) == new for effect in effects)
-        state = view.reset(rng) if done.terminated else done.next_state
+        state = adapter.reset(rng) if transition.terminated else transition.next_state
 
 
 def test_carried_key_moves_with_the_agent() -> None:
-    view, rng = view_of("DoorKey-5x5"), np.random.default_rng(0)
-    state = view.reset(rng)
+    adapter, rng = adapted("DoorKey-5x5"), np.random.default_rng(0)
+    state = adapter.reset(rng)
     while not state.of_class("Key")[0].held:
-        state = view.step(Action(ACTIONS[rng.integers(4)])).next_state
+        state = adapter.step(Action(ACTIONS[rng.integers(4)])).next_state
     agent, (key,) = state["agent"], state.of_class("Key")
     assert (key.x, key.y) == (agent.x, agent.y)
 
@@ -152,20 +152,20 @@ def test_turn_is_an_effect_type() -> None:
         ("Empty-5x5", 5, 4),
         ("DoorKey-5x5", 10, 2),
         ("FourRooms", 6, 2),
-        pytest.param("Unlock", 4, 1, marks=pytest.mark.slow),  # the key may be put down anywhere
+        pytest.param("Unlock", 4, 1, marks=pytest.mark.slow),  # slow: the key can be dropped in any cell
     ],
 )
 def test_learners_become_optimal(name: str, episodes: int, seeds: int, learner_name: str) -> None:
-    view = view_of(name)
-    learner = learner_for(view, learner_name)
-    train(view, learner, episodes)
+    adapter = adapted(name)
+    learner = learner_for(adapter, learner_name)
+    train(adapter, learner, episodes)
     assert learner.violations == ()
     for seed in range(100, 100 + seeds):
-        assert steps_of_the_learnt_policy(view, learner, seed) == fewest_steps(view, seed)
+        assert steps_of_the_learnt_policy(adapter, learner, seed) == fewest_steps(adapter, seed)
 
 
 def test_rules_of_an_empty_room_solve_four_rooms() -> None:
-    small, large = view_of("Empty-Random-5x5"), view_of("FourRooms")
+    small, large = adapted("Empty-Random-5x5"), adapted("FourRooms")
     learner = BayesianLearner(
         small.domain,
         effect_types=MINIGRID_EFFECT_TYPES,
@@ -175,9 +175,9 @@ def test_rules_of_an_empty_room_solve_four_rooms() -> None:
     rng = np.random.default_rng(0)
     small.reset(rng)
     for _ in range(200):  # random actions
-        done = small.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
-        learner.add_experience(done)
-        if done.terminated:
+        transition = small.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
+        learner.add_experience(transition)
+        if transition.terminated:
             small.reset(rng)
     assert set(learner.sentences()) == {
         "left: if always: agent.facing turns left",
@@ -193,7 +193,7 @@ def test_rules_of_an_empty_room_solve_four_rooms() -> None:
 
 def test_objects_without_a_class_are_refused() -> None:
     with pytest.raises(InputError, match="box: has no class"):
-        view_of("UnlockPickup").reset(np.random.default_rng(0))
+        adapted("UnlockPickup").reset(np.random.default_rng(0))
 
 
 def test_other_environment_is_refused() -> None:
@@ -203,4 +203,4 @@ def test_other_environment_is_refused() -> None:
 
 def test_step_before_the_first_reset_is_refused() -> None:
     with pytest.raises(RuntimeError, match="reset"):
-        view_of("Empty-5x5").step(Action("left"))
+        adapted("Empty-5x5").step(Action("left"))

@@ -1,4 +1,4 @@
-"""Delivery on the grid: the paper's terms, and the dynamics of robots and boxes that have bodies."""
+"""Delivery on the grid: the paper's terms, and the dynamics of robots and boxes that have a size."""
 
 from __future__ import annotations
 
@@ -68,27 +68,27 @@ def test_delivery_from_pickup_to_dropoff() -> None:
     state = SITE.state(Cell(2, 0), [BoxState("b", Cell(2, 0))])
     assert bits(state) == "0100100"
     assert delivery_transition(state, DROPOFF).reward == -10.0
-    taken = delivery_transition(state, PICKUP)
-    assert taken.reward == -1.0
-    assert taken.next_state["b"].in_bot
-    assert bits(taken.next_state) == "0100001"  # in_bot, and no longer on(robot, box)
-    assert delivery_transition(taken.next_state, PICKUP).reward == -10.0
-    state = after(taken.next_state, W, N)
-    assert (state["b"].x, state["b"].y) == (2, 0)  # a carried box keeps the cell where it stood
+    pickup = delivery_transition(state, PICKUP)
+    assert pickup.reward == -1.0
+    assert pickup.next_state["b"].in_bot
+    assert bits(pickup.next_state) == "0100001"  # in_bot, and no longer on(robot, box)
+    assert delivery_transition(pickup.next_state, PICKUP).reward == -10.0
+    state = after(pickup.next_state, W, N)
+    assert (state["b"].x, state["b"].y) == (2, 0)  # a carried box keeps the cell where it was picked up
     assert delivery_transition(state, DROPOFF).next_state == state  # DROPOFF fails outside the warehouse
     state = after(state, W, N)
     assert bits(state) == "1001011"
-    done = delivery_transition(state, DROPOFF)
-    assert done.next_state == state.without("b")
-    assert (done.reward, done.terminated) == (20.0, True)
-    assert all_delivered(done.next_state)
+    dropoff = delivery_transition(state, DROPOFF)
+    assert dropoff.next_state == state.without("b")
+    assert (dropoff.reward, dropoff.terminated) == (20.0, True)
+    assert all_delivered(dropoff.next_state)
 
 
 def test_delivering_one_of_two_boxes_does_not_end_the_episode() -> None:
     state = SITE.state(Cell(0, 2), [BoxState("a", Cell(2, 0), in_bot=True), BoxState("b", Cell(3, 0))])
-    done = delivery_transition(state, DROPOFF)
-    assert [box.name for box in done.next_state.of_class("Box")] == ["b"]
-    assert not done.terminated
+    dropoff = delivery_transition(state, DROPOFF)
+    assert [box.name for box in dropoff.next_state.of_class("Box")] == ["b"]
+    assert not dropoff.terminated
 
 
 def test_robot_with_a_full_fork_cannot_enter_a_boxs_cell() -> None:
@@ -102,7 +102,7 @@ def test_robot_with_a_full_fork_cannot_enter_a_boxs_cell() -> None:
     empty = SITE.state(Cell(1, 1), [BoxState("b", Cell(2, 1))])
     assert bits(empty)[2] == "0"
     assert after(empty, E)["robot"].x == 2
-    back = after(carrying, N, S)  # the cell where the carried box stood is free
+    back = after(carrying, N, S)  # the cell where the carried box was picked up is free
     assert (back["robot"].x, back["robot"].y) == (1, 0)
 
 
@@ -124,13 +124,13 @@ def test_site_can_have_negative_coordinates() -> None:
         site.state(Cell(0, 0), [])
 
 
-def test_first_states_have_random_boxes_determined_by_the_seed() -> None:
+def test_initial_states_have_random_boxes_determined_by_the_seed() -> None:
     environment = delivery_grid(find_world("rooms"))
-    first = environment.reset(np.random.default_rng(3))
-    assert first == environment.reset(np.random.default_rng(3))
+    initial = environment.reset(np.random.default_rng(3))
+    assert initial == environment.reset(np.random.default_rng(3))
     assert len({environment.reset(np.random.default_rng(seed)) for seed in range(5)}) == 5
-    assert len(first.of_class("Box")) == 4
-    assert environment.step(E).next_state["robot"].x == first["robot"].x + 1
+    assert len(initial.of_class("Box")) == 4
+    assert environment.step(E).next_state["robot"].x == initial["robot"].x + 1
 
 
 def test_plan_without_warehouse_or_robot_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""The delivery's heuristic never overestimates the number of steps to the end."""
+"""The delivery heuristic is admissible: it never overestimates the number of steps to the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Taxi is the published domain: walls, marks, optimal lengths, the paper's example."""
+"""Taxi is the published domain: walls, marks, lengths of optimal episodes, and the paper's example."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from wherry_testing.brute_force import steps_to_every_state
 
 
 def optimal_length(environment: TaxiGrid, start: State) -> int:
-    """Steps until the passenger stands at the destination."""
+    """Smallest number of steps until the passenger is dropped off at the destination."""
     for state, steps in steps_to_every_state(environment, start).items():
-        here = [environment.transition(state, action) for action in environment.domain.ground_actions(state)]
-        if any(done.terminated for done in here):
+        transitions = [environment.transition(state, action) for action in environment.domain.ground_actions(state)]
+        if any(transition.terminated for transition in transitions):
             return steps + 1
     raise AssertionError
 
@@ -65,11 +65,11 @@ def test_rewards_of_moves_pickup_and_dropoff() -> None:
     assert pickup.next_state["passenger"].in_taxi
     assert pickup.reward == -1.0
     arrived = pickup.next_state.replace("taxi", x=0, y=0)
-    done = environment.transition(arrived, Action("DROPOFF"))
-    assert (done.reward, done.terminated, done.next_state["passenger"].in_taxi) == (20.0, True, False)
+    delivery = environment.transition(arrived, Action("DROPOFF"))
+    assert (delivery.reward, delivery.terminated, delivery.next_state["passenger"].in_taxi) == (20.0, True, False)
 
 
-def test_first_states_are_random_and_determined_by_the_seed() -> None:
+def test_initial_states_are_random_and_determined_by_the_seed() -> None:
     environment = taxi_grid(5)
     starts = [environment.reset(np.random.default_rng(seed)) for seed in range(200)]
     assert starts[7] == environment.reset(np.random.default_rng(7))

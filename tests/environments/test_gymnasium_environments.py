@@ -45,8 +45,8 @@ def test_environment_passes_gymnasiums_checks_without_warnings(name: str, settin
 
 def test_name_with_a_module_registers_the_environments() -> None:
     program = "import gymnasium; print(gymnasium.make('wherry.environments:wherry/Taxi-v0').spec.id)"
-    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == "wherry/Taxi-v0"
+    completed = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert completed.stdout.strip() == "wherry/Taxi-v0"
 
 
 @pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
@@ -76,17 +76,17 @@ def test_action_mask_and_terms_agree_with_the_domain(name: str, settings: dict) 
     environment = unwrapped(name, **settings)
     environment.action_space.seed(1)
     _, info = environment.reset(seed=1)
-    tried = 0
+    effective_actions = 0
     for _ in range(300):
         before, mask = environment.state, info["action_mask"]
         assert "".join(map(str, info["terms"])) == str(environment.domain.cond(before))
         action = environment.action_space.sample()
         _, _, terminated, _, info = environment.step(action)
         assert mask[action] == (environment.state != before)
-        tried += int(mask[action])
+        effective_actions += int(mask[action])
         if terminated:
             _, info = environment.reset()
-    assert 20 < tried < 280
+    assert 20 < effective_actions < 280
 
 
 def test_observation_has_the_objects_attributes() -> None:
@@ -101,18 +101,18 @@ def test_delivered_box_does_not_exist_in_the_observation() -> None:
     environment = unwrapped("wherry/Delivery-v0", boxes=2)
     observation, _ = environment.reset(seed=0)
     assert [observation[name]["exists"] for name in ("box1", "box2")] == [1, 1]
-    left = environment._encoder.encode(environment.state.without("box1"))
-    assert left["box1"] == {"x": 0, "y": 0, "in_bot": 0, "exists": 0}
-    assert left in environment.observation_space
+    encoded = environment._encoder.encode(environment.state.without("box1"))
+    assert encoded["box1"] == {"x": 0, "y": 0, "in_bot": 0, "exists": 0}
+    assert encoded in environment.observation_space
 
 
 def test_enumerations_and_reals_are_encoded() -> None:
     lamp = ObjectClass("Lamp", (enumeration("colour", "red", "green"), real("height", 0, 2)))
     state = State((lamp("lamp", colour="green", height=1.5),))
     encoder = ObservationEncoder(state)
-    seen = encoder.encode(state)
-    assert seen in encoder.space
-    assert (seen["lamp"]["colour"], seen["lamp"]["height"].tolist()) == (1, [1.5])
+    observation = encoder.encode(state)
+    assert observation in encoder.space
+    assert (observation["lamp"]["colour"], observation["lamp"]["height"].tolist()) == (1, [1.5])
 
 
 def test_attribute_without_bounds_is_refused() -> None:
@@ -135,8 +135,8 @@ def test_optimal_policy_obtains_the_optimal_return() -> None:
             break
     assert terminated
     steps = 1
-    while not (done := grid.transition(state, planner.policy(state))).terminated:
-        state, steps = done.next_state, steps + 1
+    while not (transition := grid.transition(state, planner.policy(state))).terminated:
+        state, steps = transition.next_state, steps + 1
     assert total == 20 - (steps - 1)
 
 
@@ -208,7 +208,7 @@ def test_observations_flatten_to_one_hot_vectors(name: str, settings: dict) -> N
 
 
 @pytest.mark.parametrize(("name", "settings"), VARIANTS, ids=IDS)
-def test_flattened_observations_suit_network_trainers(name: str, settings: dict) -> None:
+def test_linear_policy_trains_on_flattened_observations(name: str, settings: dict) -> None:
     """Finite vectors of one shape and type through many episodes, as Stable-Baselines3 needs them."""
     count, steps = 4, 300
     environments = gymnasium.make_vec(
@@ -220,17 +220,17 @@ def test_flattened_observations_suit_network_trainers(name: str, settings: dict)
     rng = np.random.default_rng(0)
     observations, _ = environments.reset(seed=0)
     assert observations.shape == (count, *space.shape)
-    weights, paid = np.zeros((space.shape[0], int(actions.n))), 0.0
+    weights, total_reward = np.zeros((space.shape[0], int(actions.n))), 0.0
     for _ in range(steps):
         scores = observations @ weights + rng.gumbel(size=(count, int(actions.n)))
-        chosen = scores.argmax(axis=1)
-        seen, rewards, ended, cut, _ = environments.step(chosen)
-        assert (seen.shape, seen.dtype) == (observations.shape, observations.dtype)
+        chosen_actions = scores.argmax(axis=1)
+        next_observations, rewards, terminated, truncated, _ = environments.step(chosen_actions)
+        assert (next_observations.shape, next_observations.dtype) == (observations.shape, observations.dtype)
         assert np.isfinite(rewards).all()
-        for row, action, reward in zip(observations, chosen, rewards, strict=True):
+        for row, action, reward in zip(observations, chosen_actions, rewards, strict=True):
             weights[:, action] += 0.01 * reward * row
-        observations, paid = seen, paid + float(rewards.sum())
-        assert not (ended & cut).any()
+        observations, total_reward = next_observations, total_reward + float(rewards.sum())
+        assert not (terminated & truncated).any()
     assert np.isfinite(weights).all()
-    assert -10 * count * steps <= paid < 0
+    assert -10 * count * steps <= total_reward < 0
     environments.close()

@@ -23,10 +23,10 @@ class Rewards(BaseCallback):
 
     def __init__(self) -> None:
         super().__init__()
-        self.paid: list[float] = []
+        self.values: list[float] = []
 
     def _on_step(self) -> bool:
-        self.paid.extend(self.locals["rewards"])
+        self.values.extend(self.locals["rewards"])
         return True
 
 
@@ -43,8 +43,8 @@ def test_ppo_learns_to_avoid_illegal_actions() -> None:
         "MlpPolicy", environments, n_steps=64, batch_size=128, n_epochs=4, learning_rate=3e-3, seed=0, device="cpu"
     )
     trainer.learn(3072, callback=rewards)
-    assert np.mean(rewards.paid[:512]) < -3
-    assert np.mean(rewards.paid[-512:]) > -2
+    assert np.mean(rewards.values[:512]) < -3
+    assert np.mean(rewards.values[-512:]) > -2
     environments.close()
 
 
@@ -52,9 +52,9 @@ def test_ppo_learns_to_avoid_illegal_actions() -> None:
 def test_dqn_trains_and_acts(name: str) -> None:
     environment = gymnasium.wrappers.FlattenObservation(gymnasium.make(name))
     trainer = DQN("MlpPolicy", environment, learning_starts=50, buffer_size=500, seed=0, device="cpu")
-    before = [weights.clone() for weights in trainer.q_net.parameters()]
+    initial_weights = [weights.clone() for weights in trainer.q_net.parameters()]
     trainer.learn(300)
-    assert any(not old.equal(new) for old, new in zip(before, trainer.q_net.parameters(), strict=True))
+    assert any(not old.equal(new) for old, new in zip(initial_weights, trainer.q_net.parameters(), strict=True))
     observation, _ = environment.reset(seed=1)
     action, _ = trainer.predict(observation, deterministic=True)
     assert environment.action_space.contains(int(action))

@@ -31,7 +31,7 @@ def test_plans_are_the_shortest_with_and_without_heuristic(seed: int) -> None:
             assert environment.transition(before, action).next_state == after
 
 
-def test_plan_delivers_what_can_be_reached() -> None:
+def test_plan_delivers_the_boxes_that_can_be_reached() -> None:
     plan = FloorPlan(
         "plan", 5, 2, obstacles=frozenset({Cell(3, 0), Cell(3, 1)}), warehouse=frozenset({Cell(0, 0)}), start=Cell(0, 0)
     )
@@ -43,7 +43,7 @@ def test_plan_delivers_what_can_be_reached() -> None:
     assert [action.name for action in found.actions] == ["E", "E", "PICKUP", "W", "W", "DROPOFF"]
 
 
-def test_learner_is_asked_again_only_about_revised_actions() -> None:
+def test_learner_is_queried_again_only_about_revised_actions() -> None:
     environment = delivery_grid(find_world("small"))
     start = environment.reset(np.random.default_rng(0))
     learner = BayesianLearner(environment.domain)

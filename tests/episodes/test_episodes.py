@@ -135,27 +135,27 @@ def test_unreachable_box_is_left_and_all_others_are_delivered(name: str) -> None
     plan = FloorPlan("plan", 7, 3, obstacles=obstacles, warehouse=frozenset({Cell(0, 0)}), start=Cell(1, 1))
     environment = delivery_grid(plan.with_boxes([Cell(3, 1), Cell(6, 1), Cell(4, 2)]))
     steps = deliver(environment, new_learner(name, environment.domain), seed=0, max_steps=1000)
-    left = steps[-1].transition.next_state
-    assert [(box.x, box.y) for box in left.of_class("Box")] == [(6, 1)]
-    assert len(steps) < 1000  # the agent stopped by itself
+    final = steps[-1].transition.next_state
+    assert [(box.x, box.y) for box in final.of_class("Box")] == [(6, 1)]
+    assert len(steps) < 1000  # the agent stopped before the limit
 
 
 class HiddenObstacle(DeterministicMdp):
     """A grid with an invisible obstacle between the second and the third cell."""
 
     def __init__(self, environment: DeterministicMdp) -> None:
-        super().__init__(environment.domain, self._blocked, environment.start)
+        super().__init__(environment.domain, self._blocked, environment.draw_initial_state)
 
     def _blocked(self, state: State, action: Action) -> Transition:
-        done = delivery_transition(state, action)
-        robots = state["robot"], done.next_state["robot"]
+        transition = delivery_transition(state, action)
+        robots = state["robot"], transition.next_state["robot"]
         if {(robot.x, robot.y) for robot in robots} == {(1, 0), (2, 0)}:
             return Transition(state, action, state, -1.0, False)
-        return done
+        return transition
 
 
 @pytest.mark.parametrize("name", learners_for(Job.DELIVERY, RULE_LEARNERS))
-def test_action_that_fails_repeatedly_is_given_up(name: str) -> None:
+def test_action_that_fails_repeatedly_is_not_tried_again(name: str) -> None:
     plan = FloorPlan("plan", 6, 2, warehouse=frozenset({Cell(5, 0)}), start=Cell(5, 1)).with_boxes([Cell(0, 0)])
     environment = delivery_grid(plan)
     learner = new_learner(name, environment.domain)
@@ -174,15 +174,11 @@ def test_action_that_fails_repeatedly_is_given_up(name: str) -> None:
         assert boxes_left(steps[-1].transition.next_state) == 0
 
 
-def test_completed_task_takes_no_step() -> None:
+def test_completed_task_requires_no_step() -> None:
     site = DeliverySite.of_plan(find_world("small"))
     environment = DeterministicMdp(site.domain, delivery_transition, lambda rng: site.state(Cell(0, 0), []))
-    assert (
-        list(
-            run_episode(environment, GoalAgent(new_learner("bayes", site.domain), boxes_left), np.random.default_rng(0))
-        )
-        == []
-    )
+    agent = GoalAgent(new_learner("bayes", site.domain), boxes_left)
+    assert list(run_episode(environment, agent, np.random.default_rng(0))) == []
 
 
 def test_steps_record_the_episode() -> None:
@@ -205,7 +201,7 @@ def test_plan_is_the_sequence_of_expected_states() -> None:
     environment = delivery_grid(plan)
     learner = new_learner("bayes", environment.domain)
     deliver(environment, learner, seed=0, max_steps=200)
-    agent = GoalAgent(learner, boxes_left, DeliveryHeuristic(), detour=0.0)
+    agent = GoalAgent(learner, boxes_left, DeliveryHeuristic(), max_detour_cost=0.0)
     decision = agent.decide(environment.reset(np.random.default_rng(0)))
     assert decision is not None
     assert decision.action == Action("E")
@@ -213,16 +209,16 @@ def test_plan_is_the_sequence_of_expected_states() -> None:
 
 
 class CorrectedPerception(DeterministicMdp):
-    """An environment that perceives, just before the action, that a wall does not exist."""
+    """An environment in which a wall of the initial state is found not to exist just before the first action."""
 
     def __init__(self) -> None:
-        wide = DeliverySite.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
-        self.truth = wide
-        narrow = DeliverySite(
-            wide.walls | DeliverySite.of_cells([Cell(1, 0)], [], []).walls, wide.warehouse, wide.x_range, wide.y_range
+        self.truth = DeliverySite.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
+        walled_in = DeliverySite.of_cells([Cell(1, 0)], [], []).walls
+        perceived = DeliverySite(
+            self.truth.walls | walled_in, self.truth.warehouse, self.truth.x_range, self.truth.y_range
         )
         boxes = [BoxState("box", Cell(2, 0))]
-        super().__init__(wide.domain, delivery_transition, lambda rng: narrow.state(Cell(1, 0), boxes))
+        super().__init__(self.truth.domain, delivery_transition, lambda rng: perceived.state(Cell(1, 0), boxes))
 
     def step(self, action: Action) -> Transition:
         assert self.state is not None
@@ -234,7 +230,7 @@ class CorrectedPerception(DeterministicMdp):
         return super().step(action)
 
 
-def test_state_perceived_just_before_the_action_counts() -> None:
+def test_step_records_the_state_perceived_just_before_the_action() -> None:
     environment = CorrectedPerception()
     agent = GoalAgent(new_learner("bayes", environment.domain), boxes_left)
     first = next(run_episode(environment, agent, np.random.default_rng(0)))
@@ -252,28 +248,28 @@ def test_policy_agent_learns_taxi() -> None:
 
 
 def lights() -> Any:
-    """The example of the documentation: an action with a parameter, and three lamps of which it changes one."""
+    """The example of the documentation: an action whose argument is one of three lamps."""
     return runpy.run_path(str(Path(__file__).parents[2] / "docs" / "examples" / "lights.py"))
 
 
 @pytest.mark.parametrize("scope", ["action", "attribute"])
 @pytest.mark.parametrize("seed", range(4))
 def test_doormax_reports_the_assumption_that_several_objects_violate(seed: int, scope: FailureScope) -> None:
-    """A lamp stays as it is if it is not the argument, or if it is off already; no single condition explains both."""
+    """A lamp is unchanged if it is not the argument or is already off; no single failure condition covers both."""
     example = lights()
     learner = Doormax(example["DOMAIN"], failure_scope=scope)
     agent = GoalAgent(learner, example["lit_lamps"])
-    environment = DeterministicMdp(example["DOMAIN"], example["transition"], example["start"])
+    environment = DeterministicMdp(example["DOMAIN"], example["transition"], example["initial_state"])
     steps = list(run_episode(environment, agent, np.random.default_rng(seed), max_steps=100))
     assert example["lit_lamps"](steps[-1].transition.next_state) == 0
     assert agent.failure_reason is None
-    said = [violation for violation in learner.violations if violation.startswith("SWITCH_OFF, lamp.lit")]
-    assert len(said) == (scope == "action")
+    reported = [violation for violation in learner.violations if violation.startswith("SWITCH_OFF, lamp.lit")]
+    assert len(reported) == (scope == "action")
 
 
 @pytest.mark.parametrize("scope", ["action", "attribute"])
 def test_doormax_delivers_two_boxes_with_learnt_rewards(scope: FailureScope) -> None:
-    """No term tells the last box, so the same step ends an episode only sometimes, which is reported."""
+    """No term distinguishes the last box, so equal conditions end the episode only sometimes, which is reported."""
     environment = grid("small")
     learner = Doormax(environment.domain, failure_scope=scope)
     agent, rng = PolicyAgent(learner, ValueIteration(learner)), np.random.default_rng(0)
@@ -283,16 +279,16 @@ def test_doormax_delivers_two_boxes_with_learnt_rewards(scope: FailureScope) -> 
     assert any(violation.startswith("DROPOFF: the reward, or whether") for violation in learner.violations)
 
 
-def test_agent_that_gives_up_states_the_reason() -> None:
-    """The switch has no effect, and the agent stops when it was tried under every condition."""
+def test_agent_that_stops_early_states_the_reason() -> None:
+    """The switch has no effect, and the agent stops when it has been tried under every condition."""
     example = lights()
 
     def broken(state: State, action: Action) -> Transition:
-        done = example["transition"](state, action)
-        return done if action.name != "SWITCH_OFF" else Transition(state, action, state, -1.0, terminated=False)
+        transition = example["transition"](state, action)
+        return transition if action.name != "SWITCH_OFF" else Transition(state, action, state, -1.0, terminated=False)
 
     agent = GoalAgent(Doormax(example["DOMAIN"]), example["lit_lamps"])
-    environment = DeterministicMdp(example["DOMAIN"], broken, example["start"])
+    environment = DeterministicMdp(example["DOMAIN"], broken, example["initial_state"])
     steps = list(run_episode(environment, agent, np.random.default_rng(0), max_steps=500))
     assert len(steps) < 500
     assert agent.failure_reason == "3 left to do, and no plan for it is known or can be learnt"

@@ -19,30 +19,30 @@ from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp
 from wherry.oomdp.objects import State
 from wherry.planning.pddl import export_pddl
-from wherry.planning.planners import PLANNERS
 from wherry.planning.prediction_cache import PredictionCache
+from wherry.planning.registry import PLANNERS
 from wherry.planning.search import a_star
 
 EXAMPLE = Path(__file__).parents[2] / "docs/examples/lights.py"
 LIGHTS = runpy.run_path(str(EXAMPLE))
 DOMAIN, lit_lamps = LIGHTS["DOMAIN"], LIGHTS["lit_lamps"]
 
-# A lamp stays as it is for two reasons, lit and not the argument, or off already. No single condition explains both, so
-# DOORMAX has to keep failure conditions by attribute.
+# A lamp is unchanged if it is not the argument or is already off. No single failure condition covers both, so DOORMAX
+# has to keep failure conditions by attribute.
 SETTINGS = {"doormax": {"failure_scope": "attribute"}}
 
 
 def world() -> DeterministicMdp:
-    return DeterministicMdp(DOMAIN, LIGHTS["transition"], LIGHTS["start"])
+    return DeterministicMdp(DOMAIN, LIGHTS["transition"], LIGHTS["initial_state"])
 
 
 def shortest(state: State) -> int:
-    """Length of an optimal plan: to the nearer end of the lamps, to the other end, and one step for each lamp."""
+    """Length of an optimal plan: to the nearer outermost lamp, then to the other one, and a step for each lamp."""
     here = state["janitor"].x
-    places = [lamp.x for lamp in state.of_class("Lamp") if lamp.lit]
-    ends = [min(*places, here), here, max(*places, here)]
+    positions = [lamp.x for lamp in state.of_class("Lamp") if lamp.lit]
+    ends = [min(*positions, here), here, max(*positions, here)]
     left, right = (end - start for start, end in pairwise(ends))
-    return left + right + min(left, right) + len(places)
+    return left + right + min(left, right) + len(positions)
 
 
 def test_example_runs_and_prints_the_rules() -> None:
@@ -57,7 +57,7 @@ def test_example_runs_and_prints_the_rules() -> None:
 def test_action_is_grounded_for_every_lamp() -> None:
     state = world().reset(np.random.default_rng(0))
     switches = [action for action in DOMAIN.ground_actions(state) if action.name == "SWITCH_OFF"]
-    assert switches == [Action("SWITCH_OFF", (f"lamp{at}",)) for at in range(3)]
+    assert switches == [Action("SWITCH_OFF", (f"lamp{index}",)) for index in range(3)]
 
 
 @pytest.mark.parametrize(("name", "episodes"), [("bayes", 3), ("doormax", 20)])
@@ -66,7 +66,7 @@ def test_learnt_rules_give_the_shortest_plans_in_new_corridors(name: str, episod
     for _ in range(episodes):
         steps = list(run_episode(world(), GoalAgent(learner, lit_lamps), rng, max_steps=500))
         assert lit_lamps(steps[-1].transition.next_state) == 0
-    # Only the end of the episode contradicts a rule, since no term tells that the last lamp is on.
+    # Only the end of the episode contradicts a rule, since no term distinguishes the last lamp that is lit.
     assert all("whether the episode ended" in violation for violation in learner.violations)
     for _ in range(5):
         state = world().reset(rng)
@@ -100,7 +100,7 @@ def test_uct_switches_off_the_last_lamp() -> None:
 def test_pddl_operators_are_named_after_action_and_lamp() -> None:
     environment = world()
     state = environment.reset(np.random.default_rng(3))
-    model = DeterministicMdp(DOMAIN, environment.transition, environment.start)
+    model = DeterministicMdp(DOMAIN, environment.transition, environment.draw_initial_state)
     task = export_pddl(model, DOMAIN, state, reaches_goal=lambda outcome: bool(outcome.terminated))
     assert {str(action) for action in task.actions.values()} == {
         "E",

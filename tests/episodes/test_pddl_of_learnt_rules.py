@@ -1,4 +1,4 @@
-"""Learnt rules as PDDL, planned with by Fast Downward: the plan is optimal and works in the true environment."""
+"""Fast Downward's plans for exported rules are optimal and reach the goal in the true environment."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from wherry.planning.value_iteration import ValueIteration
 from wherry_testing.fast_downward import optimal_plan
 
 
-def taught(name: str, environment: TaxiGrid) -> RuleLearner:
+def train(name: str, environment: TaxiGrid) -> RuleLearner:
     learner, rng = RULE_LEARNERS[name].factory(environment.domain), np.random.default_rng(0)
     agent = PolicyAgent(learner, ValueIteration(learner))
     for _ in range(40):
@@ -48,7 +48,7 @@ def taxi() -> TaxiGrid:
 
 @pytest.fixture(scope="module")
 def learner(taxi: TaxiGrid) -> RuleLearner:
-    return taught("doormax", taxi)
+    return train("doormax", taxi)
 
 
 @pytest.mark.parametrize(("probe", "length"), [(PROBES[0], 10), (PROBES[1], 14), (PROBES[5], 13)])
@@ -59,14 +59,14 @@ def test_taxi_plans_have_the_published_optimal_length(
     actions = optimal_plan(export_pddl(learner, taxi.domain, state))
     assert len(actions) == length
     for action in actions:
-        done = taxi.transition(state, action)
-        assert not done.failed
-        state = done.next_state
-    assert done.terminated
+        transition = taxi.transition(state, action)
+        assert not transition.failed
+        state = transition.next_state
+    assert transition.terminated
 
 
 def test_rules_of_a_small_grid_give_plans_on_a_large_one(taxi: TaxiGrid) -> None:
-    learner, large = taught("bayes", taxi), taxi_grid(10)
+    learner, large = train("bayes", taxi), taxi_grid(10)
     assert len(optimal_plan(export_pddl(learner, large.domain, large.state_of(*PROBES[0])))) == 17
 
 
@@ -99,7 +99,7 @@ def test_plan_for_two_boxes_is_optimal() -> None:
 
 
 def test_unknown_actions_have_no_operators(taxi: TaxiGrid) -> None:
-    untaught = Doormax(taxi.domain)
-    task = export_pddl(untaught, taxi.domain, taxi.state_of(*PROBES[0]))
+    untrained = Doormax(taxi.domain)
+    task = export_pddl(untrained, taxi.domain, taxi.state_of(*PROBES[0]))
     assert task.actions == {}
     assert optimal_plan(task) is None

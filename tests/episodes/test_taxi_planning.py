@@ -1,4 +1,4 @@
-"""Planners on Taxi: the published optimal lengths, agreement among planners, and models that are being learnt."""
+"""Planners on Taxi: the published optimal lengths, agreement among planners, and planning while a model is learnt."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from wherry.learning.doormax import Doormax
 from wherry.oomdp.conditional_models import PerStateModel
 from wherry.oomdp.objects import State
 from wherry.planning.lrtdp import Lrtdp
-from wherry.planning.planners import PLANNERS
-from wherry.planning.policy import Planner
+from wherry.planning.planner import Planner
 from wherry.planning.policy_iteration import PolicyIteration
+from wherry.planning.registry import PLANNERS
 from wherry.planning.state_space import StateSpace
 from wherry.planning.uct import Uct
 from wherry.planning.value_iteration import ValueIteration
@@ -66,7 +66,7 @@ def test_lrtdp_with_a_tight_bound_expands_few_states() -> None:
     guide = ValueIteration(model)
     planner = Lrtdp(model, np.random.default_rng(0), upper_bound=lambda state: guide.value(state) + 1e-9)
     assert steps_to_the_end(environment, planner, state) == 17
-    assert planner.visited < 60
+    assert planner.expanded_count < 60
 
 
 def test_uct_solves_a_short_episode_alone_and_a_long_one_with_an_evaluation() -> None:
@@ -106,11 +106,11 @@ def test_value_iteration_plans_again_after_a_revision() -> None:
             break
         result = environment.transition(state, action)
         learner.add_experience(result)
-        assert planner.policy(state) != action or not result.failed  # an action that failed is not tried again here
+        assert planner.policy(state) != action or not result.failed  # a failed action is not tried again here
         if not result.failed:
             break
     assert learner.revisions != dict.fromkeys(environment.domain.actions, 0)
-    assert planner.value(state) > 300  # since much is still unknown
+    assert planner.value(state) > 300  # since most outcomes are still unknown
 
 
 def test_planners_can_share_a_state_space() -> None:
@@ -135,9 +135,9 @@ def test_equal_states_share_their_conditions() -> None:
 
 
 def test_all_states_of_the_large_taxi_at_once() -> None:
-    """12,800 states: values as computed one by one, tables linear in the number of states, and fast sweeps.
+    """12,800 states: values equal to those of single states, one table row per action, and fast sweeps.
 
-    The aim is 10 ms for sweeping until convergence; the limit is ten times that, since machines are shared.
+    Sweeping until convergence should take 10 ms; the limit is ten times that, since machines are shared.
     """
     environment = taxi_grid(10)
     model = PerStateModel(environment.domain, environment)

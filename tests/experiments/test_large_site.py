@@ -26,7 +26,7 @@ def test_a_small_site_is_mapped_accurately() -> None:
     assert ticks[0] == (0, result.scans)
     assert result.closures > 0
     assert result.rmse_m < 0.05
-    assert result.way_m > 3 * result.side_m
+    assert result.drive_m > 3 * result.side_m
     assert 0.5 < result.known_share <= 1.0
     assert result.peak_bytes > 10_000_000
 

@@ -47,7 +47,7 @@ def test_drifting_odometry_is_corrected(name: str, largest: float) -> None:
 
 
 def test_a_short_range_lidar_closes_loops_after_large_errors() -> None:
-    """The front end errs more than its covariances say, so windows are too narrow and one closure looks false."""
+    """The front end's errors exceed its covariances, so search windows are too narrow at first."""
     log = read_log(shared_data("radish/fhw-corrected.log.gz"), lenient=True)
     reference = np.array([odometry.pose.as_array() for odometry in log.scan_odometry if odometry is not None])
     odometry = drifting_odometry(reference, np.random.default_rng(2))
@@ -56,7 +56,7 @@ def test_a_short_range_lidar_closes_loops_after_large_errors() -> None:
         slam.add(scan, Odometry(scan.time, Pose.from_array(pose), Velocity()))
     slam.finish()
     accepted = [closure for closure in slam.loop_closures if closure.is_accepted]
-    errors = closure_errors(slam.snapshot().scan_poses, accepted, reference)
+    errors = closure_errors(slam.snapshot().keyframe_scans, accepted, reference)
     assert absolute_trajectory_error(slam.trajectory.poses, reference) <= 0.30
     assert errors[:, 0].max() < FALSE_DISTANCE
 

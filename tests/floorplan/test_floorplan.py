@@ -25,13 +25,13 @@ def test_edges_walls_and_obstacles_block_steps() -> None:
     plan = FloorPlan(
         "plan", 2, 2, walls=frozenset({Wall.between(Cell(0, 0), Direction.EAST)}), obstacles=frozenset({Cell(0, 1)})
     )
-    stopped = {direction for direction in Direction if plan.is_blocked(Cell(0, 0), direction)}
-    assert stopped == set(Direction)
+    blocked = {direction for direction in Direction if plan.is_blocked(Cell(0, 0), direction)}
+    assert blocked == set(Direction)
     assert {direction for direction in Direction if not plan.is_blocked(Cell(1, 0), direction)} == {Direction.NORTH}
     assert not plan.is_connected()
 
 
-def test_distances_go_round_walls() -> None:
+def test_distances_are_along_paths_around_walls() -> None:
     plan = FloorPlan("plan", 3, 2, walls=frozenset({Wall.between(Cell(0, 0), Direction.EAST)}))
     assert plan.distances(Cell(0, 0))[Cell(1, 0)] == 3
     assert Cell(1, 0) not in plan.distances(Cell(0, 0), avoid=[Cell(0, 1)])
@@ -44,14 +44,14 @@ def test_plan_can_be_pickled() -> None:
 
 
 def test_boxes_that_can_be_delivered_in_some_order_are_reachable() -> None:
-    # The box at 2 can be delivered only after the one at 4; the robot gets there over 2 with an empty fork.
+    # The box at 2 can be delivered only after the one at 4, which the robot reaches through 2 with an empty fork.
     plan = CORRIDOR.with_boxes([Cell(2, 0), Cell(4, 0)])
     assert plan.reachable_boxes() == plan.boxes
     assert plan.unreachable_boxes() == ()
 
 
 def test_two_adjacent_boxes_block_a_corridor() -> None:
-    # On the first of two adjacent boxes the fork is full, so the robot cannot go on to the second.
+    # With the first box in the fork the robot cannot enter the cell of the second.
     plan = CORRIDOR.with_boxes([Cell(2, 0), Cell(3, 0)])
     assert plan.reachable_boxes() == ()
 

@@ -1,4 +1,4 @@
-"""Lidar logs: all formats, and malformed lines."""
+"""Lidar logs in all formats, and malformed lines."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def flaser(t: float, x: float = 0.0) -> str:
     return FLASER.format(t=t, x=x)
 
 
-def test_flaser_messages(tmp_path: Path) -> None:
+def test_flaser_messages_are_read(tmp_path: Path) -> None:
     odometry = [ODOM.format(t=0.5, x=0.0), ODOM.format(t=1.5, x=0.1)]
     log = read_log(
         write(tmp_path, "# comment", "PARAM a b c", odometry[0], flaser(1.0, 0.05), odometry[1], flaser(2.0, 0.2))
@@ -53,7 +53,7 @@ def test_beams_cover_the_half_circle(tmp_path: Path, beams: int, increment: floa
     assert math.degrees(read_log(write(tmp_path, line)).scans[0].angle_increment) == pytest.approx(increment)
 
 
-def test_robotlaser_messages_tell_the_pose_of_the_lidar(tmp_path: Path) -> None:
+def test_robotlaser_messages_give_the_pose_of_the_lidar(tmp_path: Path) -> None:
     ahead, aside = 0.25 * math.cos(0.1), 0.25 * math.sin(0.1)
     lines = [ROBOTLASER.format(t=t, x=t + ahead, y=0.5 + aside, rx=t) for t in (1.0, 2.0)]
     log = read_log(write(tmp_path, *lines))
@@ -63,7 +63,7 @@ def test_robotlaser_messages_tell_the_pose_of_the_lidar(tmp_path: Path) -> None:
     assert log.scans[0].angle_increment == 0.5
 
 
-def test_wean_hall_messages(tmp_path: Path) -> None:
+def test_wean_hall_messages_are_read_in_centimetres(tmp_path: Path) -> None:
     ranges = " ".join(["100"] * 179 + ["250"])
     log = read_log(write(tmp_path, "O 10 20 0.5 0.1", f"L 100 200 0.0 125 200 0.0 {ranges} 0.2", "O 101 200 0 0.3"))
     assert log.scans[0].ranges[-1] == 2.5
@@ -79,13 +79,13 @@ def test_gzipped_and_plain_logs_are_equal(tmp_path: Path) -> None:
     assert len(read_log(packed).scans) == len(read_log(path).scans) == 2
 
 
-def test_different_scans_of_one_time_are_kept_and_repeated_ones_are_not(tmp_path: Path) -> None:
+def test_repeated_scans_are_dropped_and_different_ones_with_the_same_time_are_kept(tmp_path: Path) -> None:
     other = flaser(1.0).replace("2.0", "2.5", 1)
     assert len(read_log(write(tmp_path, flaser(1.0), flaser(1.0), other)).scans) == 2
 
 
 @pytest.mark.parametrize("longest", [8.19, 29.99, 51.05])
-def test_readings_without_a_return_are_no_walls(tmp_path: Path, longest: float) -> None:
+def test_beams_without_a_return_are_not_walls(tmp_path: Path, longest: float) -> None:
     rng = np.random.default_rng(0)
     walls = rng.exponential(3.0, (40, 180)) + 0.5
     expected = np.where(walls >= longest - 0.1, np.inf, walls.round(3))
@@ -99,7 +99,7 @@ def test_readings_without_a_return_are_no_walls(tmp_path: Path, longest: float) 
     assert log.scans[0].range_max == pytest.approx(longest - 0.1)
 
 
-def test_longest_readings_are_walls_unless_they_accumulate(tmp_path: Path) -> None:
+def test_the_longest_readings_are_walls_unless_they_are_frequent(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for ranges in (rng.uniform(0.5, 6.0, (40, 180)), np.full((40, 180), 5.0), np.full((1, 40), 7.0)):
         lines = [
@@ -110,7 +110,7 @@ def test_longest_readings_are_walls_unless_they_accumulate(tmp_path: Path) -> No
         np.testing.assert_array_equal(np.array([scan.ranges for scan in log.scans]), ranges.round(3))
 
 
-def test_a_log_as_robots_record_it(tmp_path: Path) -> None:
+def test_a_log_with_unrelated_lines_is_read(tmp_path: Path) -> None:
     """Windows line ends, comments, parameters, a rear lidar, other messages, and equal stamps."""
     lines = [
         "# CARMEN Logfile",
@@ -152,8 +152,8 @@ BROKEN = {
     "binary": "\x00\x01\xff",
     "lower case": "nonsense 1 2 3",
     "wean cut short": "O 1 2",
-    "pose far off": flaser(2.0).replace("0.5", "1e300", 1),
-    "jump": flaser(2.0).replace("0.5", "1e5"),
+    "distant pose": flaser(2.0).replace("0.5", "1e300", 1),
+    "jump of odometry": flaser(2.0).replace("0.5", "1e5"),
 }
 
 
@@ -188,7 +188,7 @@ def test_odometry_without_a_stamp_is_ignored(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.odometry.times, [5.0, 6.0, 7.0])
 
 
-def test_files_that_are_no_logs_are_rejected(tmp_path: Path) -> None:
+def test_files_that_are_not_logs_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no scans"):
         read_log(write(tmp_path, "# nothing"))
     with pytest.raises(InputError):

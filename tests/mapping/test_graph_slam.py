@@ -70,11 +70,9 @@ def test_accepted_closures_are_true_and_rejected_ones_have_a_reason(noisy: tuple
     driven, slam = noisy
     accepted = [closure for closure in slam.loop_closures if closure.is_accepted]
     assert accepted
-    scan_of: dict[int, int] = {}
-    for number, scan_pose in enumerate(slam.snapshot().scan_poses):
-        scan_of.setdefault(scan_pose.keyframe, number)
+    scans = slam.snapshot().keyframe_scans
     for closure in accepted:
-        first, second = driven.truth[scan_of[closure.target]], driven.truth[scan_of[closure.keyframe]]
+        first, second = driven.truth[scans[closure.target]], driven.truth[scans[closure.keyframe]]
         true = Pose.from_array(second).relative_to(Pose.from_array(first))
         assert closure.measured.distance_to(true) < 0.1
     assert all(closure.explanation for closure in slam.loop_closures if not closure.is_accepted)
@@ -86,15 +84,15 @@ def test_without_odometry_constant_velocity_is_assumed() -> None:
     assert off[:, 0].max() < 0.1
 
 
-def test_the_motion_over_a_gap_without_odometry_is_bounded() -> None:
+def test_extrapolation_over_a_gap_without_odometry_is_bounded() -> None:
     tracking = TrackingState.begin(0.0, None).with_scan(0.5, Pose(0.5, 0.0, 0.1), None)
     motion, _ = tracking.predict_motion(1.0, None)
     assert (motion.x, motion.theta) == pytest.approx((0.5, 0.1))
-    for gap in (230.0, 1e4):  # a submap of the distance at 1 m/s would not fit in memory
+    for gap in (230.0, 1e4):  # at 1 m/s the submap would not fit in memory
         motion, _ = tracking.predict_motion(0.5 + gap, None)
         assert motion.x == pytest.approx(MAX_EXTRAPOLATED_DISTANCE)
         assert motion.theta == pytest.approx(0.2 * MAX_EXTRAPOLATED_DISTANCE)
-    again = tracking.with_scan(0.5, Pose(0.6, 0.0, 0.1), None)  # rounded stamps give no velocity
+    again = tracking.with_scan(0.5, Pose(0.6, 0.0, 0.1), None)  # equal time stamps leave the velocity unchanged
     np.testing.assert_array_equal(again.velocity, tracking.velocity)
 
 
@@ -166,7 +164,7 @@ def test_localization_on_a_finished_map_does_not_change_it(noisy: tuple[Drive, G
     np.testing.assert_array_equal(slam.keyframe_poses, before)
 
 
-def test_a_contradicted_closure_does_not_narrow_the_search(noisy: tuple[Drive, GraphSlam]) -> None:
+def test_a_closure_that_the_map_contradicts_does_not_narrow_the_search_window(noisy: tuple[Drive, GraphSlam]) -> None:
     snapshot = noisy[1].snapshot()
     poses, submaps = snapshot.keyframe_poses, SubmapGraph(snapshot.submaps, snapshot.submap_constraints.copy())
     before = submaps.constraint_covariances(poses)
@@ -185,10 +183,10 @@ def test_mapping_resumes_at_another_pose() -> None:
     slam = mapped(first)
     keyframes = len(slam.keyframe_poses)
     later = [replace(scan, time=scan.time + 1000.0) for scan in second.scans]
-    place = locate_on_map(slam, later[0], Pose(1.0, -0.8, 0.4))
-    assert place is not None
-    assert place.distance_to(Pose()) < 0.05
-    slam.resume(later[0], second.odometry[0], place)
+    located = locate_on_map(slam, later[0], Pose(1.0, -0.8, 0.4))
+    assert located is not None
+    assert located.distance_to(Pose()) < 0.05
+    slam.resume(later[0], second.odometry[0], located)
     for scan, odometry in zip(later[1:], second.odometry[1:], strict=True):
         slam.add(scan, odometry)
     slam.finish()
@@ -198,16 +196,20 @@ def test_mapping_resumes_at_another_pose() -> None:
         for closure in slam.loop_closures
         if closure.is_accepted and closure.target < keyframes <= closure.keyframe
     ]
-    assert joined, "the second log's scans close loops with the first log's"
+    assert joined, "no loop is closed between the two logs"
     off = relative(slam.trajectory.poses[len(first.scans) :], second.truth)
     assert np.hypot(off[:, 0], off[:, 1]).max() < 0.06
 
 
-def test_a_scan_that_fits_nowhere_is_not_located_and_no_map_is_not_resumed(noisy: tuple[Drive, GraphSlam]) -> None:
+def test_a_scan_that_matches_at_no_pose_is_not_located(noisy: tuple[Drive, GraphSlam]) -> None:
     driven, slam = noisy
     blind = replace(driven.scans[0], ranges=np.full(len(driven.scans[0].ranges), np.nan))
     assert locate_on_map(slam, blind, Pose()) is None
     round_hall = replace(driven.scans[0], ranges=np.full(len(driven.scans[0].ranges), 9.0))
     assert locate_on_map(slam, round_hall, Pose()) is None
+
+
+def test_mapping_cannot_resume_before_the_first_scan() -> None:
+    driven = drive()
     with pytest.raises(ValueError, match="before the first scan"):
         GraphSlam().resume(driven.scans[0], None, Pose())

@@ -47,7 +47,7 @@ def test_tiles_are_copied_only_when_written_to() -> None:
     used = len(np.unique(maps.index))
     alone = np.array([[1.0, 1.0]])
     maps.add(1, alone)
-    assert len(np.unique(maps.index)) == used + 1, "one tile was written to"
+    assert len(np.unique(maps.index)) == used + 1, "more than the one tile that was written to was copied"
     assert likelihoods(maps, 1, alone) == [255.0]
     for particle in (0, 2):
         assert likelihoods(maps, particle, first) == [255.0] * len(first)

@@ -1,4 +1,4 @@
-"""Pose graphs with known solutions, and covariances along paths."""
+"""Pose graphs with known solutions, and covariances that are propagated along paths."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ INFORMATION = np.diag([100.0, 100.0, 400.0])
 
 
 def ring(count: int = 40) -> tuple[Floats, PoseGraph]:
-    """Poses on a circle and their graph, of odometry once around and a loop closure."""
+    """Poses on a circle, and their graph of odometry once around and a loop closure."""
     angles = np.linspace(0.0, math.tau, count)
     truth = np.column_stack([5.0 * np.sin(angles), 5.0 - 5.0 * np.cos(angles), angles])
     truth[:, 2] -= math.tau * np.round(truth[:, 2] / math.tau)
@@ -48,7 +48,7 @@ def test_a_graph_without_errors_is_solved_exactly() -> None:
 def test_a_closure_spreads_the_error_over_the_loop() -> None:
     truth, graph = ring()
     measured = graph.measured.copy()
-    measured[:-1, 2] += 0.01  # every step turns too far
+    measured[:-1, 2] += 0.01  # rad by which every step turns too far
     drifted = replace(graph, measured=measured)
     before = chained(drifted)
     solved = optimized(replace(drifted, poses=before))

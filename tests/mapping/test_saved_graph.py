@@ -62,6 +62,24 @@ def test_a_snapshot_does_not_change_with_later_scans(driven: Drive) -> None:
     assert len(snapshot.scan_poses) == 30
 
 
+def test_the_scan_of_each_keyframe_has_its_time(driven: Drive) -> None:
+    slam = GraphSlam(LIDAR)
+    add(slam, driven, 0, 60)
+    snapshot = slam.snapshot()
+    times = [driven.scans[scan].time for scan in snapshot.keyframe_scans]
+    assert times == [keyframe.scan.time for keyframe in snapshot.keyframes]
+
+
+def test_a_restored_graph_does_not_change_its_snapshot(half: Path, driven: Drive) -> None:
+    snapshot = load_graph(half)
+    counts = [len(submap.members) for submap in snapshot.submaps]
+    constraints = len(snapshot.constraints), len(snapshot.submap_constraints)
+    middle = len(driven.scans) // 2
+    add(GraphSlam.from_snapshot(snapshot), driven, middle, middle + 40)
+    assert [len(submap.members) for submap in snapshot.submaps] == counts
+    assert (len(snapshot.constraints), len(snapshot.submap_constraints)) == constraints
+
+
 def changed(half: Path, out: Path, **arrays: object) -> Path:
     with np.load(half) as archive:
         whole = {name: archive[name] for name in archive.files}
@@ -76,7 +94,7 @@ def changed(half: Path, out: Path, **arrays: object) -> Path:
     return out
 
 
-def test_missing_misshapen_and_dangling_arrays_are_named(half: Path, tmp_path: Path) -> None:
+def test_an_array_that_is_missing_or_invalid_is_named(half: Path, tmp_path: Path) -> None:
     out = tmp_path / "broken.npz"
     with np.load(half) as archive:
         nodes, ends = archive["nodes"], archive["edge_ends"]
@@ -95,7 +113,7 @@ def test_missing_misshapen_and_dangling_arrays_are_named(half: Path, tmp_path: P
             load_graph(changed(half, out, head=np.frombuffer(json.dumps(broken).encode(), np.uint8)))
 
 
-def test_a_file_that_is_no_archive_is_rejected(half: Path, tmp_path: Path) -> None:
+def test_a_file_that_is_not_an_archive_is_rejected(half: Path, tmp_path: Path) -> None:
     path = tmp_path / "graph.npz"
     for content in (b"", b"nonsense", half.read_bytes()[:-200]):
         path.write_bytes(content)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from wherry.mapping.correlative import SearchWindow, correlate, score_at
 from wherry.mapping.matching_grid import MAX_LIKELIHOOD, WINDOW_SIZES, MatchingGrid
 from wherry.mapping.matching_grid import RESOLUTION as CELL
-from wherry.mapping.motion_prior import ODOMETRY
+from wherry.mapping.motion_noise import ODOMETRY_NOISE
 from wherry.mapping.point_cloud import MIN_POINT_SPACING, PointCloud, merge_clouds
 from wherry.mapping.refinement import Refinement, refine
 from wherry.mapping.scan_matching import _fused_with_prior, find_scan, track_scan
@@ -55,7 +55,7 @@ def test_points_lie_on_walls_and_normals_face_the_lidar() -> None:
     np.testing.assert_allclose(world.normals[on_left_wall], [[1.0, 0.0]] * int(on_left_wall.sum()), atol=1e-6)
 
 
-def test_invalid_far_and_dense_readings_are_left_out() -> None:
+def test_invalid_distant_and_redundant_readings_are_left_out() -> None:
     scan = scan_at(HERE, beams=1440)
     ranges = scan.ranges.copy()
     ranges[::3], ranges[1::3] = np.nan, np.inf
@@ -98,7 +98,9 @@ def test_a_grid_that_grows_keeps_its_likelihoods() -> None:
 def test_a_scan_is_found_anywhere_in_the_window(x: float, y: float, theta: float) -> None:
     cloud = cloud_at(HERE)
     found = correlate(grid_at(HERE), cloud.points, SearchWindow(Pose(x, y, theta), 0.5, 0.4))
-    assert found.score > 0.75  # up to half a cell and half an angle step off
+    assert (
+        found.score > 0.75
+    )  # not 1, since the true pose is up to half a cell and half an angle step from the searched ones
     assert max(abs(found.pose.x), abs(found.pose.y)) < CELL
     assert abs(found.pose.theta) < math.radians(1.5)
 
@@ -113,7 +115,7 @@ def test_branch_and_bound_agrees_with_an_exhaustive_search() -> None:
     }
     best = max(scores.values())
     assert found.score == pytest.approx(score_at(grid, cloud.points, found.pose))
-    assert found.score > best - 0.03  # the prior may prefer a pose that is a little nearer
+    assert found.score > best - 0.03  # the prior may prefer a pose nearer to the centre
 
 
 def test_a_corridor_is_ambiguous_and_a_room_is_not() -> None:
@@ -133,14 +135,14 @@ def test_a_corridor_is_ambiguous_and_a_room_is_not() -> None:
 
 @given(x=st.floats(-0.03, 0.03), y=st.floats(-0.03, 0.03), theta=st.floats(-0.02, 0.02))
 @settings(max_examples=25, deadline=None)
-def test_refining_without_noise_is_exact(x: float, y: float, theta: float) -> None:
+def test_refinement_without_noise_is_exact(x: float, y: float, theta: float) -> None:
     match = refine(grid_at(HERE), cloud_at(HERE), Pose(x, y, theta))
     assert math.hypot(match.pose.x, match.pose.y) < 0.003
     assert abs(match.pose.theta) < 0.002
     assert match.overlap > 0.95
 
 
-def test_refining_with_noise_is_as_exact_as_its_information() -> None:
+def test_refinement_errors_with_noise_agree_with_the_information() -> None:
     around = [HERE @ Pose(0.05 * n, 0.02 * n, 0.05 * n) for n in range(5)]
     grid = grid_at(*around, noise=0.02)
     errors = []
@@ -171,7 +173,9 @@ def test_scans_of_any_field_of_view_are_matched(beams: int, fov: float) -> None:
     grid = MatchingGrid()
     grid.add(cloud_at(HERE, beams=beams, fov=fov))
     there = Pose(0.3, 0.1, 0.2)
-    match = find_scan(grid, cloud_at(HERE @ there, beams=beams, fov=fov), Pose(0.4, 0.0, 0.1), Pose(0.4), ODOMETRY)
+    match = find_scan(
+        grid, cloud_at(HERE @ there, beams=beams, fov=fov), Pose(0.4, 0.0, 0.1), Pose(0.4), ODOMETRY_NOISE
+    )
     assert match is not None
     assert match.pose.distance_to(there) < 0.02
     assert abs(match.pose.theta - there.theta) < 0.01
@@ -179,28 +183,28 @@ def test_scans_of_any_field_of_view_are_matched(beams: int, fov: float) -> None:
 
 def test_a_scan_is_found_where_odometry_slipped_beyond_its_noise() -> None:
     there = Pose(0.3, 0.1, math.radians(15.0))
-    _, angle = ODOMETRY.deviations(Pose(0.3))
+    _, angle = ODOMETRY_NOISE.deviations(Pose(0.3))
     assert 3.0 * angle < there.theta
-    match = find_scan(grid_at(HERE), cloud_at(HERE @ there), Pose(0.3), Pose(0.3), ODOMETRY)
+    match = find_scan(grid_at(HERE), cloud_at(HERE @ there), Pose(0.3), Pose(0.3), ODOMETRY_NOISE)
     assert match is not None
     assert match.pose.distance_to(there) < 0.02
     assert match.pose.theta == pytest.approx(there.theta, abs=0.01)
 
 
-def test_a_scan_that_fits_nowhere_has_no_match() -> None:
+def test_a_scan_that_matches_at_no_pose_has_no_match() -> None:
     grid = grid_at(HERE)
-    assert find_scan(grid, cloud_at(Pose(9.4, 7.0, 2.0)), Pose(), Pose(0.1), ODOMETRY) is None
+    assert find_scan(grid, cloud_at(Pose(9.4, 7.0, 2.0)), Pose(), Pose(0.1), ODOMETRY_NOISE) is None
     few = PointCloud(np.ones((5, 2)), np.zeros((5, 2)))
-    assert find_scan(grid, few, Pose(), Pose(0.1), ODOMETRY) is None
-    assert track_scan(grid, few, Pose(), Pose(0.1), ODOMETRY) is None
-    tracked = track_scan(grid, cloud_at(HERE @ Pose(0.02)), Pose(0.03), Pose(0.03), ODOMETRY)
+    assert find_scan(grid, few, Pose(), Pose(0.1), ODOMETRY_NOISE) is None
+    assert track_scan(grid, few, Pose(), Pose(0.1), ODOMETRY_NOISE) is None
+    tracked = track_scan(grid, cloud_at(HERE @ Pose(0.02)), Pose(0.03), Pose(0.03), ODOMETRY_NOISE)
     assert tracked is not None
     assert tracked.pose.x == pytest.approx(0.02, abs=0.005)
 
 
 def test_the_prior_determines_what_the_points_leave_open() -> None:
     across = Refinement(Pose(0.3, 0.0, 0.1), np.diag([0.0, 1e6, 1e6]), overlap=0.5, residual=0.02)
-    fused = _fused_with_prior(Pose(0.3, 0.02, 0.01), across, Pose(), ODOMETRY.information(Pose(1.0)))
+    fused = _fused_with_prior(Pose(0.3, 0.02, 0.01), across, Pose(), ODOMETRY_NOISE.information(Pose(1.0)))
     assert fused.pose.x == pytest.approx(0.0, abs=0.01), "the points do not determine it along the corridor"
     assert fused.pose.y == pytest.approx(0.02, abs=0.005)
     assert fused.pose.theta == pytest.approx(0.01, abs=0.002)

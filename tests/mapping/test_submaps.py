@@ -1,4 +1,4 @@
-"""The cache of the matching grids of submaps."""
+"""The cache of submaps' matching grids."""
 
 from __future__ import annotations
 

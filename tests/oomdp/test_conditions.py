@@ -24,13 +24,13 @@ conditions = st.text("01*", min_size=SIZE, max_size=SIZE).map(Condition.parse)
         ("*", "*", "*"),
     ],
 )
-def test_merging_signs_follows_the_papers_table(first: str, second: str, merged: str) -> None:
+def test_merging_symbols_follows_the_papers_table(first: str, second: str, merged: str) -> None:
     assert str(Condition.parse(first).merge(Condition.parse(second))) == merged
 
 
 @pytest.mark.parametrize("first", "01*")
 @pytest.mark.parametrize("second", "01*")
-def test_sign_covers_itself_and_everything_is_covered_by_a_star(first: str, second: str) -> None:
+def test_symbol_covers_itself_and_a_star_covers_every_symbol(first: str, second: str) -> None:
     assert Condition.parse(first).covers(Condition.parse(second)) == (first in ("*", second))
 
 
@@ -49,7 +49,7 @@ def test_covers_is_a_partial_order(a: Condition, b: Condition, c: Condition) -> 
 
 
 @given(conditions, conditions, conditions)
-def test_merged_condition_is_the_least_that_covers_both(a: Condition, b: Condition, c: Condition) -> None:
+def test_merged_condition_is_the_most_specific_that_covers_both(a: Condition, b: Condition, c: Condition) -> None:
     merged = a.merge(b)
     assert merged.covers(a)
     assert merged.covers(b)
@@ -73,6 +73,6 @@ def test_description_lists_literals() -> None:
     assert Condition.parse("***").describe(names) == "always"
 
 
-def test_unknown_sign_is_refused() -> None:
+def test_unknown_symbol_is_refused() -> None:
     with pytest.raises(ValueError, match="0, 1 and"):
         Condition.parse("1?0")

@@ -58,19 +58,19 @@ def test_action_arguments_bind_terms() -> None:
     assert domain.ground_actions(STATE) == (Action("N"), Action("SWITCH", ("far",)), Action("SWITCH", ("near",)))
     switch = Action("SWITCH", ("far",))
     assert str(switch) == "SWITCH(far)"
-    assert str(domain.cond(STATE, None, switch)) == "11010"  # "the lamp" is the far one
-    assert str(domain.cond(STATE, STATE["far"], switch)) == "11011"  # and this is it
+    assert str(domain.cond(STATE, None, switch)) == "11010"  # terms about lamps refer to the argument, the far lamp
+    assert str(domain.cond(STATE, STATE["far"], switch)) == "11011"  # in which "this" is the argument
     assert str(domain.cond(STATE, STATE["near"], switch)) == "11100"
     assert str(domain.cond(STATE, STATE["near"])) == "11100"
 
 
 def test_relation_within_a_class_is_between_this_object_and_another() -> None:
     domain = Domain("stack", DOMAIN.classes, (related(TOUCH["N"], "Lamp", "Lamp"), related(ON, "Lamp", "Lamp")), {})
-    state = STATE.replace("far", x=1, y=2)  # which is north of the near one
+    state = STATE.replace("far", x=1, y=2)  # north of the near lamp
     assert str(domain.cond(state)) == "10"
     assert str(domain.cond(state, state["near"])) == "10"
     assert str(domain.cond(state, state["far"])) == "00"
-    assert str(domain.cond(state.without("near"))) == "00"  # nothing is on itself
+    assert str(domain.cond(state.without("near"))) == "00"  # a lamp is not on itself
 
 
 def test_terms_about_reals_and_enumerations() -> None:

@@ -45,7 +45,7 @@ def test_every_effect_turns_before_into_after(pair: tuple) -> None:
         (6, 2, {"increment": -4, "assignment": 2, "multiplication": Fraction(1, 3)}),
         (0, 3, {"increment": 3, "assignment": 3}),
         (0, 0, {"increment": 0, "assignment": 0}),
-        (3, 0, {"increment": -3, "assignment": 0}),  # ×0 could not be undone
+        (3, 0, {"increment": -3, "assignment": 0}),  # ×0 has no inverse
     ],
 )
 def test_effect_types_of_a_change(before: int, after: int, found: dict[str, object]) -> None:
@@ -56,28 +56,28 @@ def test_effect_types_of_a_change(before: int, after: int, found: dict[str, obje
 @given(st.integers(-10_000, 10_000), st.integers(1, 1000), st.integers(1, 50))
 def test_equal_steps_of_a_real_attribute_are_one_increment(start: int, step: int, times: int) -> None:
     """0.3 - 0.2 differs from 0.2 - 0.1 in floating point, but is the same effect."""
-    places = [(start + at * step) / 100 for at in range(times + 1)]
-    (increment,) = {effects_between(real("r"), one, other, EFFECT_TYPES)[0] for one, other in pairwise(places)}
+    values = [(start + index * step) / 100 for index in range(times + 1)]
+    (increment,) = {effects_between(real("r"), one, other, EFFECT_TYPES)[0] for one, other in pairwise(values)}
     assert increment == Effect("increment", step / 100)
-    assert EFFECT_TYPES["increment"].apply(places[0], increment.argument) == places[1]
+    assert EFFECT_TYPES["increment"].apply(values[0], increment.argument) == values[1]
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.booleans(), st.booleans()), min_size=1, max_size=4), st.data())
 def test_effects_between_two_states_turn_the_first_into_the_second(
     balls: list[tuple[int, bool, bool]], data: st.DataObject
 ) -> None:
-    before = State(tuple(BALL(f"ball{at}", x=x, lit=lit) for at, (x, lit, _) in enumerate(balls)))
+    before = State(tuple(BALL(f"ball{index}", x=x, lit=lit) for index, (x, lit, _) in enumerate(balls)))
     later = [
-        BALL(f"ball{at}", x=data.draw(st.integers(0, 5)), lit=data.draw(st.booleans()))
-        for at, (_, _, stays) in enumerate(balls)
+        BALL(f"ball{index}", x=data.draw(st.integers(0, 5)), lit=data.draw(st.booleans()))
+        for index, (_, _, stays) in enumerate(balls)
         if stays
     ]
     after = State(tuple(later))
     changes = []
-    for at, item in enumerate(before.objects):
+    for index, item in enumerate(before.objects):
         for attribute, old, new in observed_values(item, after.get(item.name)):
             effects = effects_between(attribute, old, new, EFFECT_TYPES)
-            changes.append((at, attribute.name, data.draw(st.sampled_from(effects))))
+            changes.append((index, attribute.name, data.draw(st.sampled_from(effects))))
     assert apply_effects(before, changes, EFFECT_TYPES) == after
 
 
@@ -90,17 +90,17 @@ def test_effects_change_and_remove_objects_within_bounds() -> None:
     step = Effect("increment", 1)
     moved = apply_effects(state, [(0, "x", step), (0, "lit", Effect("assignment", True))], EFFECT_TYPES)
     assert moved == State((BALL("a", x=2, lit=True), BALL("b", x=5, lit=False)))
-    left = apply_effects(state, [(1, EXISTS, Effect("assignment", False)), (1, "x", step)], EFFECT_TYPES)
-    assert left == state.without("b")
-    assert apply_effects(state, [(1, "x", step)], EFFECT_TYPES) is None  # 6 is no value of x
+    removed = apply_effects(state, [(1, EXISTS, Effect("assignment", False)), (1, "x", step)], EFFECT_TYPES)
+    assert removed == state.without("b")
+    assert apply_effects(state, [(1, "x", step)], EFFECT_TYPES) is None  # 6 is out of the bounds of x
     assert apply_effects(state, [(0, EXISTS, Effect("assignment", True))], EFFECT_TYPES) == state
 
 
-def test_only_the_existence_of_an_object_that_left_is_observed() -> None:
+def test_only_the_existence_of_a_removed_object_is_observed() -> None:
     ball = BALL("a", x=1, lit=False)
-    gone, moved = (
+    after_removal, after_move = (
         [(attribute.name, before, after) for attribute, before, after in observed_values(ball, later)]
         for later in (None, ball.replace(x=2))
     )
-    assert gone == [(EXISTS, True, False)]
-    assert moved == [("x", 1, 2), ("lit", False, False), (EXISTS, True, True)]
+    assert after_removal == [(EXISTS, True, False)]
+    assert after_move == [("x", 1, 2), ("lit", False, False), (EXISTS, True, True)]

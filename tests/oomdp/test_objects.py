@@ -30,7 +30,7 @@ doors = st.builds(
     st.floats(0, 1e6),
 )
 states = st.builds(
-    lambda objects, xs: State(tuple(objects), Scene(tuple(WALL(f"w{at}", x=x) for at, x in enumerate(xs)))),
+    lambda objects, xs: State(tuple(objects), Scene(tuple(WALL(f"w{index}", x=x) for index, x in enumerate(xs)))),
     st.lists(doors, max_size=4, unique_by=lambda door: door.name),
     st.lists(st.integers(), max_size=3),
 )
@@ -78,11 +78,11 @@ def test_states_are_equal_by_content_in_any_order() -> None:
 
 
 def test_two_objects_with_one_name_are_refused() -> None:
-    with pytest.raises(ValueError, match="name of its own"):
+    with pytest.raises(ValueError, match="names of a state's objects must differ"):
         State((door("a"), door("a", x=2)))
 
 
-def test_changed_copies_leave_the_original() -> None:
+def test_copies_with_changes_leave_the_original_unchanged() -> None:
     state = State((door("a"), door("b")))
     edited = state.replace("b", x=7, open=True)
     assert (edited["b"].x, edited["b"].open, edited["a"].x) == (7, True, 1)
@@ -98,9 +98,9 @@ def test_repr_shows_attributes_by_name() -> None:
 
 @given(states)
 def test_json_and_pickle_round_trip(state: State) -> None:
-    again = state_from_json(json.loads(json.dumps(state.to_json())), CLASSES)
-    assert again == state
-    assert hash(again) == hash(state)
+    restored = state_from_json(json.loads(json.dumps(state.to_json())), CLASSES)
+    assert restored == state
+    assert hash(restored) == hash(state)
     assert pickle.loads(pickle.dumps(state)) == state  # noqa: S301 - worker processes exchange states
 
 
@@ -124,13 +124,13 @@ def test_broken_json_is_refused_with_its_field(data: object, field: str) -> None
 
 
 def test_scene_index_is_built_once() -> None:
-    asked = []
+    keyed = []
 
     def key(wall: Object) -> int:
-        asked.append(wall.name)
+        keyed.append(wall.name)
         return int(wall.x) % 2
 
-    scene = Scene(tuple(WALL(f"w{at}", x=at) for at in range(5)))
+    scene = Scene(tuple(WALL(f"w{index}", x=index) for index in range(5)))
     for _ in range(3):
         assert [wall.x for wall in scene.index("Wall", key)[1]] == [1, 3]
-    assert len(asked) == 5
+    assert len(keyed) == 5

@@ -21,7 +21,7 @@ from wherry.oomdp.mdp import DeterministicMdp, Transition
 from wherry.oomdp.objects import State
 from wherry.pipelines.grids.arenas import Arena
 from wherry.planning.value_iteration import ValueIteration
-from wherry_testing.small_worlds import DOMAIN, at
+from wherry_testing.small_worlds import DOMAIN, state_at
 
 MAX_EPISODE_STEPS = 100
 
@@ -72,9 +72,9 @@ def random_arena(seed: int) -> Arena:
 
     def transition(state: State, action: Action) -> Transition:
         step = state["walker"].at, int(action.name == "right")
-        return Transition(state, action, at(int(successor[step])), float(reward[step]), bool(ends[step]))
+        return Transition(state, action, state_at(int(successor[step])), float(reward[step]), bool(ends[step]))
 
-    starts = tuple(at(number) for number in range(20))
+    starts = tuple(state_at(number) for number in range(20))
     truth = DeterministicMdp(DOMAIN, transition, lambda rng: starts[rng.integers(len(starts))])
     return Arena("random", truth, truth, ((starts[0], MAX_EPISODE_STEPS + 1),), starts)  # a probe that is never solved
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from wherry.logs.lidar_log import LidarLog
-from wherry.mapping.loop_closure import LoopClosure, Rejection
+from wherry.mapping.loop_closure import LoopClosure
+from wherry.mapping.rejections import Rejection
 from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 from wherry.pipelines.logs.trace import LogTrace
 from wherry.robot import Odometry, Scan, Velocity

@@ -23,7 +23,7 @@ from wherry.pipelines.logs.mapping import (
     REJECTED_COLOUR,
     TRAJECTORY_COLOUR,
     MappingSettings,
-    map_picture,
+    draw_map,
     prepare,
     run,
 )
@@ -140,15 +140,15 @@ def test_localizing_does_not_change_the_map(log: Path, mapped: Path, next_day: P
     np.testing.assert_allclose(localized.poses[:, :2], first.poses[:, :2], atol=0.05)
 
 
-def test_graphs_that_cannot_be_continued_are_named(log: Path, mapped: Path, next_day: Path) -> None:
+def test_options_that_cannot_continue_a_graph_are_named(log: Path, mapped: Path, next_day: Path) -> None:
     graph = mapped / "graph.npz"
     for settings, source, reason in (
         (MappingSettings(next_day, localize=True), "--localize", "--continue"),
         (MappingSettings(next_day, start=Pose()), "--start", "--continue"),
         (MappingSettings(next_day, relations=log.parent / "room.relations"), "room.relations", "no relation within"),
-        (MappingSettings(next_day, graph=graph, backend="particles"), "--backend", "cannot go on"),
+        (MappingSettings(next_day, graph=graph, backend="particles"), "--backend", "cannot continue"),
         (MappingSettings(log, graph=graph), "room.clf", "time runs backwards"),
-        (MappingSettings(next_day, graph=graph, start=Pose(50.0)), "next.clf", "fits the map nowhere"),
+        (MappingSettings(next_day, graph=graph, start=Pose(50.0)), "next.clf", "matches the map at no pose"),
         (MappingSettings(next_day, graph=log), "room.clf", "not a saved pose graph"),
     ):
         with pytest.raises(InputError, match=reason) as caught:
@@ -180,13 +180,13 @@ def test_one_thread_or_two_write_the_same_bytes(log: Path, tmp_path: Path, backe
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes(), name
 
 
-def test_the_picture_of_a_narrow_map_has_room_for_its_legend(log: Path) -> None:
+def test_the_picture_of_a_narrow_map_is_wide_enough_for_its_legend(log: Path) -> None:
     narrow = OccupancyGrid(np.full((1000, 3), 0.5, np.float32), 0.05, Pose())
     wide = OccupancyGrid(np.full((3, 1000), 0.5, np.float32), 0.05, Pose())
     slam = GraphSlam()
     slam.add(read_log(log).scans[0])
     for grid in (narrow, wide):
-        image = Image.open(io.BytesIO(map_picture(grid, slam)))
+        image = Image.open(io.BytesIO(draw_map(grid, slam)))
         assert image.width == max(MIN_WIDTH, grid.shape[1])
         assert image.height > grid.shape[0]
         colours = {colour for _, colour in image.getcolors(1_000_000) or []}

@@ -1,4 +1,4 @@
-"""PDDL export of models that are given: where terms are not enough, and goals that values tell."""
+"""PDDL export of given models: predictions that terms do not determine, and goals expressed by values."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from wherry.oomdp.relations import Relation
 from wherry.oomdp.terms import related
 from wherry.planning.pddl import export_pddl
 from wherry_testing.fast_downward import optimal_plan
-from wherry_testing.small_worlds import DOMAIN, TableModel, at
+from wherry_testing.small_worlds import DOMAIN, TableModel, state_at
 
 
 def test_model_that_depends_on_more_than_the_terms_is_refused() -> None:
     """The model distinguishes two positions that no term distinguishes."""
     left = {(0, "left"): ((1.0, 1, 0.0, False),), (1, "left"): ((1.0, 3, 0.0, False),)}
-    with pytest.raises(ValueError, match="left: what is predicted depends on more than the domain's terms"):
-        export_pddl(TableModel(left), DOMAIN, at(0))
+    with pytest.raises(ValueError, match="left: predictions depend on more than the domain's terms"):
+        export_pddl(TableModel(left), DOMAIN, state_at(0))
 
 
 PUSHER, CRATE = (ObjectClass(name, (integer("x", 0, 6),), removable=name == "Crate") for name in ("Agent", "Crate"))
@@ -29,7 +29,7 @@ PUSHING = Domain("pushing", (PUSHER, CRATE), (related(BESIDE, "Agent", "Crate"),
 
 
 def push(state: State, action: Action) -> Transition:
-    """E moves east and pushes a crate there; EAT removes the crate ahead."""
+    """E moves east and pushes a crate in the next cell; EAT removes the crate in the next cell."""
     x, after = state["agent"].x, state
     ahead = next((crate for crate in state.of_class("Crate") if crate.x == x + 1), None)
     if action.name == "EAT" and ahead is not None and ahead.name == action.arguments[0]:
@@ -41,7 +41,7 @@ def push(state: State, action: Action) -> Transition:
 
 
 def test_goal_without_a_term_is_expressed_by_values() -> None:
-    """The crate has to be at 4, and no term holds where it is at 3."""
+    """The crate has to be pushed to 4, and no term distinguishes the states where it is at 3."""
     start = State((PUSHER("agent", x=0), CRATE("crate", x=2)))
     world = DeterministicMdp(PUSHING, push, lambda rng: start)
 
@@ -50,7 +50,7 @@ def test_goal_without_a_term_is_expressed_by_values() -> None:
         return crate is not None and crate.x == 4
 
     class WithinCorridor(PerStateModel):
-        """The true model except at the end of the corridor, where the same terms would have another effect."""
+        """The true model, but unknown at the end of the corridor, where the same terms would have another effect."""
 
         def predict(self, state: State, action: Action) -> Prediction:
             return UNKNOWN if state["agent"].x == 5 else super().predict(state, action)
@@ -59,10 +59,10 @@ def test_goal_without_a_term_is_expressed_by_values() -> None:
     assert [str(action) for action in optimal_plan(task)] == ["E", "E", "E"]
     assert "(goal_values ?crate_after)" in task.domain
     assert task.problem.count("(goal_values ") == 1
-    gone = export_pddl(
+    removal_task = export_pddl(
         WithinCorridor(PUSHING, world),
         PUSHING,
         start,
         lambda outcome: outcome.next_state is not None and outcome.next_state.get("crate") is None,
     )
-    assert [str(action) for action in optimal_plan(gone)] == ["E", "EAT(crate)"]
+    assert [str(action) for action in optimal_plan(removal_task)] == ["E", "EAT(crate)"]

@@ -74,7 +74,7 @@ def test_exact_walls_are_on_edges_at_any_angle_and_offset(place: Pose) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(poses)
-def test_walls_are_in_cells_from_zero_on(place: Pose) -> None:
+def test_walls_are_in_cells_with_coordinates_from_zero(place: Pose) -> None:
     points = place.transform(walls())
     cells = fit_cell_frame(points, CELL).cells_at(points)
     assert cells.min() >= 0
@@ -82,7 +82,7 @@ def test_walls_are_in_cells_from_zero_on(place: Pose) -> None:
 
 
 @pytest.mark.parametrize("theta", [-0.6, -0.002, 0.0, 0.3, 0.785])
-def test_noise_and_clutter_shift_the_grid_by_less_than_a_centimetre(theta: float) -> None:
+def test_noise_and_clutter_move_the_grid_by_less_than_a_centimetre(theta: float) -> None:
     rng = np.random.default_rng(3)
     place = Pose(1.7, -3.1, theta)
     exact = place.transform(walls())

@@ -10,7 +10,7 @@ import pytest
 from wherry.space.gauss_newton import gauss_newton_step
 
 
-def test_without_residuals_the_step_leads_to_the_prior() -> None:
+def test_without_residuals_the_step_reaches_the_prior() -> None:
     pose, prior = np.array([1.0, 2.0, 3.0]), np.array([1.5, 1.0, -3.0])
     step = gauss_newton_step(pose, np.zeros(3), np.zeros((3, 3)), prior, np.eye(3), 0.0)
     assert step == pytest.approx([0.5, -1.0, math.tau - 6.0])

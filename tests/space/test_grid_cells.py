@@ -1,4 +1,4 @@
-"""Cells of a grid in the map frame: containing cells, centres, and distances to a point."""
+"""Cells of a grid in the map frame: conversion to points and back, and distances to a point."""
 
 from __future__ import annotations
 

@@ -41,14 +41,14 @@ def test_the_image_has_the_bytes_of_map_saver(tmp_path: Path) -> None:
     assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([254, 0, 205, 254, 205, 0])
 
 
-def test_negate_and_thresholds_are_honoured(tmp_path: Path) -> None:
+def test_negate_and_thresholds_change_the_probabilities(tmp_path: Path) -> None:
     path = write(tmp_path, [[0, 100, 255]], negate=1, occupied_thresh=0.9, free_thresh=0.1)
     np.testing.assert_array_equal(load_map(path).probability, [[0.0, 0.5, 1.0]])
     path = write(tmp_path, [[0, 100, 255]], negate=0, occupied_thresh=0.5, free_thresh=0.1)
     np.testing.assert_array_equal(load_map(path).probability, [[1.0, 1.0, 0.0]])
 
 
-def test_raw_maps_are_per_cents(tmp_path: Path) -> None:
+def test_pixels_of_raw_maps_are_percentages(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         load_map(write(tmp_path, [[0, 50, 100, 255]], mode="raw")).probability, [[0, 0.5, 1, 0.5]]
     )
@@ -78,7 +78,7 @@ def test_an_invalid_field_is_named(tmp_path: Path, fields: dict[str, object], fi
 
 
 @pytest.mark.parametrize("content", ["{", "- a", "", "image: !!python/object:os.system x", "\x00"])
-def test_a_file_that_is_no_yaml_mapping_is_rejected(tmp_path: Path, content: str) -> None:
+def test_a_file_that_is_not_a_yaml_mapping_is_rejected(tmp_path: Path, content: str) -> None:
     path = tmp_path / "map.yaml"
     path.write_text(content)
     with pytest.raises(InputError):

@@ -43,7 +43,7 @@ def test_memory_grows_with_the_touched_tiles_only() -> None:
     for x in (0.0, 300.0):
         mapper.add(np.array([x, 0.0]), np.array([[x + 1.0, x], [x + 1.0, x + 1.0]]), np.ones(2, np.bool_))
     along_the_diagonal = 300 / 0.05 / 64
-    assert mapper.tile_count < 3 * along_the_diagonal  # and not the tiles of the square around it
+    assert mapper.tile_count < 3 * along_the_diagonal  # far fewer than the tiles of the square around it
 
 
 def test_a_map_without_scans_is_unknown() -> None:

@@ -14,7 +14,7 @@ from wherry.space.wean_map import load_wean_map
 HEADER = "robot_specifications->resolution   10\n\nglobal_map[0]: 3 2\n"
 
 
-def test_lines_are_columns_of_the_map_and_values_are_free_space(tmp_path: Path) -> None:
+def test_lines_are_map_columns_of_probabilities_that_cells_are_free(tmp_path: Path) -> None:
     path = tmp_path / "map.dat.gz"
     path.write_bytes(gzip.compress(HEADER.encode() + b"1.0 0.0\n-1.0 0.25\n0.5 1.0\n"))
     grid = load_wean_map(path)

@@ -29,7 +29,7 @@ def test_points_are_drawn_at_their_cells() -> None:
     assert [tuple(index) for index in np.argwhere((pixels(picture) == RED).all(axis=2)).tolist()] == [(0, 1)]
 
 
-def test_a_small_map_is_enlarged_and_has_room_for_its_legend() -> None:
+def test_a_small_map_is_enlarged_to_the_width_of_its_legend() -> None:
     picture = MapPicture(GRID, is_enlarged=True)
     height = pixels(picture).shape[0]
     picture.add_legend([("trajectory", RED)])

@@ -1,6 +1,7 @@
-"""The contract of every `Environment`; tests of one subclass `EnvironmentContract` with a fixture ``environment``.
+"""The contract of every `Environment`.
 
-In the fixture's environment at least one action of a tour has an effect and at least one fails.
+The tests of an environment subclass `EnvironmentContract` and define a fixture ``environment``, in which at least one
+action of a tour has an effect and at least one fails.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def tour(environment: Environment) -> tuple[State, list[Transition]]:
 class EnvironmentContract:
     """The tests that every environment has to pass."""
 
-    def test_first_state_belongs_to_the_domain(self, environment: Environment) -> None:
+    def test_initial_state_belongs_to_the_domain(self, environment: Environment) -> None:
         state = environment.reset(np.random.default_rng(0))
         known = {item.name for item in environment.domain.classes}
         assert {item.object_class.name for item in (*state.objects, *state.scene.objects)} <= known

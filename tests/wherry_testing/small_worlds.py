@@ -1,4 +1,4 @@
-"""MDPs so small that their values can be computed by hand or by plain linear algebra."""
+"""MDPs so small that their values can be computed by hand or with dense arrays."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, Model, Outcome, Prediction
 from wherry.oomdp.objects import ObjectClass, State
 
-WALKER = ObjectClass("Walker", (integer("at"),))
+WALKER = ObjectClass("Walker", (integer("x"),))
 DOMAIN = Domain("walk", (WALKER,), (), {"left": (), "right": ()})
 LEFT, RIGHT = Action("left"), Action("right")
 
 Outcomes = Mapping[tuple[int, str], tuple[tuple[float, int, float, bool], ...]]
-"""Rows of probability, next state, reward and termination, by state and action."""
+"""By state number and action name, a row for each outcome: probability, next state number, reward, termination."""
 
 CORRIDOR: Outcomes = {  # two steps to the right end the episode
     (0, "left"): ((1.0, 0, -1.0, False),),
@@ -27,20 +27,20 @@ CORRIDOR: Outcomes = {  # two steps to the right end the episode
 }
 
 
-def at(number: int) -> State:
+def state_at(number: int) -> State:
     """The state with the walker at a position."""
-    return State((WALKER("walker", at=number),))
+    return State((WALKER("walker", x=number),))
 
 
 class TableModel:
-    """A model given by a table; states and actions without an entry are unknown."""
+    """A model given by a table; outcomes of states and actions without an entry are unknown."""
 
     def __init__(self, outcomes: Outcomes) -> None:
         self.outcomes = outcomes
 
     def predict(self, state: State, action: Action) -> Prediction:
-        rows = self.outcomes.get((state["walker"].at, action.name), ())
-        outcomes = tuple(Outcome(at(after), reward, end, probability) for probability, after, reward, end in rows)
+        rows = self.outcomes.get((state["walker"].x, action.name), ())
+        outcomes = tuple(Outcome(state_at(after), reward, end, probability) for probability, after, reward, end in rows)
         return Prediction(outcomes) if outcomes else UNKNOWN
 
 

@@ -1,4 +1,4 @@
-"""The base class of adapters of Gymnasium environments: episodes, actions by number, and errors."""
+"""The base class of adapters for Gymnasium environments."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from wherry.oomdp.objects import State
 class GymnasiumAdapter(ABC):
     """An OO-MDP `Environment` around a Gymnasium environment with discrete actions.
 
-    Time limits are ignored: an episode ends only where the wrapped environment terminates it.
+    Truncation is ignored: an episode ends only when the wrapped environment terminates it.
 
     Args:
         environment: The wrapped environment.
         domain: The domain of the states.
         title: Name of the environment in error messages.
-        action_names: Names of the wrapped environment's actions, by number.
+        action_names: Names of the wrapped environment's actions, in the order of their numbers.
     """
 
     def __init__(
@@ -57,18 +57,18 @@ class GymnasiumAdapter(ABC):
             raise RuntimeError("reset the environment before the first step")
         if action.name not in self._action_names:
             raise ValueError(f"{self._title} has no action {action}")
-        before = self._state
+        state = self._state
         observation, reward, terminated, _, _ = self.environment.step(self._action_names.index(action.name))
         self._state = self._perceive(observation)
-        return Transition(before, action, self._state, self._reward(float(reward), terminated=terminated), terminated)
+        return Transition(state, action, self._state, self._reward(float(reward), terminated=terminated), terminated)
 
     @abstractmethod
     def _perceive(self, observation: Any) -> State:
-        """The present state, given the wrapped environment's observation."""
+        """Return the current state, given the wrapped environment's observation."""
 
-    def _begin_episode(self) -> None:  # noqa: B027 - adapters whose scene never changes have nothing to do here
-        """Take in what is new in this episode."""
+    def _begin_episode(self) -> None:  # noqa: B027 - optional hook
+        """Prepare for a new episode after the wrapped environment was reset."""
 
     def _reward(self, reward: float, *, terminated: bool) -> float:
-        """The reward of a step, given the wrapped environment's reward."""
+        """Return the reward of a step, given the wrapped environment's reward."""
         return reward

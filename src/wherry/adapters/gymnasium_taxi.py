@@ -1,8 +1,8 @@
 """Gymnasium's own Taxi, unmodified, as an OO-MDP.
 
-It differs from the paper's Taxi in two points. Its observation does not say where a passenger in the taxi departed, so
-the passenger's x and y move with the taxi. And the passenger can be dropped off at all four places, not only at the
-destination, so the domain has objects for the places.
+It differs from the paper's Taxi in two points. Its observation does not contain where a passenger in the taxi departed,
+so the passenger's x and y move with the taxi. And the passenger can be dropped off at all four places, not only at the
+destination, so the domain has objects for the places (Gymnasium's "locations").
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from wherry.oomdp.terms import attribute_holds, related
 ACTIONS = ("S", "N", "E", "W", "PICKUP", "DROPOFF")
 """Names of Gymnasium's actions, by number."""
 
-SIDE = 5  # cells
-IN_TAXI = 4  # index of the location "in the taxi"
-OPEN_EDGE = b":"  # in Gymnasium's drawing, between two cells without a wall
+GRID_SIZE = 5  # cells along a side
+IN_TAXI_LOCATION = 4  # the passenger's location index when in the taxi
+OPEN_EDGE = b":"  # character between two cells without a wall, in Gymnasium's map
 
-X, Y = integer("x", 0, SIDE - 1), integer("y", 0, SIDE - 1)
+X, Y = integer("x", 0, GRID_SIZE - 1), integer("y", 0, GRID_SIZE - 1)
 TAXI = ObjectClass("Taxi", (X, Y))
 PASSENGER = ObjectClass("Passenger", (X, Y, boolean("in_taxi")))
 DESTINATION = ObjectClass("Destination", (X, Y))
@@ -52,7 +52,7 @@ DOMAIN = Domain(
 class GymnasiumTaxi(GymnasiumAdapter):
     """Gymnasium's Taxi as an `Environment` of objects.
 
-    Time limits are ignored: an episode ends where the passenger arrives.
+    Truncation is ignored: an episode ends only when the passenger arrives.
 
     Args:
         environment: ``gymnasium.make("Taxi-v4")``, wrapped or not.
@@ -73,8 +73,8 @@ class GymnasiumTaxi(GymnasiumAdapter):
         walls = sorted(set(self._walls()))
         self._scene = Scene(
             (
-                *(WALL(f"wall{at}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for at, wall in enumerate(walls)),
-                *(PLACE(f"place{at}", x=cell.x, y=cell.y) for at, cell in enumerate(map(_cell, taxi.locs))),
+                *(WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for index, wall in enumerate(walls)),
+                *(PLACE(f"place{index}", x=cell.x, y=cell.y) for index, cell in enumerate(map(_cell, taxi.locs))),
             )
         )
 
@@ -82,24 +82,24 @@ class GymnasiumTaxi(GymnasiumAdapter):
         return self.state(observation)
 
     def state(self, observation: int) -> State:
-        """The state that an observation of Gymnasium's encodes."""
+        """Decode one of Gymnasium's observations, 0 to 499."""
         row, column, place, destination = self._taxi.decode(observation)
         taxi, target = _cell((row, column)), _cell(self._taxi.locs[destination])
-        passenger = taxi if place == IN_TAXI else _cell(self._taxi.locs[place])
+        passenger = taxi if place == IN_TAXI_LOCATION else _cell(self._taxi.locs[place])
         return State(
             (
                 TAXI("taxi", x=taxi.x, y=taxi.y),
-                PASSENGER("passenger", x=passenger.x, y=passenger.y, in_taxi=place == IN_TAXI),
+                PASSENGER("passenger", x=passenger.x, y=passenger.y, in_taxi=place == IN_TAXI_LOCATION),
                 DESTINATION("destination", x=target.x, y=target.y),
             ),
             self._scene,
         )
 
     def _walls(self) -> list[Wall]:
-        """The walls of Gymnasium's drawing, and its outer edge."""
+        """The walls of Gymnasium's map and on its outer edge."""
         walls = []
-        for row in range(SIDE):
-            for column in range(SIDE):
+        for row in range(GRID_SIZE):
+            for column in range(GRID_SIZE):
                 cell = _cell((row, column))
                 characters = cast("list[bytes]", list(self._taxi.desc[1 + row]))
                 if characters[2 * column + 2] != OPEN_EDGE:
@@ -108,7 +108,7 @@ class GymnasiumTaxi(GymnasiumAdapter):
                     walls.append(Wall.between(cell, Direction.WEST))
                 if row == 0:
                     walls.append(Wall.between(cell, Direction.NORTH))
-                if row == SIDE - 1:
+                if row == GRID_SIZE - 1:
                     walls.append(Wall.between(cell, Direction.SOUTH))
         return walls
 
@@ -120,7 +120,7 @@ def is_delivered(state: State) -> bool:
 
 
 def gymnasium_taxi_reward(state: State, action: Action, next_state: State) -> float:
-    """R(s, a, s') of Gymnasium's Taxi, for learners that are given the reward."""
+    """R(s, a, s') of Gymnasium's Taxi, for learners to which the reward function is given."""
     if action.name in DIRECTIONS:
         return STEP_REWARD
     if state.objects == next_state.objects:
@@ -128,7 +128,7 @@ def gymnasium_taxi_reward(state: State, action: Action, next_state: State) -> fl
     return DELIVERY_REWARD if is_delivered(next_state) else STEP_REWARD
 
 
-def _cell(place: tuple[int, int]) -> Cell:
-    """The cell in a row, counted from the top, and a column."""
-    row, column = place
-    return Cell(column, SIDE - 1 - row)
+def _cell(location: tuple[int, int]) -> Cell:
+    """The cell at a row, counted from the top, and a column."""
+    row, column = location
+    return Cell(column, GRID_SIZE - 1 - row)

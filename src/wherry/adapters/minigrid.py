@@ -1,8 +1,8 @@
 """MiniGrid's environments, unmodified, as OO-MDPs: an agent with a heading, keys, doors, walls and goals.
 
-The states are fully observed. A carried key moves with the agent. MiniGrid's reward for success decreases with time,
-which is no function of the state; here success is rewarded with 1, and discounting favours speed instead. Needs the
-extra ``wherry[minigrid]``.
+The states are fully observed. A carried key moves with the agent. MiniGrid's reward for success decreases with time and
+so is not a function of the state; here it is 1, and discounting favours short episodes. Needs the extra
+``wherry[minigrid]``.
 """
 
 from __future__ import annotations
@@ -29,20 +29,22 @@ ACTIONS = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
 """Names of MiniGrid's actions, by number."""
 
 HEADINGS = {"east": "E", "north": "N", "west": "W", "south": "S"}
-"""The agent's headings with their directions, each a quarter turn to the left of the one before."""
+"""The agent's headings with their directions; each is a quarter turn to the left of the previous one."""
 
 MINIGRID_HEADINGS = ("east", "south", "west", "north")
-"""The headings by MiniGrid's numbers."""
+"""The headings in the order of MiniGrid's numbers."""
 
 STATIC_CLASSES = {"wall": "Wall", "goal": "Goal", "lava": "Lava"}
-CHANGING_CLASSES = {"key": "Key", "door": "Door"}
-"""The classes of the domain by MiniGrid's object types."""
+"""The classes of objects that never change, by MiniGrid's object type."""
 
-SUCCESS_REWARD = 1.0
+CHANGING_CLASSES = {"key": "Key", "door": "Door"}
+"""The classes of objects that can change, by MiniGrid's object type."""
+
+SUCCESS_REWARD = 1.0  # instead of MiniGrid's, which decreases with the number of steps
 
 
 def _quarter_turns(before: Any, after: Any) -> int | None:
-    """Number of quarter turns to the left from one heading to another; None for other enumerations."""
+    """Number of quarter turns to the left from one heading to another; None for values that are not headings."""
     order = list(HEADINGS)
     return (order.index(after) - order.index(before)) % 4 if {before, after} <= set(order) else None
 
@@ -54,10 +56,10 @@ MINIGRID_EFFECT_TYPES: Mapping[str, EffectType] = {
         frozenset({AttributeKind.ENUMERATION}),
         between=_quarter_turns,
         apply=lambda heading, turns: list(HEADINGS)[(list(HEADINGS).index(heading) + turns) % 4],
-        describe=lambda name, turns: f"{name} turns {('nowhere', 'left', 'about', 'right')[turns]}",
+        describe=lambda name, turns: f"{name} {('does not turn', 'turns left', 'turns around', 'turns right')[turns]}",
     ),
 }
-"""The effect types that learners need here: the paper's, and turns."""
+"""The effect types that learners need for MiniGrid: the paper's, and quarter turns of the agent."""
 
 
 def _ahead(agent: Object) -> tuple[int, int]:
@@ -77,7 +79,7 @@ FITS = Relation("fits", lambda key, door: key.held and key.colour == door.colour
 
 
 def minigrid_domain(width: int, height: int) -> Domain:
-    """The domain of grids of some size, cells; terms are the same for every size, so rules carry over."""
+    """The domain of grids of a width and height in cells; all sizes have the same terms, so rules carry over."""
     x, y = integer("x", 0, width - 1), integer("y", 0, height - 1)
     colour = enumeration("colour", *COLOR_NAMES)
     return Domain(
@@ -104,7 +106,7 @@ def minigrid_domain(width: int, height: int) -> Domain:
 class MiniGrid(GymnasiumAdapter):
     """One of MiniGrid's environments as an `Environment` of objects.
 
-    Time limits are ignored: an episode ends where MiniGrid terminates it.
+    Truncation is ignored: an episode ends only when MiniGrid terminates it.
 
     Args:
         environment: ``gymnasium.make("MiniGrid-DoorKey-5x5-v0")`` or another one, wrapped or not.
@@ -129,23 +131,25 @@ class MiniGrid(GymnasiumAdapter):
             InputError: The grid contains objects that the domain has no class for: balls or boxes.
         """
         classes = self.domain.classes_by_name
-        static, self._names = list[Object](), {}
+        static_objects, self._names = list[Object](), {}
         for cell, item in self._grid_objects():
             if item.type in STATIC_CLASSES:
-                static.append(classes[STATIC_CLASSES[item.type]](f"{item.type}{len(static)}", x=cell.x, y=cell.y))
+                static_objects.append(
+                    classes[STATIC_CLASSES[item.type]](f"{item.type}{len(static_objects)}", x=cell.x, y=cell.y)
+                )
             elif item.type in CHANGING_CLASSES:
                 self._names[item] = f"{item.color}_{item.type}{len(self._names)}"
             elif item.type != "floor":
                 raise InputError(str(self.environment), item.type, "has no class in this domain")
-        self._scene = Scene(tuple(static))
+        self._scene = Scene(tuple(static_objects))
 
     def _reward(self, reward: float, *, terminated: bool) -> float:
-        """1 for success, which MiniGrid rewards with an amount that depends on the time."""
+        """The constant reward for success; 0 for all other steps."""
         succeeded = terminated and reward == self._grid._reward()
         return SUCCESS_REWARD if succeeded else 0.0
 
     def _perceive(self, observation: object) -> State:
-        """The present state, read from the grid, since the observation shows only a part of it."""
+        """Read the current state from the grid, since MiniGrid's observation shows only a part of it."""
         classes = self.domain.classes_by_name
         agent_cell = self._cell(*self._grid.agent_pos)
         facing = MINIGRID_HEADINGS[self._grid.agent_dir]
@@ -154,13 +158,13 @@ class MiniGrid(GymnasiumAdapter):
         if self._grid.carrying is not None:
             items.append((agent_cell, self._grid.carrying))
         for cell, item in items:
-            own = (
+            own_values = (
                 {"open": item.is_open, "locked": item.is_locked}
                 if isinstance(item, Door)
                 else {"held": item is self._grid.carrying}
             )
             object_class = classes[CHANGING_CLASSES[item.type]]
-            objects.append(object_class(self._names[item], x=cell.x, y=cell.y, colour=item.color, **own))
+            objects.append(object_class(self._names[item], x=cell.x, y=cell.y, colour=item.color, **own_values))
         return State(tuple(objects), self._scene)
 
     def _grid_objects(self) -> Iterator[tuple[Cell, WorldObj]]:
@@ -171,11 +175,11 @@ class MiniGrid(GymnasiumAdapter):
                 yield self._cell(index % grid.width, index // grid.width), item
 
     def _cell(self, column: int, row: int) -> Cell:
-        """The cell in a column and a row, counted from the top."""
+        """The cell at a column and a row, counted from the top."""
         return Cell(int(column), self._grid.height - 1 - int(row))
 
 
 def is_at_goal(state: State) -> bool:
-    """Whether the agent stands on a goal, for learners that are given the goal."""
+    """Whether the agent stands on a goal, for learners to which the termination function is given."""
     (agent,) = state.of_class("Agent")
     return cell_of(agent) in state.scene.index("Goal", cell_of)

@@ -1,4 +1,4 @@
-"""``wherry map``: a lidar log becomes a map."""
+"""``wherry map``: make a map from a lidar log."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ if TYPE_CHECKING:
     from wherry.pipelines.logs.trace import LogTrace
     from wherry.space.pose import Pose
 
-MAPS_SHOWN, MAPS_RECORDED = 60, 20  # maps drawn along a log; drawing one takes longer than mapping a scan
-FIRST_MAP = 10  # scans after which the first map is drawn
+# Maps drawn along a log for the page and for the trace; few, since drawing takes longer than mapping a scan.
+MAPS_SHOWN, MAPS_RECORDED = 60, 20
+FIRST_MAP = 10  # number of scans after which the first map is drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,22 +41,26 @@ class MapOptions:
     """Options of mapping; see `wherry.pipelines.logs.mapping.MappingSettings`."""
 
     odometry: Annotated[
-        Path | None, typer.Option(help="Denser odometry, t x y θ a line, to interpolate poses with.")
+        Path | None, typer.Option(help="Denser odometry to interpolate poses with: t x y θ per line.")
     ] = None
-    relations: Annotated[Path | None, typer.Option(help="True relations between poses, to score by.")] = None
-    backend: Annotated[str, typer.Option(help="The method: graph or particles.")] = "graph"
-    out: Annotated[Path | None, typer.Option(help="Where to write map, picture, trajectory and pose graph.")] = None
+    relations: Annotated[Path | None, typer.Option(help="True relations between poses to score the trajectory by.")] = (
+        None
+    )
+    backend: Annotated[str, typer.Option(help="SLAM method: graph or particles.")] = "graph"
+    out: Annotated[Path | None, typer.Option(help="Folder for map, picture, trajectory and pose graph.")] = None
     seed: SeedOption = 0
-    resolution: Annotated[float, typer.Option(help="m, a grid cell's side.")] = 0.05
+    resolution: Annotated[float, typer.Option(help="Side of a grid cell, m.")] = 0.05
     lenient: LenientOption = False
     graph: Annotated[
-        Path | None, typer.Option("--continue", metavar="GRAPH", help="Go on with the map of a graph.npz of --out.")
+        Path | None,
+        typer.Option("--continue", metavar="GRAPH", help="Continue the map of a graph.npz that --out wrote."),
     ] = None
     start: Annotated[
-        str | None, typer.Option(metavar="X,Y,θ", help="With --continue: about where the log begins; m, m, degrees.")
+        str | None,
+        typer.Option(metavar="X,Y,θ", help="With --continue: approximate first pose on the map; m, m, degrees."),
     ] = None
     localize: Annotated[
-        bool, typer.Option("--localize", help="With --continue: follow the robot, leave the map as it is.")
+        bool, typer.Option("--localize", help="With --continue: localize the robot without changing the map.")
     ] = False
 
 
@@ -63,7 +68,7 @@ class MapOptions:
 def map_log(
     log: LogArgument, options: MapOptions, record: RecordOption = None, *, page: PageOptions, output: OutputOptions
 ) -> None:
-    """Make a map and a trajectory of recorded scans and odometry (SLAM)."""
+    """Make a map and a trajectory from recorded scans and odometry (SLAM)."""
     from wherry.pipelines.logs.mapping import prepare
     from wherry.pipelines.logs.trace import LogTrace
 
@@ -87,7 +92,7 @@ def _settings(log: Path, options: MapOptions) -> MappingSettings:
 
 
 def _map(run: MappingRun, trace: LogTrace, console: Console, record: Path | None, maps: int) -> None:
-    """Map the log, with a progress bar, the trace, the growing map that many times, and a bag if one is recorded."""
+    """Map the log with a progress bar and a trace with ``maps`` growing maps, and record a bag if one is asked for."""
     shown_at = _map_times(run.scans, maps)
     with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
         task = progress.add_task("mapping", total=run.scans)
@@ -106,7 +111,7 @@ def _map(run: MappingRun, trace: LogTrace, console: Console, record: Path | None
 
 
 def _print_result(console: Console, log: Path, run: MappingRun, metrics: Mapping[str, object]) -> None:
-    """Print metrics, reasons for rejected loop closures, and where the results are."""
+    """Print the metrics, the reasons for rejected loop closures, and the folder of the results."""
     from wherry.mapping.loop_closure import count_rejections
     from wherry.views.metrics_tables import MAPPING_METRICS
     from wherry.views.terminal import print_metrics, print_table
@@ -114,16 +119,16 @@ def _print_result(console: Console, log: Path, run: MappingRun, metrics: Mapping
     print_metrics(console, f"Map of {log.name}", metrics, MAPPING_METRICS)
     rejections = count_rejections(run.slam.loop_closures)
     if rejections:
-        rows = {reason.description: str(count) for reason, count in rejections.items()}
+        rows = {reason.value: str(count) for reason, count in rejections.items()}
         print_table(console, "Loop closures rejected because", rows)
     if run.settings.out is None:
         console.print("Nothing was saved; --out DIR saves map, picture, trajectory and pose graph.")
     else:
-        say(console, f"Map, picture, trajectory, pose graph and every closure with its reason: {run.settings.out}")
+        say(console, f"Map, picture, trajectory, pose graph and loop closures: {run.settings.out}")
 
 
 def _map_times(scans: int, maps: int) -> set[int]:
-    """Numbers of scans after which the growing map is drawn; the finished map follows after them."""
+    """Numbers of scans after which the growing map is drawn, without the finished map."""
     return {FIRST_MAP, *(scans * part // maps for part in range(1, maps))} - {0, scans} if maps else set()
 
 

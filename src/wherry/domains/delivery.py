@@ -1,14 +1,13 @@
-"""Delivery: a robot brings every box to the warehouse (paper, section 3, with boxes instead of passengers).
+"""Delivery: a robot carries every box to the warehouse (paper, section 3, with boxes instead of passengers).
 
 The paper's seven terms, in its order, are touch_N, touch_S, touch_E, touch_W (robot, wall), on(robot, box),
-on(robot, warehouse) and box.in_bot. Three points differ from Taxi, because robots and boxes have bodies:
+on(robot, warehouse) and box.in_bot. It differs from Taxi in three points, because robots and boxes have a size:
 
-- A box that is dropped off in the warehouse leaves the state.
+- A box that is dropped off in the warehouse is removed from the state.
 - There may be several boxes, so the terms are deictic (see `wherry.oomdp.terms`).
 - A robot with a full fork cannot enter the cell of another box, so touch_D(robot, wall) holds there too.
 
-A carried box keeps its x and y: they are the cell where it last stood on the floor. The robot is not "on" a box that is
-in_bot.
+A carried box keeps the x and y of the cell where it was picked up, and the robot is not "on" a box that is in_bot.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ class BoxState:
 
     Attributes:
         name: Its name, unique in the state.
-        cell: The cell where it stands, or stood before it was picked up.
+        cell: The cell where it stands or, if it is carried, where it was picked up.
         in_bot: Whether the robot carries it.
     """
 
@@ -75,7 +74,7 @@ def _touch(direction: str) -> Term:
     return Term(wall.name, wall.classes, holds)
 
 
-TOUCH = {direction: _touch(direction) for direction in DIRECTIONS}
+TOUCH_TERMS = {direction: _touch(direction) for direction in DIRECTIONS}
 
 
 def delivery_domain(x_range: tuple[int, int], y_range: tuple[int, int]) -> Domain:
@@ -90,7 +89,7 @@ def delivery_domain(x_range: tuple[int, int], y_range: tuple[int, int]) -> Domai
             WALL,
         ),
         terms=(
-            *TOUCH.values(),
+            *TOUCH_TERMS.values(),
             related(ON_FLOOR, "Robot", "Box"),
             related(ON, "Robot", "Warehouse"),
             attribute_holds("Box", "in_bot"),
@@ -104,7 +103,7 @@ class DeliverySite:
     """The static part of a delivery, from which its states are built.
 
     Attributes:
-        walls: Cell edges that stop the robot, including those of obstacles and around the site.
+        walls: Cell edges that the robot cannot cross, including those of obstacles and of the outer edge.
         warehouse: Cells to deliver boxes to.
         x_range: First and last column.
         y_range: First and last row.
@@ -121,20 +120,20 @@ class DeliverySite:
 
     def __post_init__(self) -> None:
         walls = [
-            WALL(f"wall{at}", x=wall.cell.x, y=wall.cell.y, north=wall.north)
-            for at, wall in enumerate(sorted(self.walls))
+            WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north)
+            for index, wall in enumerate(sorted(self.walls))
         ]
-        cells = [WAREHOUSE(f"warehouse{at}", x=cell.x, y=cell.y) for at, cell in enumerate(sorted(self.warehouse))]
+        cells = [WAREHOUSE(f"warehouse{index}", x=cell.x, y=cell.y) for index, cell in enumerate(sorted(self.warehouse))]
         object.__setattr__(self, "domain", delivery_domain(self.x_range, self.y_range))
         object.__setattr__(self, "scene", Scene((*walls, *cells)))
 
     @classmethod
     def of_cells(cls, cells: Iterable[Cell], walls: Iterable[Wall], warehouse: Iterable[Cell]) -> DeliverySite:
-        """The site of some open cells, in a grid with any origin; every edge to a cell that is not open is a wall.
+        """The site of some open cells, which may have negative coordinates; every edge to any other cell is a wall.
 
         Args:
             cells: Cells that the robot can stand in; at least one.
-            walls: Walls between these cells.
+            walls: Walls between the open cells.
             warehouse: Cells to deliver boxes to.
         """
         open_cells = frozenset(cells)
@@ -174,48 +173,51 @@ def all_delivered(state: State) -> bool:
 
 
 def boxes_left(state: State) -> int:
-    """Number of boxes that are not delivered yet."""
+    """Number of boxes that are not yet delivered."""
     return len(state.of_class("Box"))
 
 
 class DeliveryHeuristic:
     """Admissible heuristic: a lower bound on the number of steps until all boxes are delivered.
 
-    Every box on the floor costs the way from the warehouse to its cell and back, except that the robot reaches the
-    first box from its present cell. The ways are the shortest that the walls allow; other boxes are ignored.
+    For every box on the floor it counts a shortest path from the warehouse to the box and back, PICKUP and DROPOFF,
+    except that the path to the first box starts in the robot's cell. Paths respect walls and ignore other boxes.
     """
 
     def __init__(self) -> None:
-        self._steps: dict[tuple[Scene, frozenset[Cell]], dict[Cell, int]] = {}
+        self._distances: dict[tuple[Scene, frozenset[Cell]], dict[Cell, int]] = {}
 
     def __call__(self, state: State) -> float:
         """h(s); boxes that walls separate from the warehouse are ignored."""
         boxes = state.of_class("Box")
         (robot,) = state.of_class("Robot")
         robot_cell = Cell(robot.x, robot.y)
-        from_warehouse = self._steps_from(
+        from_warehouse = self._distances_from(
             state, frozenset(Cell(item.x, item.y) for item in state.scene.of_class("Warehouse"))
         )
-        waiting = [cell for cell in (Cell(box.x, box.y) for box in boxes if not box.in_bot) if cell in from_warehouse]
-        steps = sum(2 * from_warehouse[cell] + 2 for cell in waiting)  # there, PICKUP, back, DROPOFF
+        floor_cells = [
+            cell for cell in (Cell(box.x, box.y) for box in boxes if not box.in_bot) if cell in from_warehouse
+        ]
+        steps = sum(2 * from_warehouse[cell] + 2 for cell in floor_cells)  # both ways, PICKUP and DROPOFF
         if any(box.in_bot for box in boxes):
             return steps + (from_warehouse[robot_cell] + 1 if robot_cell in from_warehouse else 0)
-        differences = (  # between the robot's way to a box and the way from the warehouse
-            self._steps_from(state, frozenset({cell})).get(robot_cell, math.inf) - from_warehouse[cell]
-            for cell in waiting
+        differences = (  # steps to each box from the robot, less those from the warehouse
+            self._distances_from(state, frozenset({cell})).get(robot_cell, math.inf) - from_warehouse[cell]
+            for cell in floor_cells
         )
         first_box = min(differences, default=0.0)
         return steps + first_box if math.isfinite(first_box) else 0.0
 
-    def _steps_from(self, state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
-        """Number of steps from the nearest of some cells to every cell that can be reached from them, cached."""
-        known = self._steps.get((state.scene, origins))
-        if known is None:
-            known = self._steps[state.scene, origins] = _steps_from(state, origins)
-        return known
+    def _distances_from(self, state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
+        """As `_breadth_first_distances`, cached."""
+        cached = self._distances.get((state.scene, origins))
+        if cached is None:
+            cached = self._distances[state.scene, origins] = _breadth_first_distances(state, origins)
+        return cached
 
 
-def _steps_from(state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
+def _breadth_first_distances(state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
+    """Number of steps from the nearest of some cells to every cell that can be reached from them."""
     walls = state.scene.index("Wall", wall_edge)
     (robot,) = state.of_class("Robot")
     x_range, y_range = robot.object_class.attributes
@@ -223,11 +225,11 @@ def _steps_from(state: State, origins: frozenset[Cell]) -> dict[Cell, int]:
     while queue:
         cell = queue.popleft()
         for direction in Direction:
-            after, wall = cell.neighbour(direction), Wall.between(cell, direction)
-            inside = x_range.admits(after.x) and y_range.admits(after.y)
-            if after not in steps and inside and (wall.cell.x, wall.cell.y, wall.north) not in walls:
-                steps[after] = steps[cell] + 1
-                queue.append(after)
+            neighbour, wall = cell.neighbour(direction), Wall.between(cell, direction)
+            is_inside = x_range.admits(neighbour.x) and y_range.admits(neighbour.y)
+            if neighbour not in steps and is_inside and (wall.cell.x, wall.cell.y, wall.north) not in walls:
+                steps[neighbour] = steps[cell] + 1
+                queue.append(neighbour)
     return steps
 
 
@@ -258,7 +260,7 @@ def delivery_transition(state: State, action: Action) -> Transition:
 
 
 def _move(state: State, direction: str) -> State:
-    if TOUCH[direction].holds(state, {}):
+    if TOUCH_TERMS[direction].holds(state, {}):
         return state
     (robot,), (dx, dy) = state.of_class("Robot"), DIRECTIONS[direction]
     return state.replace(robot.name, x=robot.x + dx, y=robot.y + dy)
@@ -285,8 +287,8 @@ def delivery_grid(plan: FloorPlan, box_count: int | None = None) -> Deterministi
 
     Args:
         plan: A plan with a robot and a warehouse.
-        box_count: Number of boxes at random cells in every episode; None for the boxes of the plan or, where it has
-            none, for the number of boxes that it asks for.
+        box_count: Number of boxes, at random cells in every episode; None for the plan's boxes or, if it has none, for
+            its number of boxes.
 
     Raises:
         InputError: The plan has no robot, no warehouse, or no room for that many boxes.
@@ -298,8 +300,8 @@ def delivery_grid(plan: FloorPlan, box_count: int | None = None) -> Deterministi
         raise InputError(plan.name, "drawing", "has no warehouse (w)")
     count = plan.box_count if box_count is None else box_count
 
-    def begin(rng: np.random.Generator) -> State:
+    def draw_initial_state(rng: np.random.Generator) -> State:
         cells = plan.boxes if plan.boxes and box_count is None else place_boxes(plan, count, rng).boxes
-        return site.state(start, (BoxState(f"box{at}", cell) for at, cell in enumerate(cells, start=1)))
+        return site.state(start, (BoxState(f"box{index}", cell) for index, cell in enumerate(cells, start=1)))
 
-    return DeterministicMdp(site.domain, delivery_transition, begin)
+    return DeterministicMdp(site.domain, delivery_transition, draw_initial_state)

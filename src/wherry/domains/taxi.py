@@ -1,6 +1,6 @@
 """Taxi (Dietterich 2000): bring a passenger to a destination (paper, section 3; Diuk et al. 2008, section 5).
 
-A passenger in the taxi keeps x and y, the cell of departure, and the taxi is not "on" the passenger then. So the 5×5
+A passenger in the taxi keeps the x and y of the cell of departure, and the taxi is not "on" that passenger. So the 5×5
 grid has 800 states: 25 taxi cells, 4 cells of departure, in the taxi or not, 4 destinations.
 """
 
@@ -24,8 +24,8 @@ STEP_REWARD = -1.0
 ILLEGAL_REWARD = -10.0  # for PICKUP and DROPOFF without effect
 DELIVERY_REWARD = 20.0
 
-SIZES = {5: "taxi", 10: "taxi10"}
-"""The built-in worlds of the published grids, by the grid's side in cells."""
+PUBLISHED_GRIDS = {5: "taxi", 10: "taxi10"}
+"""Names of the built-in worlds with the published grids, by the side of the grid in cells."""
 
 PROBES = (
     ((2, 2), "Y", "R"),
@@ -35,7 +35,7 @@ PROBES = (
     ((0, 4), "Y", "R"),
     ((0, 3), "B", "G"),
 )
-"""States from which the published protocol tests a policy: the taxi's cell, the passenger's and destination's marks."""
+"""Initial states of the published policy test: the taxi's cell, the passenger's mark, the destination's mark."""
 
 WALL = ObjectClass("Wall", (integer("x"), integer("y"), boolean("north")), static=True)
 ON_STREET = Relation("on", lambda taxi, passenger: not passenger.in_taxi and ON.holds(taxi, passenger))
@@ -63,14 +63,14 @@ def taxi_domain(width: int, height: int) -> Domain:
 
 
 class TaxiGrid(DeterministicMdp):
-    """Taxi on the grid of a floor plan; its marks are the passenger's places of departure and destinations.
+    """Taxi on the grid of a floor plan; its marks are where the passenger departs and arrives.
 
     Args:
         plan: A plan with at least two marks.
     """
 
     def __init__(self, plan: FloorPlan) -> None:
-        super().__init__(taxi_domain(plan.width, plan.height), self._transition, self._begin)
+        super().__init__(taxi_domain(plan.width, plan.height), self._transition, self._draw_initial_state)
         self.plan = plan
         edges = sorted(
             {
@@ -81,11 +81,11 @@ class TaxiGrid(DeterministicMdp):
             }
         )
         self.scene = Scene(
-            tuple(WALL(f"wall{at}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for at, wall in enumerate(edges))
+            tuple(WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for index, wall in enumerate(edges))
         )
 
     def state_of(self, taxi: tuple[int, int], passenger: str, destination: str) -> State:
-        """The state with the taxi in a cell and a passenger who waits at one mark for a ride to another."""
+        """The state with the taxi in a cell and the passenger at one mark with another mark as destination."""
         classes = self.domain.classes_by_name
         origin, target = self.plan.marks[passenger], self.plan.marks[destination]
         return State(
@@ -97,8 +97,8 @@ class TaxiGrid(DeterministicMdp):
             self.scene,
         )
 
-    def _begin(self, rng: np.random.Generator) -> State:
-        """A random first state: the taxi in any cell, passenger and destination at two different marks."""
+    def _draw_initial_state(self, rng: np.random.Generator) -> State:
+        """A random initial state: the taxi in any cell, passenger and destination at two different marks."""
         cells, marks = list(self.plan.cells()), sorted(self.plan.marks)
         cell = cells[rng.integers(len(cells))]
         passenger, destination = rng.choice(len(marks), 2, replace=False)
@@ -109,8 +109,8 @@ class TaxiGrid(DeterministicMdp):
         if action.name in DIRECTIONS:
             direction = Direction(DIRECTIONS[action.name])
             moved = Cell(taxi.x, taxi.y).neighbour(direction)
-            blocked = self.plan.is_blocked(Cell(taxi.x, taxi.y), direction)
-            next_state = state if blocked else state.replace("taxi", x=moved.x, y=moved.y)
+            is_blocked = self.plan.is_blocked(Cell(taxi.x, taxi.y), direction)
+            next_state = state if is_blocked else state.replace("taxi", x=moved.x, y=moved.y)
             return Transition(state, action, next_state, STEP_REWARD, terminated=False)
         if action.name == "PICKUP":
             if not ON_STREET.holds(taxi, passenger):
@@ -146,7 +146,7 @@ def published_parents(action: str, variable: Variable) -> tuple[Variable | Calla
 
     Args:
         action: Name of the action.
-        variable: The predicted variable; anything but an attribute stands for the reward and the episode's end.
+        variable: The predicted variable; one that is not an attribute stands for reward and termination.
 
     Returns:
         The parents of the variable: attributes, or functions of the state.
@@ -160,11 +160,11 @@ def published_parents(action: str, variable: Variable) -> tuple[Variable | Calla
 
 
 def minimal_parents(action: str, variable: Variable) -> tuple[Variable, ...]:
-    """The smallest network that is true: DROPOFF does not depend on where a passenger in the taxi departed.
+    """The smallest correct network: DROPOFF does not depend on where a passenger in the taxi departed.
 
     Args:
         action: Name of the action.
-        variable: The predicted variable; anything but an attribute stands for the reward and the episode's end.
+        variable: The predicted variable; one that is not an attribute stands for reward and termination.
 
     Returns:
         The parents of the variable.
@@ -179,9 +179,9 @@ def minimal_parents(action: str, variable: Variable) -> tuple[Variable, ...]:
 
 
 def taxi_grid(size: int) -> TaxiGrid:
-    """One of the published grids, 5×5 or 10×10, without the warehouse that the world has for deliveries.
+    """One of the published grids, 5×5 or 10×10, without the warehouse that the built-in world has for deliveries.
 
     Raises:
         KeyError: There is no published grid of that size.
     """
-    return TaxiGrid(replace(find_world(SIZES[size]), warehouse=frozenset()))
+    return TaxiGrid(replace(find_world(PUBLISHED_GRIDS[size]), warehouse=frozenset()))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wherry.domains.delivery import delivery_grid
 from wherry.domains.taxi import taxi_grid
 from wherry.environments.observations import Observation, ObservationEncoder
-from wherry.environments.pictures import Sprite, render_rgb, render_text
+from wherry.environments.rendering import Sprite, render_rgb, render_text
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import find_world
@@ -23,20 +23,20 @@ from wherry.oomdp.objects import Object, State
 
 RED, GREEN, BLUE, YELLOW, BROWN = (209, 36, 47), (26, 156, 75), (31, 111, 235), (244, 196, 48), (160, 98, 45)
 
-SpritesOf = Callable[[State], list[Sprite]]
-"""Returns the sprites of a state, the topmost last."""
+SpriteFunction = Callable[[State], list[Sprite]]
+"""Returns the sprites of a state; later ones are drawn over earlier ones."""
 
 
 class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
     """An OO-MDP as a Gymnasium environment.
 
     An observation has an entry for every object and attribute; `gymnasium.wrappers.FlattenObservation` turns it into a
-    vector. Actions are numbered in the domain's order. ``info`` has ``action_mask`` [A], 1 for the actions that would
-    have an effect, as in Gymnasium's own Taxi, and ``terms`` [n], 1 for the terms that hold, in the order of
+    vector. Actions are numbered in the domain's order. ``info`` contains ``action_mask`` [A], 1 for actions that would
+    change the state, as in Gymnasium's own Taxi, and ``terms`` [n], 1 for terms that hold, in the order of
     ``domain.term_names``.
 
     Args:
-        mdp: The true dynamics. All episodes begin with the same objects; objects may leave but not appear.
+        mdp: The true dynamics. All episodes begin with the same objects; objects may be removed but not added.
         plan: The floor plan to render.
         sprites: Returns the sprites to render on it.
         render_mode: "ansi", "rgb_array", or None for no rendering.
@@ -46,10 +46,10 @@ class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
         ValueError: An attribute of an object has no bounds.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - as Gymnasium declares it
+    metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - declared by gymnasium.Env
 
     def __init__(
-        self, mdp: DeterministicMdp, plan: FloorPlan, sprites: SpritesOf, *, render_mode: str | None = None
+        self, mdp: DeterministicMdp, plan: FloorPlan, sprites: SpriteFunction, *, render_mode: str | None = None
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InputError("render_mode", render_mode, f"is not one of {', '.join(self.metadata['render_modes'])}")
@@ -58,7 +58,7 @@ class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
         self.domain = mdp.domain
         self.plan = plan
         self.sprites = sprites
-        example = mdp.start(np.random.default_rng(0))
+        example = mdp.draw_initial_state(np.random.default_rng(0))
         self.actions = mdp.domain.ground_actions(example)
         self.state: State | None = None
         self._encoder = ObservationEncoder(example)
@@ -68,7 +68,7 @@ class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode in a randomly drawn state."""
+        """Begin an episode in a random initial state."""
         super().reset(seed=seed)
         self.state = self.mdp.reset(self.np_random)
         return self._encoder.encode(self.state), self._info(self.state)
@@ -80,14 +80,14 @@ class ObjectEnvironment(gymnasium.Env[Observation, np.int64]):
         return self._encoder.encode(self.state), result.reward, result.terminated, False, self._info(self.state)
 
     def render(self) -> str | NDArray[np.uint8] | None:
-        """The present state as text or as an RGB image [H, W, 3], depending on the render mode."""
+        """The current state as text or as an RGB image [H, W, 3], depending on the render mode."""
         if self.render_mode is None or self.state is None:
             return None
         sprites = self.sprites(self.state)
         return render_text(self.plan, sprites) if self.render_mode == "ansi" else render_rgb(self.plan, sprites)
 
     def _info(self, state: State) -> dict[str, Any]:
-        """The mask of actions that would have an effect, and the terms that hold."""
+        """The mask of actions that would change the state, and the terms that hold."""
         condition = self.domain.cond(state)
         return {
             "action_mask": np.array(
@@ -121,7 +121,7 @@ class DeliveryEnvironment(ObjectEnvironment):
 
     Args:
         world: Name of a built-in world, or a world file.
-        boxes: Number of boxes at random cells; None for those of the world.
+        boxes: Number of boxes, at random cells; None for those of the world.
         render_mode: "ansi", "rgb_array", or None for no rendering.
 
     Raises:
@@ -136,17 +136,17 @@ class DeliveryEnvironment(ObjectEnvironment):
 
 
 def taxi_sprites(state: State) -> list[Sprite]:
-    """The taxi T, the destination d, and the passenger p, who may be in the taxi."""
+    """Sprites of the destination d, the taxi T and the passenger p, who may be in the taxi."""
     taxi, passenger = state["taxi"], state["passenger"]
     return [
-        Sprite(_cell(state["destination"]), "d", GREEN, 0.9, round=False),
+        Sprite(_cell(state["destination"]), "d", GREEN, 0.9, is_disc=False),
         Sprite(_cell(taxi), "T", YELLOW, 0.7),
         Sprite(_cell(taxi if passenger.in_taxi else passenger), "p", BLUE, 0.35),
     ]
 
 
 def delivery_sprites(state: State) -> list[Sprite]:
-    """The robot R and the boxes o, one of which it may carry."""
+    """Sprites of the robot R and the boxes o, one of which it may carry."""
     (robot,) = state.of_class("Robot")
     boxes = state.of_class("Box")
     return [

@@ -13,13 +13,13 @@ from wherry.oomdp.attributes import EXISTS, Attribute, AttributeKind, Value
 from wherry.oomdp.objects import Object, State
 
 Observation = dict[str, dict[str, Any]]
-"""Values by the names of object and attribute: an integer, or an array [1] for a real attribute."""
+"""Encoded values by object name and attribute name: an integer, or an array [1] for a real attribute."""
 
 
 class ObservationEncoder:
-    """Encodes states as elements of one space, also when objects have left.
+    """Encodes states as elements of one space, whether or not objects have been removed.
 
-    Static objects, such as walls, are not encoded; the terms reflect them.
+    Static objects, such as walls, are not encoded; terms such as ``touch_N(taxi, wall)`` reflect them.
 
     Args:
         state: A state with all objects that an episode can have.
@@ -28,7 +28,7 @@ class ObservationEncoder:
         ValueError: An attribute has no bounds, so that no space contains all of its values.
 
     Attributes:
-        objects: The objects of that state by name.
+        objects: All objects that an episode can have, by name.
         space: The observation space.
     """
 
@@ -42,7 +42,7 @@ class ObservationEncoder:
         )
 
     def encode(self, state: State) -> Observation:
-        """The observation of a state; an object that has left has its attributes' first values and ``exists`` 0."""
+        """The observation of a state; a removed object has ``exists`` 0 and the lowest values of its attributes."""
         present = {item.name: item for item in state.objects}
         return {
             name: {attribute.name: _encoded(attribute, present.get(name)) for attribute in item.object_class.changeable}

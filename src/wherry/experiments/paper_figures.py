@@ -13,7 +13,7 @@ from PIL import Image
 
 from wherry.domains.taxi import taxi_grid
 from wherry.environments.grids import taxi_sprites
-from wherry.environments.pictures import render_rgb
+from wherry.environments.rendering import render_rgb
 from wherry.experiments.localization.wandering import RandomWalk
 from wherry.experiments.results import write_picture
 from wherry.floorplan.generation import place_boxes

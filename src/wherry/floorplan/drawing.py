@@ -1,6 +1,6 @@
 """The drawing of a world file: a floor plan as text, three characters wide and one line high for each cell.
 
-`wherry.floorplan.world_files` shows one.
+The documentation of `wherry.floorplan.world_files` contains an example.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ HEADING_SYMBOLS = {">": Direction.EAST, "^": Direction.NORTH, "<": Direction.WES
 
 
 def draw_plan(plan: FloorPlan, symbols: Callable[[Cell], str]) -> str:
-    """Draw a plan's walls, and symbols in its cells, as text.
+    """Draw a plan as text: its walls, and symbols in its cells.
 
     Args:
         plan: The plan.
@@ -68,12 +68,12 @@ class WorldDrawing:
 
     Attributes:
         source: Name of the file in error messages.
-        first: Number of lines above the drawing.
+        lines_above: Number of lines above the drawing.
         lines: [2 * height + 1] lines from the top; each has 4 * width + 1 characters if `check_frame` has passed.
     """
 
     source: str
-    first: int
+    lines_above: int
     lines: tuple[str, ...]
 
     @property
@@ -136,8 +136,8 @@ class WorldDrawing:
         """Row and column of a cell's first character."""
         return (self.height - 1 - cell.y) * CELL_ROWS + 1, cell.x * CELL_COLUMNS + 1
 
-    def _check_symbols(self, symbols: str, row: int, column: int, before: Mapping[str, list[Cell]]) -> None:
-        """Raise an error if symbols cannot be in a cell, given those of the cells before."""
+    def _check_symbols(self, symbols: str, row: int, column: int, earlier: Mapping[str, list[Cell]]) -> None:
+        """Raise an error if symbols cannot be in a cell, given the symbols of earlier cells."""
         if "#" in symbols and symbols != "###":
             inside = next((_meaning(symbol) for symbol in symbols if symbol not in "# "), "")
             raise self._error(row, column, f"{inside} inside an obstacle" if inside else "an obstacle must be ###")
@@ -149,15 +149,15 @@ class WorldDrawing:
                 problem = f"{symbol!r} means nothing; a cell holds ###, w, o, one of > ^ < v, or a capital letter"
             elif symbol in symbols[:offset]:
                 problem = f"{_meaning(symbol)} stands twice in the same cell"
-            elif symbol in HEADING_SYMBOLS and HEADING_SYMBOLS.keys() & {*before, *symbols[:offset]}:
+            elif symbol in HEADING_SYMBOLS and HEADING_SYMBOLS.keys() & {*earlier, *symbols[:offset]}:
                 problem = "a second robot"
-            elif symbol in ascii_uppercase and symbol in before:
+            elif symbol in ascii_uppercase and symbol in earlier:
                 problem = f"{_meaning(symbol)} is in two cells"
             if problem:
                 raise self._error(row, column + offset, problem)
 
     def _has_wall(self, cell: Cell, direction: Direction) -> bool:
-        """Whether a wall is drawn on a cell's edge; an error for half walls and gaps in the outer edge."""
+        """Whether a wall is drawn on a cell's edge; raise an error for a partial wall or a gap in the outer edge."""
         row, column = self._position(cell)
         row -= direction.dy
         column += {Direction.EAST: CELL_COLUMNS - 1, Direction.WEST: -1}.get(direction, 0)
@@ -176,4 +176,4 @@ class WorldDrawing:
 
     def _error(self, row: int, column: int, reason: str) -> InputError:
         """An error that names line and column of a character of the drawing."""
-        return InputError(self.source, f"line {self.first + row + 1}, column {column + 1}", reason)
+        return InputError(self.source, f"line {self.lines_above + row + 1}, column {column + 1}", reason)

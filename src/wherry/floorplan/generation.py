@@ -12,7 +12,7 @@ from wherry.floorplan.plan import DEFAULT_BOX_COUNT, Cell, Direction, FloorPlan,
 
 
 def place_boxes(plan: FloorPlan, count: int, rng: np.random.Generator) -> FloorPlan:
-    """Put boxes on random cells, but not in the warehouse, at the start, side by side, or where they block a way.
+    """Place boxes in random cells: not in the warehouse, at the start or next to each other, and blocking no path.
 
     Args:
         plan: A plan with a robot; boxes drawn on it are dropped.
@@ -28,7 +28,7 @@ def place_boxes(plan: FloorPlan, count: int, rng: np.random.Generator) -> FloorP
         raise InputError(plan.name, "drawing", "has no robot (one of > ^ < v)")
     taken = set(plan.warehouse) | {plan.start}
     candidates = sorted(set(plan.distances(plan.start)) - taken)
-    chosen: set[Cell] = set()
+    chosen = set[Cell]()
     for index in rng.permutation(len(candidates)):
         if len(chosen) == count:
             break
@@ -57,14 +57,14 @@ def generate_world(
 ) -> FloorPlan:
     """Generate random rooms with doorways, obstacles, a warehouse and a robot; all open cells are connected.
 
-    Recursive division: a wall with a doorway splits an area into two, which are split in turn until they are rooms.
+    Recursive division: a wall with a doorway divides an area into two, which are divided in turn until they are rooms.
 
     Args:
         width: Number of columns.
         height: Number of rows.
         rng: Random generator.
         name: Name of the world.
-        box_count: Number of boxes that the world asks for.
+        box_count: Number of boxes at random cells in the world.
         min_room_size: Smallest length of a room's side, cells.
         obstacle_fraction: Fraction of the cells that become obstacles, 0 to 0.2.
 
@@ -72,7 +72,7 @@ def generate_world(
         InputError: A size, count or fraction is out of range.
     """
     if not 0 <= obstacle_fraction <= 0.2:
-        raise InputError(name, "obstacle share", f"must be 0 to 0.2, not {obstacle_fraction}")
+        raise InputError(name, "obstacle_fraction", f"must be 0 to 0.2, not {obstacle_fraction}")
     if min_room_size < 1 or width < 3 or height < 3:
         raise InputError(name, "size", "must be at least 3 × 3 cells, with rooms of one cell or more")
     walls = frozenset(_divide(_Rectangle(0, 0, width, height), min_room_size, rng))
@@ -87,12 +87,12 @@ def generate_world(
     obstacles: set[Cell] = set()
     for cell in shuffled:
         if len(obstacles) < round(obstacle_fraction * len(cells)) and not obstacles & set(_surrounding(cell)):
-            obstacles |= {cell} if _can_be_filled(floor, cell) else set()
+            obstacles |= {cell} if _can_be_obstacle(floor, cell) else set()
     return replace(floor, start=start, heading=heading, obstacles=frozenset(obstacles))
 
 
-def _can_be_filled(plan: FloorPlan, cell: Cell) -> bool:
-    """Whether the neighbours of a cell stay connected through the eight cells around it when it is filled."""
+def _can_be_obstacle(plan: FloorPlan, cell: Cell) -> bool:
+    """Whether the neighbours of a cell stay connected through the eight cells around it when it becomes an obstacle."""
     neighbours = [cell.neighbour(direction) for direction in Direction if not plan.is_blocked(cell, direction)]
     surrounding = set(_surrounding(cell))
     return set(neighbours) <= plan.reachable_from(neighbours[:1], lambda _, neighbour: neighbour in surrounding)

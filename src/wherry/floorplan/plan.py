@@ -16,9 +16,9 @@ from wherry.errors import InputError
 
 MAX_SIDE = 1_000  # cells along a plan's side
 MIN_CELL_SIZE, MAX_CELL_SIZE = 0.5, 5.0  # m; the robot is 0.4 m wide and drives through doorways of one cell
-MAX_BOXES = 1_000
+MAX_BOXES = 1_000  # in one plan
 DEFAULT_CELL_SIZE = 0.6  # m
-DEFAULT_BOX_COUNT = 4
+DEFAULT_BOX_COUNT = 4  # boxes at random cells, unless a plan states its number
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -64,10 +64,10 @@ class Direction(Enum):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Wall:
-    """A wall on the edge between two cells, of which the southern or western one names it.
+    """A wall on the edge between two cells, identified by the southern or western one of them.
 
     Attributes:
-        cell: The cell south or west of the wall.
+        cell: The cell south of a wall on a north edge, or west of a wall on an east edge.
         north: Whether the wall is on the cell's north edge; otherwise it is on the east edge.
     """
 
@@ -76,7 +76,7 @@ class Wall:
 
     @classmethod
     def between(cls, cell: Cell, direction: Direction) -> Self:
-        """The wall on the edge that a step from a cell in a direction crosses."""
+        """The wall on the edge that a step from a cell in a direction would cross."""
         if direction in {Direction.NORTH, Direction.EAST}:
             return cls(cell, direction is Direction.NORTH)
         return cls(cell.neighbour(direction), direction is Direction.SOUTH)
@@ -92,13 +92,13 @@ class FloorPlan:
         height: Number of rows.
         cell_size: Side of a cell, m.
         walls: Inner walls between cells; the outer edge is always walled.
-        obstacles: Cells that are filled.
+        obstacles: Cells that an obstacle fills.
         warehouse: Cells to deliver boxes to.
-        start: The robot's first cell; None for a plan without robot.
-        heading: The robot's first heading.
-        boxes: Cells with a box.
-        box_count: Number of boxes at random cells in a world without boxes of its own.
-        marks: Named cells, by their name, a capital letter.
+        start: The robot's initial cell; None for a plan without robot.
+        heading: The robot's initial heading.
+        boxes: Cells that contain a box.
+        box_count: Number of boxes to place at random cells if ``boxes`` is empty.
+        marks: Named cells by name, a capital letter.
 
     Raises:
         InputError: Something lies outside the plan or inside an obstacle, a cell is occupied twice, or a size or count
@@ -127,7 +127,7 @@ class FloorPlan:
             place = "where the robot starts" if self.start in occupied else "in the warehouse already"
             raise InputError(self.name, "box", f"a box stands {place}")
         if len(set(self.marks.values())) < len(self.marks) or not set(self.marks) <= set(ascii_uppercase):
-            raise InputError(self.name, "mark", "marks are capital letters, one for a cell and one cell for each")
+            raise InputError(self.name, "mark", "marks must be capital letters, at most one in a cell")
 
     def _check_sizes(self) -> None:
         """Raise an error if the name, a size or a count is out of range."""
@@ -157,7 +157,7 @@ class FloorPlan:
                 raise InputError(self.name, "wall", f"of ({wall.cell.x}, {wall.cell.y}) is not between two cells")
 
     def centre(self, cell: Cell) -> tuple[float, float]:
-        """Centre of a cell, m, from the plan's lower left corner."""
+        """Centre (x, y) of a cell, m, from the plan's lower left corner."""
         return (cell.x + 0.5) * self.cell_size, (cell.y + 0.5) * self.cell_size
 
     def cell_at(self, x: float, y: float) -> Cell:
@@ -169,7 +169,7 @@ class FloorPlan:
         return 0 <= cell.x < self.width and 0 <= cell.y < self.height
 
     def is_open(self, cell: Cell) -> bool:
-        """Whether the cell lies on the plan and is no obstacle."""
+        """Whether the cell lies on the plan and is not an obstacle."""
         return self.contains(cell) and cell not in self.obstacles
 
     def is_blocked(self, cell: Cell, direction: Direction) -> bool:
@@ -187,7 +187,7 @@ class FloorPlan:
         return cells == self.reachable_from(list(cells)[:1], lambda cell, neighbour: True)
 
     def distances(self, origin: Cell, avoid: Iterable[Cell] = ()) -> dict[Cell, int]:
-        """Number of steps from a cell to every cell that can be reached without entering the cells to avoid."""
+        """Number of steps from a cell to every cell that can be reached without entering the cells in ``avoid``."""
         avoided = frozenset(avoid)
         steps = {origin: 0}
         queue = deque([origin])
@@ -208,11 +208,11 @@ class FloorPlan:
         return boxes <= reached and not self.warehouse.isdisjoint(reached)
 
     def reachable_boxes(self) -> tuple[Cell, ...]:
-        """The boxes that the robot can deliver, in some order; none without robot or warehouse.
+        """The boxes that the robot can deliver, in a suitable order; none without robot or warehouse.
 
-        A robot with a full fork cannot enter a box's cell, and entering it with an empty fork fills the fork. So boxes
-        may have to be delivered in order. A delivery never blocks the way to another box; hence removing all boxes
-        that can be delivered now, repeatedly, finds them all.
+        A robot with a full fork cannot enter a box's cell, and a box whose cell the robot enters is in the fork. So
+        boxes may have to be delivered in order. A delivery never blocks the path to another box; hence repeatedly
+        removing all boxes that can be delivered now finds them all.
         """
         remaining = set(self.boxes)
         while deliverable := self._deliverable(remaining):
@@ -225,29 +225,31 @@ class FloorPlan:
         return tuple(box for box in self.boxes if box not in reachable)
 
     def _deliverable(self, boxes: set[Cell]) -> set[Cell]:
-        """The boxes that the robot can deliver while all others stay in place."""
+        """The boxes that the robot can deliver while all other boxes stay in place."""
         if self.start is None:
             return set()
-        empty = self.reachable_from({self.start}, lambda cell, neighbour: not (cell in boxes and neighbour in boxes))
-        loaded = self.reachable_from(self.warehouse & empty, lambda cell, neighbour: cell not in boxes)
-        return boxes & empty & loaded
+        reached_empty = self.reachable_from(
+            {self.start}, lambda cell, neighbour: not (cell in boxes and neighbour in boxes)
+        )
+        reached_loaded = self.reachable_from(self.warehouse & reached_empty, lambda cell, neighbour: cell not in boxes)
+        return boxes & reached_empty & reached_loaded
 
     def reachable_from(self, origins: Iterable[Cell], may_step: Callable[[Cell, Cell], bool]) -> set[Cell]:
-        """The cells that can be reached by steps that are neither blocked nor forbidden.
+        """The cells that can be reached by allowed steps that nothing blocks.
 
         Args:
             origins: The cells to start from.
             may_step: Returns whether a step is allowed, given the cells before and after it.
         """
         reached = set(origins)
-        frontier = list(reached)
-        while frontier:
-            cell = frontier.pop()
+        open_list = list(reached)
+        while open_list:
+            cell = open_list.pop()
             for direction in Direction:
                 neighbour = cell.neighbour(direction)
                 if neighbour not in reached and not self.is_blocked(cell, direction) and may_step(cell, neighbour):
                     reached.add(neighbour)
-                    frontier.append(neighbour)
+                    open_list.append(neighbour)
         return reached
 
     def with_boxes(self, boxes: Iterable[Cell]) -> FloorPlan:

@@ -14,8 +14,8 @@ A world file is a few fields, an empty line, and a drawing in which a cell is th
 
 ``---`` and ``|`` are walls between cells, ``###`` an obstacle that fills its cell, ``w`` a cell of the warehouse, ``o``
 a box, one of ``> ^ < v`` the robot and its heading, and a capital letter names a cell (Taxi's R, G, Y and B). The field
-``boxes`` is the number of boxes at random cells in a world that shows none. Lines above the drawing that begin with
-``#`` are comments.
+``boxes`` is the number of boxes at random cells in a world whose drawing has none. Lines above the drawing that begin
+with ``#`` are comments.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def load_world(path: str | Path) -> FloorPlan:
 
 
 def parse_world(text: str, source: str) -> FloorPlan:
-    """Parse the text of a world file, of which the module's docstring shows one.
+    """Parse the text of a world file; the module's docstring contains an example.
 
     Args:
         text: Fields, an empty line, the drawing.
@@ -77,9 +77,9 @@ def parse_world(text: str, source: str) -> FloorPlan:
         InputError: The text is not a world; the error names the field, or the drawing's line and column.
     """
     lines = [line.rstrip() for line in text.rstrip().splitlines()]
-    first = next((number for number, line in enumerate(lines) if line.startswith("+")), len(lines))
-    fields = _read_fields(lines[:first], source)
-    drawing = WorldDrawing(source, first, tuple(lines[first:]))
+    lines_above = next((number for number, line in enumerate(lines) if line.startswith("+")), len(lines))
+    fields = _read_fields(lines[:lines_above], source)
+    drawing = WorldDrawing(source, lines_above, tuple(lines[lines_above:]))
     drawing.check_frame()
     contents = drawing.contents()
     robots = contents.keys() & HEADING_SYMBOLS.keys()
@@ -132,7 +132,7 @@ def _read_fields(lines: list[str], source: str) -> dict[str, str]:
         if not colon or key not in FIELDS:
             raise InputError(source, f"line {number}", f"is none of the fields {', '.join(FIELDS)} (as in name: attic)")
         if key in fields:
-            raise InputError(source, f"line {number}", f"gives {key} a second time")
+            raise InputError(source, f"line {number}", f"repeats the field {key}")
         try:
             FIELDS[key](value)
         except ValueError:

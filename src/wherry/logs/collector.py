@@ -1,4 +1,4 @@
-"""Collects the messages of a text log, and checks that they follow each other."""
+"""Collection of a text log's messages, with checks of their order."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import IDENTITY, Pose
 from wherry.space.trajectory import Trajectory
 
-SICK_RANGE_MAX = 80.0  # m, longest valid range of a lidar that the log does not name; SICKs answer 81.83 or 81.91
-MOUNT_TOLERANCE = 1e-3  # m and rad by which the pose of the lidar on the robot may differ from line to line
+SICK_RANGE_MAX = 80.0  # m, longest valid range if a log gives none; without a return, SICK lidars read 81.83 or 81.91
+MOUNT_TOLERANCE = 1e-3  # m and rad by which the lidar's pose on the robot may vary between scans
 
 
 @dataclass
 class LogCollector:
-    """The messages of a log that were read so far.
+    """Scans and odometry of the messages that were read so far.
 
     Attributes:
         source: Name of the file.
-        is_lenient: Whether malformed lines are left out instead of refusing the file.
-        scan_message: Type of the messages that scans are taken from: the first one that occurred.
+        is_lenient: Whether malformed lines are left out; otherwise the first one raises an `InputError`.
+        scan_message: Type of the first scan message, the only type that scans are taken from; empty before it.
         lidar_offset: Distance of the lidar ahead of base_link, m; None if the log does not give it.
         range_max: Longest valid range, m.
-        scans: Scans, with the poses of base_link and of the lidar in the odom frame.
+        scans: Scans with the poses of base_link and of the lidar in the odom frame.
         odometry: Times and poses of odometry messages.
         skipped: Lines that were left out, with reasons.
     """
@@ -43,11 +43,11 @@ class LogCollector:
     odometry: list[tuple[float, Pose]] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
 
-    def reject(self, number: int, reason: str) -> None:
-        """Leave a line out.
+    def skip_line(self, number: int, reason: str) -> None:
+        """Leave a malformed line out.
 
         Raises:
-            InputError: The collector is not lenient.
+            InputError: The collector is not lenient; the error names the line and the reason.
         """
         if not self.is_lenient:
             raise InputError(self.source, f"line {number}", reason)
@@ -62,7 +62,7 @@ class LogCollector:
             lidar: The lidar in the odom frame.
 
         Raises:
-            MalformedLineError: The scan does not follow the one before.
+            MalformedLineError: The scan is earlier than the one before, has other beams, or is too far away.
         """
         if self.scans:
             last, last_robot, _ = self.scans[-1]
@@ -112,9 +112,9 @@ class LogCollector:
         return LidarLog(scans, scan_odometry, trajectory, self._lidar_pose(), tuple(self.skipped))
 
     def _lidar_pose(self) -> Pose:
-        """The lidar in the base_link frame: by the poses of the scans if they agree, else by the parameter.
+        """The lidar in the base_link frame: from the poses of the scans if they agree, otherwise from the parameter.
 
-        They do not agree where the lidar's poses were corrected afterwards and the robot's were not.
+        They disagree in logs where only the lidar's poses were corrected afterwards.
         """
         mounts = np.array([lidar.relative_to(robot).as_array() for _, robot, lidar in self.scans])
         if np.abs(mounts - mounts[0]).max() <= MOUNT_TOLERANCE and np.abs(mounts[0]).max() > MOUNT_TOLERANCE:

@@ -16,10 +16,10 @@ from wherry.robot import Scan
 from wherry.space.pose import Floats, Pose
 
 MAX_FILE_SIZE = 1_000_000_000  # bytes, unpacked
-MAX_COMPRESSION_RATIO = 100  # size of an unpacked log over that of its file
-MIN_CHECKED_SIZE = 10_000_000  # bytes, unpacked, below which that ratio does not matter
+MAX_COMPRESSION_RATIO = 100  # unpacked size over the size of the gzipped file
+MIN_CHECKED_SIZE = 10_000_000  # bytes, unpacked size below which the compression ratio is not checked
 MAX_LINE_LENGTH = 200_000  # bytes
-MAX_NUMBER = 1e18  # largest absolute value; times in nanoseconds are smaller
+MAX_NUMBER = 1e18  # largest absolute value of a number in a log
 MAX_COORDINATE = 1e9  # m
 RANGE_MIN = 0.02  # m, shortest valid range of a lidar whose log does not give one
 

@@ -18,7 +18,7 @@ def read_log(path: str | Path, *, lenient: bool = False) -> LidarLog:
 
     Args:
         path: The file; gzipped if its name ends in .gz.
-        lenient: Whether to leave out malformed lines instead of refusing the file.
+        lenient: Whether malformed lines are left out; otherwise the first one raises an error.
 
     Raises:
         InputError: The file cannot be read, is too large, has no scans, or (unless lenient) has a malformed line, which
@@ -32,5 +32,5 @@ def read_log(path: str | Path, *, lenient: bool = False) -> LidarLog:
         try:
             PARSERS.get(words[0], ignore_message)(collector, words)
         except MalformedLineError as error:
-            collector.reject(number, str(error))
+            collector.skip_line(number, str(error))
     return collector.log()

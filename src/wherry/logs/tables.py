@@ -1,4 +1,4 @@
-"""Text tables of numbers: trajectories and relations, plain or gzipped."""
+"""Text tables of numbers, plain or gzipped, such as trajectories and relations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from wherry.logs.log_lines import MalformedLineError, numbered_lines, parse_numb
 from wherry.space.pose import Floats
 from wherry.space.trajectory import Trajectory
 
-TUM_WIDTH = 8  # numbers in a line of TUM's format
+TUM_WIDTH = 8  # numbers in a line of the TUM format
 
 
 def read_odometry(path: str | Path) -> Trajectory:
@@ -34,7 +34,7 @@ def read_rows(path: str | Path, *, widths: tuple[int, ...]) -> Floats:
 
     Args:
         path: The file; gzipped if its name ends in .gz.
-        widths: Numbers that a line may have; all lines have the same number.
+        widths: Allowed counts of numbers in a line; all lines must have the same count.
 
     Returns:
         The numbers, [rows, width].

@@ -6,12 +6,12 @@ import numpy as np
 
 from wherry.space.pose import Floats
 
-MIN_SCAN_PERIOD = 0.005  # s; no lidar is faster, so a log with shorter periods has no usable clock
-PERIOD_WITHOUT_CLOCK = 1.0  # s from scan to scan that is assumed then
+MIN_SCAN_PERIOD = 0.005  # s, mean scan period below which a log has no usable clock; no lidar is that fast
+ASSUMED_SCAN_PERIOD = 1.0  # s, scan period of a log without a usable clock
 
 
 def increasing_times(times: Floats) -> Floats:
-    """Times that increase from scan to scan, as a motion model needs them to distinguish driving from a jump.
+    """Times that increase from scan to scan, which a motion model needs to distinguish driving from a jump.
 
     Scans with equal stamps are spread evenly up to the next stamp; a log without a usable clock gets a constant period.
 
@@ -26,7 +26,7 @@ def increasing_times(times: Floats) -> Floats:
         return times
     count = len(times)
     if times[-1] - times[0] < MIN_SCAN_PERIOD * count:
-        counted: Floats = times[0] + PERIOD_WITHOUT_CLOCK * np.arange(count)
+        counted: Floats = times[0] + ASSUMED_SCAN_PERIOD * np.arange(count)
         return counted
     first = np.concatenate([[0], 1 + np.flatnonzero(steps > 0.0)])  # first scan of each stamp
     period = (times[-1] - times[0]) / first[-1]

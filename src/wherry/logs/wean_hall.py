@@ -9,7 +9,7 @@ from wherry.logs.collector import LogCollector
 from wherry.logs.lidar_log import MAX_BEAMS
 from wherry.logs.log_lines import MalformedLineError, half_circle_scan, parse_numbers, parse_pose, parse_ranges
 
-RANGE_MAX = 80.0  # m, longest valid range
+RANGE_MAX = 80.0  # m, longest valid range of the lidar
 CENTIMETRE = 0.01  # m
 
 

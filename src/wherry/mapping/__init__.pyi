@@ -1,9 +1,10 @@
 from .graph_slam import GraphSlam
 from .graph_snapshot import GraphSnapshot
-from .loop_closure import LoopClosure, Rejection
+from .loop_closure import LoopClosure
 from .methods import SLAM_METHODS, SlamMethod
 from .particle_slam import ParticleSlam
 from .pose_graph import PoseGraph, optimized
+from .rejections import Rejection
 from .saved_graph import load_graph, save_graph
 from .scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
 from .settings import GraphSlamSettings, ParticleSlamSettings, SlamSettings

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wherry.space.pose import Floats, Pose
 
-MIN_CAPACITY = 64  # constraints that the arrays grow by at least
+MIN_CAPACITY = 64  # constraints, smallest growth of the arrays
 
 
 @dataclass(frozen=True)

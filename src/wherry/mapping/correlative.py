@@ -1,8 +1,7 @@
 """Correlative scan matching (Olson 2009): the best pose of a search window, by branch and bound (Hess et al. 2016).
 
-`wherry.localization.relocalization` bounds windows in the same way, but on a finished map that it searches as a whole
-for all places that fit; here the grid grows with every scan, windows are small, and the best pose with its distance
-from the second-best is all that is asked, which two levels with an exhaustive search below answer faster.
+`wherry.localization.relocalization` also uses branch and bound, but on a whole finished map and for all modes. Here the
+grid grows with every scan and windows are small, so two levels of bounds above an exhaustive search are faster.
 """
 
 from __future__ import annotations
@@ -17,18 +16,17 @@ from wherry.kernels import kernel
 from wherry.mapping.matching_grid import MAX_LIKELIHOOD, RESOLUTION, WINDOW_SIZES, MatchingGrid
 from wherry.space.pose import Floats, Pose, wrap
 
-ANGLE_STEP_QUANTILE = 0.8  # share of the points that one angle step moves by at most a cell
-MAX_ANGLE_STEP = math.radians(2.0)  # rad
-EDGE_SHARE = 0.9  # share of a window beyond which a pose counts as on its edge
-PEAK_DISTANCE = 0.5  # m within which, and within `PEAK_ANGLE`, two poses belong to one peak
-PEAK_ANGLE = math.radians(10.0)  # rad
-PRIOR_WEIGHT = 0.03  # share of its score that a pose one standard deviation from the window's centre loses
+ANGLE_STEP_QUANTILE = 0.8  # share of the points that move by at most one cell per angle step
+MAX_ANGLE_STEP = math.radians(2.0)  # rad, upper bound of the angle step, for clouds of near points
+EDGE_SHARE = 0.9  # share of a window's extent from which a pose counts as on the edge
+PEAK_DISTANCE, PEAK_ANGLE = 0.5, math.radians(10.0)  # m and rad, poses closer than both belong to the same peak
+PRIOR_WEIGHT = 0.03  # share of the score that is deducted at one standard deviation from the window's centre
 WINDOW_SIGMAS = 3.0  # standard deviations from the window's centre to its edge
 
 
 @dataclass(frozen=True, slots=True)
 class SearchWindow:
-    """The poses around an expected one that are searched.
+    """A window of poses to search, around an expected pose.
 
     Attributes:
         centre: The expected pose.
@@ -41,7 +39,7 @@ class SearchWindow:
     angle: float
 
     def is_on_edge(self, pose: Pose) -> bool:
-        """Whether a pose is so close to the edge that a better one may lie beyond."""
+        """Whether a pose is so close to the edge that a better one may lie outside of the window."""
         offset = max(abs(pose.x - self.centre.x), abs(pose.y - self.centre.y))
         turn = abs(wrap(pose.theta - self.centre.theta))
         return offset > EDGE_SHARE * self.distance or turn > EDGE_SHARE * self.angle
@@ -54,8 +52,8 @@ class Correlation:
     Attributes:
         pose: The best pose, to the nearest cell and angle step.
         score: Mean likelihood of the points at that pose, 0 to 1.
-        second_best_score: Score of the best pose on another peak, 0 to 1; a lower bound where it is below
-            the share of the score that was asked for.
+        second_best_score: Score of the best pose on another peak, 0 to 1; only a lower bound where it is below
+            ``second_best_share`` of the best score, see `correlate`.
     """
 
     pose: Pose
@@ -71,9 +69,10 @@ def correlate(
     Args:
         grid: The grid to match to.
         points: Points in the frame whose pose is sought, [N, 2] m, N ≥ 1.
-        window: Poses to search, in the grid's frame. A Gaussian prior around its centre decides where the points do
-            not: `PRIOR_WEIGHT` of the score is lost at one standard deviation.
-        second_best_share: Share of the best score from which second-best peaks are found exactly; 1 for none.
+        window: Poses to search, in the grid's frame. Where the points do not determine the pose, a weak Gaussian prior
+            around the window's centre does, see `PRIOR_WEIGHT`.
+        second_best_share: Peaks that reach this share of the best score are certain to be found; with 1 only the best
+            one is, which is fastest.
     """
     radii = np.sort(np.hypot(points[:, 0], points[:, 1]))
     radius = float(radii[int(ANGLE_STEP_QUANTILE * (len(points) - 1))])
@@ -128,18 +127,14 @@ def _search(
     Returns:
         Index of the heading and columns and rows from the centre, [3]; the score; the second-best score.
     """
-    count, top = len(points), len(WINDOW_SIZES) - 1
+    top = len(WINDOW_SIZES) - 1
     rotated = _rotated_cells(points, centre, angles, corner)
     side = 2 * cells // WINDOW_SIZES[top] + 1
-    nodes = len(angles) * side * side
-    bounds = np.empty(nodes)
-    for node in range(nodes):
-        a, row, column = node // (side * side), (node // side) % side, node % side
-        bounds[node] = _score(
-            likelihood[top], rotated[a], column * WINDOW_SIZES[top] - cells, row * WINDOW_SIZES[top] - cells
-        ) / (count * MAX_LIKELIHOOD)
+    bounds = _upper_bounds(likelihood[top], rotated, side, cells)
     best, best_weighted, best_score = np.zeros(3, np.int64), -1.0, 0.0
-    peaks = np.empty((nodes, 4))  # heading's index, columns, rows and score of the best leaf of each expanded node
+    peaks = np.empty(
+        (len(bounds), 4)
+    )  # heading's index, columns, rows and score of the best leaf of each expanded node
     expanded = 0
     leaf = np.empty(4)
     for node in np.argsort(-bounds, kind="mergesort"):
@@ -164,13 +159,38 @@ def _search(
         if leaf[3] > best_weighted:
             best[0], best[1], best[2] = a, int(leaf[0]), int(leaf[1])
             best_weighted, best_score = leaf[3], leaf[2]
+    return best, best_score, _second_best_score(peaks[:expanded], best, peak_extent)
+
+
+@kernel
+def _upper_bounds(layer: NDArray[np.uint8], rotated: NDArray[np.int32], side: int, cells: int) -> Floats:
+    """Upper bounds of the scores in all squares of the window, [A * side * side].
+
+    Args:
+        layer: Coarsest level of the grid, [H, W].
+        rotated: Columns and rows of the points at each heading, [A, N, 2].
+        side: Number of squares along each side of the window.
+        cells: Extent of the window to either side, cells.
+    """
+    size = WINDOW_SIZES[len(WINDOW_SIZES) - 1]
+    bounds = np.empty(len(rotated) * side * side)
+    for node in range(len(bounds)):
+        a, row, column = node // (side * side), (node // side) % side, node % side
+        score = _score(layer, rotated[a], column * size - cells, row * size - cells)
+        bounds[node] = score / (rotated.shape[1] * MAX_LIKELIHOOD)
+    return bounds
+
+
+@kernel
+def _second_best_score(peaks: Floats, best: NDArray[np.int64], peak_extent: Floats) -> float:
+    """Highest score of the peaks [P, 4] outside of the extent [2] of the best one [3]; 0 without another peak."""
     second_best_score = 0.0
-    for n in range(expanded):
+    for n in range(len(peaks)):
         distance = math.hypot(peaks[n, 1] - best[1], peaks[n, 2] - best[2])
         is_other_peak = distance > peak_extent[0] or abs(peaks[n, 0] - best[0]) > peak_extent[1]
         if is_other_peak and peaks[n, 3] > second_best_score:
             second_best_score = peaks[n, 3]
-    return best, best_score, second_best_score
+    return second_best_score
 
 
 @kernel

@@ -71,6 +71,11 @@ def invert(matrices: Floats) -> Floats:
     return inverses
 
 
+def regularized_inverse(information: Floats) -> Floats:
+    """Covariance of an information matrix [3, 3] that may be singular: 1 m or 1 rad where it determines nothing."""
+    return invert(information + np.eye(3))
+
+
 @kernel
 def _shortest_paths(
     source: int,
@@ -100,23 +105,38 @@ def _shortest_paths(
             other = ends[edge, 0] if is_reversed else ends[edge, 1]
             if expanded[other]:
                 continue
-            x, y, theta = measured[edge, 0], measured[edge, 1], measured[edge, 2]
-            added = covariances[edge]
-            if is_reversed:
-                # Inverse of the measurement z, and its covariance in the first node's frame: Ad(z) Σ Ad(z)ᵀ.
-                turned = _adjoint(x, y, theta)
-                added = turned @ added @ turned.T
-                cos, sin = math.cos(theta), math.sin(theta)
-                x, y, theta = -cos * x - sin * y, sin * x - cos * y, -theta
-            cos, sin = math.cos(theta), math.sin(theta)
-            carry = _adjoint(-cos * x - sin * y, sin * x - cos * y, -theta)
-            reached = carry @ known[node] @ carry.T + added
+            reached = _propagated(known[node], measured[edge], covariances[edge], is_reversed)
             trace = reached[0, 0] + reached[1, 1] + reached[2, 2]
             if trace < cost[other]:
                 cost[other] = trace
                 known[other] = reached
                 heapq.heappush(queue, (trace, other))
     return known
+
+
+@kernel
+def _propagated(covariance: Floats, measured: Floats, added: Floats, is_reversed: bool) -> Floats:
+    """Covariance at the end of a path that is extended by one constraint.
+
+    Args:
+        covariance: Covariance at the end of the path so far, in that node's frame, [3, 3].
+        measured: Measured pose z of the constraint, [3] m, m, rad.
+        added: Covariance Σ of ``measured`` in the frame of the constraint's second node, [3, 3].
+        is_reversed: Whether the path runs from the constraint's second node to its first.
+
+    Returns:
+        Covariance in the frame of the node that is reached, [3, 3].
+    """
+    x, y, theta = measured[0], measured[1], measured[2]
+    if is_reversed:
+        # Inverse of z, and its covariance in the first node's frame: Ad(z) Σ Ad(z)ᵀ.
+        adjoint = _adjoint(x, y, theta)
+        added = adjoint @ added @ adjoint.T
+        cos, sin = math.cos(theta), math.sin(theta)
+        x, y, theta = -cos * x - sin * y, sin * x - cos * y, -theta
+    cos, sin = math.cos(theta), math.sin(theta)
+    inverse_adjoint = _adjoint(-cos * x - sin * y, sin * x - cos * y, -theta)
+    return inverse_adjoint @ covariance @ inverse_adjoint.T + added
 
 
 @kernel

@@ -1,9 +1,12 @@
-"""The whole state of graph SLAM as one value: what is saved, and what mapping continues from."""
+"""The whole state of graph SLAM as one value, which can be saved and continued from."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from wherry.mapping.constraints import ConstraintList
 from wherry.mapping.keyframes import Keyframe
@@ -42,7 +45,7 @@ class GraphSnapshot:
         submap_constraints: Constraints between submaps, whose nodes are indices into ``submaps``.
         tracking: State of the front end; None before the first scan.
         scan_poses: Poses of all scans.
-        loop_closures: Loop closures that were attempted.
+        loop_closures: Loop closures that were attempted, accepted or not.
         pending_closures: Accepted loop closures since the last optimization.
     """
 
@@ -57,3 +60,15 @@ class GraphSnapshot:
     scan_poses: tuple[ScanPose, ...]
     loop_closures: tuple[LoopClosure, ...]
     pending_closures: int
+
+    @classmethod
+    def empty(cls, lidar: Pose, settings: GraphSlamSettings) -> GraphSnapshot:
+        """The state before the first scan."""
+        no_constraints = ConstraintList()
+        return cls(lidar, settings, (), np.zeros((0, 3)), no_constraints, (), no_constraints, None, (), (), 0)
+
+    @property
+    def keyframe_scans(self) -> NDArray[np.int64]:
+        """Index of the scan at each keyframe, [K]."""
+        keyframes = [scan_pose.keyframe for scan_pose in self.scan_poses]
+        return np.searchsorted(keyframes, np.arange(len(self.keyframes)))

@@ -1,4 +1,4 @@
-"""Keyframes, and the occupancy grid that is rendered of them."""
+"""Keyframes, and the occupancy grid that is rendered from them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
 HIT_EXTENSION = 1e-4  # m added to a hit's range, so that a beam that ends on a cell's edge hits the cell behind it
-ANGLE_LEVER = 5.0  # m at which a change of heading is compared with half a grid cell
+ANGLE_LEVER = 5.0  # m from the robot at which a change of its heading must move walls by less than half a grid cell
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Keyframe:
 
 
 class MapRenderer:
-    """Renders keyframes to an occupancy grid; only what was added is drawn unless earlier poses have changed.
+    """Renders keyframes to an occupancy grid; only new keyframes are drawn unless the poses of earlier ones changed.
 
     Args:
         lidar: Pose of the lidar in the base_link frame.

@@ -1,7 +1,8 @@
 """Loop closures: candidate matches of recent scans to old submaps, and the gates that reject false ones.
 
 A match is accepted if its score is high (score gate), no other pose in the search window scores nearly as well
-(ambiguity gate), and the points lie on the submap's surfaces (overlap gate). Rejected matches are kept with the reason.
+(ambiguity gate), and enough points are inliers of the submap's surfaces (overlap gate). Rejected matches are kept with
+the reason.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
@@ -18,52 +18,17 @@ from wherry.mapping.correlative import WINDOW_SIGMAS, Correlation, SearchWindow,
 from wherry.mapping.matching_grid import MatchingGrid
 from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.refinement import Refinement, refine
+from wherry.mapping.rejections import EXPLANATIONS, Rejection
 from wherry.space.pose import Floats, Pose
 
 LOOP_CLOSURE_MIN_SCORE = 0.45  # mean likelihood of the points
 LOOP_CLOSURE_MAX_SECOND_BEST = 0.90  # share of the best score that another peak may reach
-LOOP_CLOSURE_MIN_OVERLAP = 0.6  # share of the points that must lie on the submap's surfaces
-MAX_REFINEMENT_DISTANCE = 0.3  # m from the pose that the search found to the refined one
+LOOP_CLOSURE_MIN_OVERLAP = 0.6  # share of the points that must be inliers
+MAX_REFINEMENT_DISTANCE = 0.3  # m between the pose that the search found and the refined one
 MIN_WINDOW, MAX_WINDOW = 0.5, 8.0  # m to either side
 MIN_WINDOW_ANGLE, MAX_WINDOW_ANGLE = math.radians(4.0), math.radians(40.0)  # rad to either side
 SEARCH_POINTS = 300  # points of a cloud that are matched in windows up to `FULL_POINTS_WINDOW`
-FULL_POINTS_WINDOW = 2.0  # m; in wider windows the points are fewer, so that the time grows with the width only
-
-
-class Rejection(Enum):
-    """Why a loop closure was rejected; the value begins its explanation."""
-
-    LOW_SCORE = "response"
-    AMBIGUOUS = "ambiguous"
-    ON_WINDOW_EDGE = "on the window's edge"
-    LOW_OVERLAP = "overlap"
-    REFINEMENT_DIVERGED = "the exact match left the place that was found"
-
-    @classmethod
-    def of(cls, explanation: str) -> Rejection | None:
-        """The reason that an explanation begins with; None for an empty one.
-
-        Raises:
-            ValueError: The explanation begins with no reason.
-        """
-        if not explanation:
-            return None
-        for reason in cls:
-            if explanation.startswith(reason.value):
-                return reason
-        raise ValueError(f"{explanation!r} is no reason for a rejection")
-
-    @property
-    def description(self) -> str:
-        """The reason in plain words."""
-        return DESCRIPTIONS.get(self, self.value)
-
-
-DESCRIPTIONS: Mapping[Rejection, str] = {
-    Rejection.LOW_SCORE: "the match score is too low",
-    Rejection.AMBIGUOUS: "the second-best score is too close to the best",
-    Rejection.LOW_OVERLAP: "too few points are inliers",
-}
+FULL_POINTS_WINDOW = 2.0  # m to either side; wider windows use fewer points, so that time grows linearly with the width
 
 
 @dataclass(frozen=True)
@@ -96,12 +61,12 @@ class LoopClosure:
 
     @property
     def is_accepted(self) -> bool:
-        """Whether the closure became a constraint of the map."""
+        """Whether the closure became a constraint of the pose graph."""
         return self.rejection is None
 
 
 def search_window(expected: Pose, covariance: Floats) -> SearchWindow:
-    """The window of `WINDOW_SIGMAS` standard deviations around an expected pose with its covariance [3, 3]."""
+    """The window of `WINDOW_SIGMAS` standard deviations, within limits, around a pose with covariance [3, 3]."""
     distance = WINDOW_SIGMAS * math.sqrt(max(covariance[0, 0], covariance[1, 1]))
     angle = WINDOW_SIGMAS * math.sqrt(covariance[2, 2])
     return SearchWindow(
@@ -122,14 +87,14 @@ def attempt_loop_closure(
         target: Index of the keyframe at the submap's origin.
         grid: The submap's matching grid.
         cloud: Surroundings of the keyframe in its base_link frame.
-        window: Poses to search; while the best one is on the edge, a window twice as wide is searched.
+        window: Poses to search; while the best one is on the edge, the window is doubled up to the limits.
     """
     found = _best_pose(grid, cloud, window)
     while found.score >= LOOP_CLOSURE_MIN_SCORE and window.is_on_edge(found.pose) and _doubled(window) != window:
-        window = _doubled(window)  # the covariance that the window follows from is an estimate too
+        window = _doubled(window)  # the covariance that the window is derived from may be too small
         found = _best_pose(grid, cloud, window)
     refined = refine(grid, cloud, found.pose)
-    rejection, explanation = _verdict(found, refined, window)
+    rejection = _failed_gate(found, refined, window)
     return LoopClosure(
         time,
         keyframe,
@@ -140,7 +105,7 @@ def attempt_loop_closure(
         found.second_best_score,
         window.distance,
         rejection,
-        explanation,
+        _explanation(rejection, found, refined),
     )
 
 
@@ -149,20 +114,32 @@ def count_rejections(closures: Iterable[LoopClosure]) -> Mapping[Rejection, int]
     return dict(Counter(closure.rejection for closure in closures if closure.rejection).most_common())
 
 
-def _verdict(found: Correlation, refined: Refinement, window: SearchWindow) -> tuple[Rejection | None, str]:
-    """The first gate that a match fails, with the measured values; None if it passes all of them."""
-    score, second_best, overlap = found.score, found.second_best_score, refined.overlap
-    if score < LOOP_CLOSURE_MIN_SCORE:
-        return Rejection.LOW_SCORE, f"response {score:.2f} is below {LOOP_CLOSURE_MIN_SCORE}"
-    if second_best > LOOP_CLOSURE_MAX_SECOND_BEST * score:
-        return Rejection.AMBIGUOUS, f"ambiguous: another place has response {second_best:.2f} beside {score:.2f}"
+def _failed_gate(found: Correlation, refined: Refinement, window: SearchWindow) -> Rejection | None:
+    """The first gate that a match fails; None if it passes all of them."""
+    if found.score < LOOP_CLOSURE_MIN_SCORE:
+        return Rejection.LOW_SCORE
+    if found.second_best_score > LOOP_CLOSURE_MAX_SECOND_BEST * found.score:
+        return Rejection.AMBIGUOUS
     if window.is_on_edge(found.pose):
-        return Rejection.ON_WINDOW_EDGE, "on the window's edge: the best place may lie beyond"
-    if overlap < LOOP_CLOSURE_MIN_OVERLAP:
-        return Rejection.LOW_OVERLAP, f"overlap {overlap:.2f} is below {LOOP_CLOSURE_MIN_OVERLAP}"
+        return Rejection.ON_WINDOW_EDGE
+    if refined.overlap < LOOP_CLOSURE_MIN_OVERLAP:
+        return Rejection.LOW_OVERLAP
     if refined.pose.distance_to(found.pose) > MAX_REFINEMENT_DISTANCE:
-        return Rejection.REFINEMENT_DIVERGED, "the exact match left the place that was found"
-    return None, ""
+        return Rejection.REFINEMENT_DIVERGED
+    return None
+
+
+def _explanation(rejection: Rejection | None, found: Correlation, refined: Refinement) -> str:
+    """The reason of a rejection with the measured values; empty without a rejection."""
+    if rejection is None:
+        return ""
+    return EXPLANATIONS[rejection].format(
+        score=found.score,
+        second_best_score=found.second_best_score,
+        overlap=refined.overlap,
+        min_score=LOOP_CLOSURE_MIN_SCORE,
+        min_overlap=LOOP_CLOSURE_MIN_OVERLAP,
+    )
 
 
 def _best_pose(grid: MatchingGrid, cloud: PointCloud, window: SearchWindow) -> Correlation:
@@ -172,6 +149,6 @@ def _best_pose(grid: MatchingGrid, cloud: PointCloud, window: SearchWindow) -> C
 
 
 def _doubled(window: SearchWindow) -> SearchWindow:
-    """A window twice as wide, up to the largest one."""
+    """A window twice as wide, up to `MAX_WINDOW` and `MAX_WINDOW_ANGLE`."""
     distance, angle = 2.0 * window.distance, 2.0 * window.angle
     return SearchWindow(window.centre, min(distance, MAX_WINDOW), min(angle, MAX_WINDOW_ANGLE))

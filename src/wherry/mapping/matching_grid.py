@@ -19,9 +19,9 @@ from wherry.space.pose import Floats
 from wherry.space.tiles import enlarge
 
 RESOLUTION = 0.05  # m, side of a cell
-WINDOW_SIZES = (1, 4, 8)  # cells along the windows of each likelihood level
+WINDOW_SIZES = (1, 4, 8)  # cells along a window's side, on each likelihood level
 SMEAR_SIGMA = 0.06  # m, standard deviation of the likelihood around a point
-STAMP_RADIUS = 3  # cells around a point whose likelihood it raises
+STAMP_RADIUS = 3  # cells to either side of a point whose likelihood it raises
 MAX_LIKELIHOOD = 255  # value of a cell that contains a point
 MIN_SPARE_CELLS = 64  # cells that the arrays grow by at least
 MIN_NORMAL_COSINE = 0.7  # cosine of the angle between the normals of points on one surface
@@ -76,7 +76,9 @@ class MatchingGrid:
             end = self.corner + np.array([width, height])
             if (low >= self.corner).all() and (high <= end).all():
                 return
-            spare = np.maximum(MIN_SPARE_CELLS, (end - self.corner) // 4)  # a share, so that copies stay rare
+            spare = np.maximum(
+                MIN_SPARE_CELLS, (end - self.corner) // 4
+            )  # in proportion to the size, so that copies are rare
             low = np.where(low < self.corner, low - spare, self.corner)
             high = np.where(high > end, high + spare, end)
         self.likelihood = enlarge(self.likelihood, self.corner, low, high, 0)
@@ -108,7 +110,7 @@ def _stamp(
     for n in range(len(points)):
         column = math.floor(points[n, 0] / RESOLUTION) - corner[0]
         row = math.floor(points[n, 1] / RESOLUTION) - corner[1]
-        if likelihood[0, row, column] == MAX_LIKELIHOOD:  # a point in this cell has left the same stamps before
+        if likelihood[0, row, column] == MAX_LIKELIHOOD:  # an earlier point in this cell left the same stamps
             continue
         for level in range(len(stamps)):
             stamp = stamps[level]

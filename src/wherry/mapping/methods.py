@@ -24,33 +24,33 @@ class SlamMethod:
     """A SLAM method that can be chosen by name.
 
     Attributes:
-        create: Makes the method of the lidar's pose, a source of randomness, and the settings.
-        compile_kernels: Compiles all kernels by mapping a few measurements, of the lidar's pose and the measurements.
+        create: Creates the method from the lidar's pose, a source of randomness, and the settings.
+        compile_kernels: Compiles all kernels by mapping a few measurements with the lidar at the given pose.
     """
 
     create: Callable[[Pose, np.random.Generator, SlamSettings], Slam]
     compile_kernels: Callable[[Pose, Measurements], None]
 
 
-def _graph(lidar: Pose, rng: np.random.Generator, settings: SlamSettings) -> GraphSlam:
+def _create_graph_slam(lidar: Pose, rng: np.random.Generator, settings: SlamSettings) -> GraphSlam:
     """Graph SLAM, which uses no randomness."""
     del rng
     return GraphSlam(lidar, GraphSlamSettings(**asdict(settings)))
 
 
-def _compile_graph(lidar: Pose, measurements: Measurements) -> None:
+def _compile_graph_slam(lidar: Pose, measurements: Measurements) -> None:
     """Map with short submaps and frequent searches, so that loop closing and optimization are compiled too."""
     slam = GraphSlam(lidar, GraphSlamSettings(submap_scans=4, closure_every=1))
     _map(slam, measurements)
     optimized(slam.pose_graph)
 
 
-def _particles(lidar: Pose, rng: np.random.Generator, settings: SlamSettings) -> ParticleSlam:
+def _create_particle_slam(lidar: Pose, rng: np.random.Generator, settings: SlamSettings) -> ParticleSlam:
     """Particle SLAM."""
     return ParticleSlam(lidar, rng, ParticleSlamSettings(**asdict(settings)))
 
 
-def _compile_particles(lidar: Pose, measurements: Measurements) -> None:
+def _compile_particle_slam(lidar: Pose, measurements: Measurements) -> None:
     """Map with the default settings."""
     _map(ParticleSlam(lidar, np.random.default_rng(0)), measurements)
 
@@ -63,5 +63,8 @@ def _map(slam: Slam, measurements: Measurements) -> None:
 
 
 SLAM_METHODS: Mapping[str, SlamMethod] = MappingProxyType(
-    {"graph": SlamMethod(_graph, _compile_graph), "particles": SlamMethod(_particles, _compile_particles)}
+    {
+        "graph": SlamMethod(_create_graph_slam, _compile_graph_slam),
+        "particles": SlamMethod(_create_particle_slam, _compile_particle_slam),
+    }
 )

@@ -1,7 +1,7 @@
 """Grid SLAM with Rao–Blackwellized particles, the method of gmapping (Grisetti, Stachniss & Burgard 2007).
 
 Each particle has its own trajectory and map. Particles move to the poses at which odometry and scan agree best, and are
-resampled only when the effective sample size is small.
+resampled only when the effective sample size is small. Equation numbers are those of the article.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from wherry.mapping.graph_snapshot import GraphSnapshot, ScanPose
 from wherry.mapping.keyframes import Keyframe, MapRenderer
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.matching_grid import MAX_LIKELIHOOD
-from wherry.mapping.motion_prior import MotionNoise, is_within
+from wherry.mapping.motion_noise import MotionNoise, is_within
 from wherry.mapping.point_cloud import PointCloud
+from wherry.mapping.scan_matching import MIN_POINTS
 from wherry.mapping.settings import ParticleSlamSettings
 from wherry.mapping.shared_tiles import SharedTiles, log_likelihood
 from wherry.mapping.slam import NO_DISCS
@@ -27,20 +28,27 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose, compose
 from wherry.space.trajectory import Trajectory
 
-SCAN_POINTS = 120  # points of a scan that are used
-INDEPENDENT_POINTS = 50.0  # points that a scan counts as, since neighbours on one wall are not independent
-MIN_POINT_LIKELIHOOD = 0.05  # likelihood of a point away from all mapped points
+SCAN_POINTS = 120  # points of a scan that are matched
+INDEPENDENT_POINTS = 50.0  # points that a scan's likelihood counts for; errors of points on one wall are correlated
+MIN_POINT_LIKELIHOOD = 0.05  # likelihood of a point that is far from all mapped points
 CLIMB_STEP, CLIMB_ANGLE_STEP = 0.08, math.radians(2.0)  # m and rad, first steps of hill climbing
-CLIMB_HALVINGS = 5
-LATTICE_STEP, LATTICE_ANGLE_STEP = 0.02, math.radians(0.4)  # m and rad between the poses that the proposal is made of
-MIN_POINTS = 20  # points that a scan must have to be matched
+CLIMB_HALVINGS = 5  # step sizes of hill climbing, each half of the one before
+LATTICE_STEP, LATTICE_ANGLE_STEP = 0.02, math.radians(0.4)  # m and rad, spacing of the lattice of the proposal
 MIN_ELAPSED = 1e-3  # s, lower bound of the time that a velocity is computed over
-MOTION_NOISE = MotionNoise(0.03, 0.15, 0.05, math.radians(1.0), 0.12, math.radians(3.0))
+MOTION_NOISE = MotionNoise(
+    distance=0.03,
+    distance_per_distance=0.15,
+    distance_per_angle=0.05,
+    angle=math.radians(1.0),
+    angle_per_angle=0.12,
+    angle_per_distance=math.radians(3.0),
+)
+# Log likelihood of each value 0 to 255 of a map's cell, [256].
 LOG_TABLE = np.log(MIN_POINT_LIKELIHOOD + (1.0 - MIN_POINT_LIKELIHOOD) * np.arange(MAX_LIKELIHOOD + 1) / MAX_LIKELIHOOD)
 
 
 class ParticleSlam:
-    """Rao–Blackwellized particle SLAM, as in `wherry.mapping.slam.Slam`.
+    """Rao–Blackwellized particle SLAM; implements `wherry.mapping.slam.Slam`.
 
     Args:
         lidar: Pose of the lidar in the base_link frame.
@@ -89,7 +97,7 @@ class ParticleSlam:
 
     @property
     def trajectory(self) -> Trajectory:
-        """Trajectory of the best particle."""
+        """base_link of the best particle at each scan in the map frame."""
         poses = self.keyframe_poses
         times = np.array([scan_pose.time for scan_pose in self._scan_poses])
         at_scans = [(Pose.from_array(poses[keyframe]) @ offset).as_array() for _, keyframe, offset in self._scan_poses]
@@ -97,7 +105,7 @@ class ParticleSlam:
 
     @property
     def keyframe_poses(self) -> Floats:
-        """base_link of the best particle at each keyframe, [K, 3] m, m, rad, traced back through its parents."""
+        """base_link of the best particle and its ancestors at each keyframe in the map frame, [K, 3] m, m, rad."""
         particle = self._best_particle
         poses = np.zeros((len(self._history), 3))
         for keyframe in range(len(self._history) - 1, -1, -1):
@@ -107,7 +115,7 @@ class ParticleSlam:
 
     @property
     def loop_closures(self) -> Sequence[LoopClosure]:
-        """Empty, since particles close loops implicitly."""
+        """Empty, since particles close loops without explicit constraints."""
         return ()
 
     def snapshot(self) -> GraphSnapshot | None:
@@ -198,7 +206,7 @@ def _normalized(log_weights: Floats) -> Floats:
 
 
 def _systematic_resample(weights: Floats, start: float) -> NDArray[np.int64]:
-    """Indices [N] of the particles that survive; ``start`` is uniform in [0, 1)."""
+    """Indices [N] of the particles that are drawn; ``start`` is uniform in [0, 1)."""
     count = len(weights)
     marks = (np.arange(count) + start) / count
     return np.minimum(np.searchsorted(np.cumsum(weights), marks), count - 1).astype(np.int64)
@@ -238,33 +246,62 @@ def _propose(
         return poses, increments
     exponent = INDEPENDENT_POINTS / len(points)
     for n in range(count):
-        highest = _climb(index[n], tiles, corner, points, poses[n], expected[n], deviations, log_table, exponent)
-        # The proposal is a Gaussian with the moments of a lattice around the best pose (equations 15 to 17).
-        total, mean, second = 0.0, np.zeros(3), np.zeros((3, 3))
-        for node in range(27):
-            offset = np.array(
-                [
-                    (node % 3 - 1) * LATTICE_STEP,
-                    (node // 3 % 3 - 1) * LATTICE_STEP,
-                    (node // 9 - 1) * LATTICE_ANGLE_STEP,
-                ]
-            )
-            value = _posterior(
-                index[n], tiles, corner, points, poses[n] + offset, expected[n], deviations, log_table, exponent
-            )
-            weight = math.exp(value - highest)
-            total += weight
-            mean += weight * offset
-            second += weight * np.outer(offset, offset)
-        mean /= total
-        covariance = second / total - np.outer(mean, mean) + np.diag(np.array([1e-8, 1e-8, 1e-9]))
+        highest = _hill_climb(index[n], tiles, corner, points, poses[n], expected[n], deviations, log_table, exponent)
+        total, mean, covariance = _lattice_moments(
+            index[n], tiles, corner, points, poses[n], expected[n], deviations, log_table, exponent, highest
+        )
         poses[n] += mean + np.linalg.cholesky(covariance) @ noise[n]
         increments[n] = highest + math.log(total)
     return poses, increments
 
 
 @kernel
-def _climb(
+def _lattice_moments(
+    index: NDArray[np.int32],
+    tiles: NDArray[np.uint8],
+    corner: NDArray[np.int64],
+    points: Floats,
+    pose: Floats,
+    expected: Floats,
+    deviations: Floats,
+    log_table: Floats,
+    exponent: float,
+    highest: float,
+) -> tuple[float, Floats, Floats]:
+    """Moments of the posterior on a lattice of 3 × 3 × 3 poses around one (equations 15 to 17).
+
+    Args:
+        index: As in `_propose`, of one particle, [H, W].
+        tiles: As in `_propose`.
+        corner: As in `_propose`.
+        points: As in `_propose`.
+        pose: Centre of the lattice, [3] m, m, rad.
+        expected: Pose that the motion predicts, [3] m, m, rad.
+        deviations: As in `_propose`.
+        log_table: As in `_propose`.
+        exponent: Weight of the scan's log likelihood.
+        highest: Log posterior that is scaled to a weight of 1.
+
+    Returns:
+        Sum of the weights, mean [3] and covariance [3, 3] of the offsets from the centre, m, m, rad.
+    """
+    total, mean, second = 0.0, np.zeros(3), np.zeros((3, 3))
+    for node in range(27):
+        offset = np.array(
+            [(node % 3 - 1) * LATTICE_STEP, (node // 3 % 3 - 1) * LATTICE_STEP, (node // 9 - 1) * LATTICE_ANGLE_STEP]
+        )
+        value = _log_posterior(index, tiles, corner, points, pose + offset, expected, deviations, log_table, exponent)
+        weight = math.exp(value - highest)
+        total += weight
+        mean += weight * offset
+        second += weight * np.outer(offset, offset)
+    mean /= total
+    covariance = second / total - np.outer(mean, mean) + np.diag(np.array([1e-8, 1e-8, 1e-9]))
+    return total, mean, covariance
+
+
+@kernel
+def _hill_climb(
     index: NDArray[np.int32],
     tiles: NDArray[np.uint8],
     corner: NDArray[np.int64],
@@ -275,8 +312,8 @@ def _climb(
     log_table: Floats,
     exponent: float,
 ) -> float:
-    """Move a pose [3] to the nearest maximum of the posterior, axis by axis with halving steps; return its log."""
-    highest = _posterior(index, tiles, corner, points, pose, expected, deviations, log_table, exponent)
+    """Hill-climb a pose [3] to a maximum of the posterior, axis by axis with halving steps; return its log."""
+    highest = _log_posterior(index, tiles, corner, points, pose, expected, deviations, log_table, exponent)
     step = np.array([CLIMB_STEP, CLIMB_STEP, CLIMB_ANGLE_STEP])
     for _ in range(CLIMB_HALVINGS):
         has_improved = True
@@ -285,7 +322,7 @@ def _climb(
             for side in range(6):
                 tried = pose.copy()
                 tried[side // 2] += step[side // 2] * (1.0 if side % 2 == 0 else -1.0)
-                value = _posterior(index, tiles, corner, points, tried, expected, deviations, log_table, exponent)
+                value = _log_posterior(index, tiles, corner, points, tried, expected, deviations, log_table, exponent)
                 if value > highest:
                     pose[:], highest, has_improved = tried, value, True
         step = step / 2.0
@@ -293,7 +330,7 @@ def _climb(
 
 
 @kernel
-def _posterior(
+def _log_posterior(
     index: NDArray[np.int32],
     tiles: NDArray[np.uint8],
     corner: NDArray[np.int64],
@@ -304,7 +341,7 @@ def _posterior(
     log_table: Floats,
     exponent: float,
 ) -> float:
-    """Log posterior, p(z | x, map) p(x | odometry) up to a constant factor."""
+    """Log of p(z | x, map) p(x | odometry), up to a constant."""
     evidence = log_likelihood(index, tiles, corner, points, pose[0], pose[1], pose[2], log_table)
     offset = pose - expected
     offset[2] -= math.tau * np.round(offset[2] / math.tau)

@@ -14,9 +14,9 @@ from wherry.space.pose import Floats, Pose
 
 MIN_POINT_SPACING = 0.05  # m between consecutive points; closer ones are redundant
 NORMAL_RADIUS = 0.15  # m, neighbourhood that a normal is estimated from
-WIDE_NORMAL_RADIUS = 0.3  # m, neighbourhood used where noise hides the normal in the smaller one
-MAX_NORMAL_NEIGHBOURS = 20  # beams to either side of a point
-MAX_NORMAL_SPREAD_RATIO = 0.35  # smallest over largest standard deviation of a neighbourhood that counts as a line
+WIDE_NORMAL_RADIUS = 0.3  # m, neighbourhood that is used where the smaller one is too noisy
+MAX_NORMAL_NEIGHBOURS = 20  # beams to either side of a point that its normal is estimated from
+MAX_NORMAL_SPREAD_RATIO = 0.35  # ratio of the standard deviations across and along a neighbourhood that is a line
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class PointCloud:
     """Points with surface normals.
 
     Attributes:
-        points: [N, 2] m.
-        normals: [N, 2] unit normals that face the sensor; zero where the neighbourhood is no line.
+        points: Points, [N, 2] m.
+        normals: Unit normals that face the sensor, [N, 2]; zero where the neighbours of a point form no line.
     """
 
     points: Floats
@@ -68,7 +68,7 @@ def merge_clouds(clouds: Iterable[PointCloud], cell_size: float) -> PointCloud:
 
 @kernel
 def _points_and_normals(ranges: Floats, angle_min: float, angle_increment: float) -> tuple[Floats, Floats]:
-    """Points [N, 2] m and normals [N, 2] in the lidar frame of ranges [R] m, where NaN is no reading."""
+    """Points [N, 2] m and normals [N, 2] in the lidar frame of ranges [R] m, NaN without a reading."""
     count = len(ranges)
     x, y = np.empty(count), np.empty(count)
     for i in range(count):
@@ -97,8 +97,8 @@ def _normal(x: Floats, y: Floats, i: int, radius: float) -> tuple[float, float]:
     """Unit normal of the line through a point's neighbours, facing the lidar; zero if they lie on no line.
 
     Args:
-        x: x coordinates of all points, [R] m; NaN for no reading.
-        y: y coordinates of all points, [R] m; NaN for no reading.
+        x: x coordinates of all points, [R] m; NaN without a reading.
+        y: y coordinates of all points, [R] m; NaN without a reading.
         i: Index of the point.
         radius: Largest distance of a neighbour, m; neighbours are consecutive beams without a gap.
     """

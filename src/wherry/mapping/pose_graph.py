@@ -16,14 +16,14 @@ from scipy.sparse.linalg import splu
 from wherry.kernels import kernel
 from wherry.space.pose import Floats
 
-MAX_ITERATIONS = 20  # at each scale of the robust loss
+MAX_ITERATIONS = 20  # Gauss–Newton steps at each scale of the robust loss
 CONVERGENCE_TOLERANCE = 1e-4  # m and rad, largest change of a pose below which the iteration ends
 MIN_RELATIVE_GAIN = 1e-4  # relative decrease of the cost below which the iteration ends
 ROBUST_SCALE = 2.0  # standard deviations; an error of this size has half the weight under Cauchy's loss
-MAX_INITIAL_ERROR = 4.0  # multiple of `ROBUST_SCALE` above which the loss begins wider
+MAX_INITIAL_ERROR = 4.0  # multiple of `ROBUST_SCALE`; with larger initial errors the loss begins with a wider scale
 SCALE_REDUCTION = 4.0  # factor by which the scale of the loss is reduced from stage to stage
-INITIAL_DAMPING = 1e-6
-MAX_DAMPING = 1e6
+INITIAL_DAMPING = 1e-6  # share of the Hessian's diagonal that is added to it in the first step
+MAX_DAMPING = 1e6  # share of the diagonal above which no step decreases the cost, and the iteration ends
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class PoseGraph:
         poses: Poses of the nodes, [N, 3] m, m, rad; the first one is fixed.
         ends: The two nodes i and j of each constraint, [C, 2].
         measured: Pose of j in the frame of i, [C, 3] m, m, rad.
-        information: Inverse covariance of ``measured`` in the frame of j, [C, 3, 3].
+        information: Inverse covariance of ``measured`` in the frame of j, [C, 3, 3] m, m, rad.
         robust: Which constraints have a robust loss, since they may be outliers, [C].
     """
 
@@ -68,7 +68,7 @@ def optimized(graph: PoseGraph) -> PoseGraph:
 
 
 def constraint_errors(graph: PoseGraph) -> Floats:
-    """Mahalanobis lengths of the constraints' errors, [C], in standard deviations."""
+    """Mahalanobis norms of the constraints' errors, [C] standard deviations."""
     return _errors(graph.poses, graph.ends, graph.measured, graph.information)
 
 
@@ -119,7 +119,7 @@ def _errors(poses: Floats, ends: NDArray[np.int64], measured: Floats, informatio
 
 @kernel
 def _error(first: Floats, second: Floats, measured: Floats) -> Floats:
-    """Error z⁻¹ (xᵢ⁻¹ xⱼ) of a constraint, [3] m, m, rad."""
+    """Error z⁻¹ (xᵢ⁻¹ xⱼ) of a constraint with poses xᵢ, xⱼ [3] and measurement z [3], [3] m, m, rad."""
     cos, sin = math.cos(first[2]), math.sin(first[2])
     dx, dy = second[0] - first[0], second[1] - first[1]
     off_x, off_y = cos * dx + sin * dy - measured[0], -sin * dx + cos * dy - measured[1]
@@ -127,6 +127,21 @@ def _error(first: Floats, second: Floats, measured: Floats) -> Floats:
     turn = second[2] - first[2] - measured[2]
     turn -= math.tau * np.round(turn / math.tau)
     return np.array([cos * off_x + sin * off_y, -sin * off_x + cos * off_y, turn])
+
+
+@kernel
+def _jacobian(first: Floats, second: Floats, measured: Floats) -> Floats:
+    """Jacobian of `_error` by the first and the second pose, [3, 6]."""
+    angle = first[2] + measured[2]
+    cos, sin = math.cos(angle), math.sin(angle)
+    dx, dy = second[0] - first[0], second[1] - first[1]
+    jacobian = np.zeros((3, 6))
+    jacobian[0, 0], jacobian[0, 1], jacobian[0, 2] = -cos, -sin, -sin * dx + cos * dy
+    jacobian[1, 0], jacobian[1, 1], jacobian[1, 2] = sin, -cos, -cos * dx - sin * dy
+    jacobian[2, 2] = -1.0
+    jacobian[0, 3], jacobian[0, 4], jacobian[1, 3], jacobian[1, 4] = cos, sin, -sin, cos
+    jacobian[2, 5] = 1.0
+    return jacobian
 
 
 @kernel
@@ -138,7 +153,7 @@ def _linearize(
     robust: NDArray[np.bool_],
     scale: float,
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64], Floats, float]:
-    """As `_linearized`; the unknowns are all poses but the first."""
+    """As `_linearized`; the unknowns are all poses except the first."""
     count = len(ends)
     values = np.zeros(count * 36)
     rows, columns = np.zeros(count * 36, np.int64), np.zeros(count * 36, np.int64)
@@ -154,16 +169,7 @@ def _linearize(
             cost += scale * scale * math.log1p(squared / (scale * scale))
         else:
             cost += squared
-        # Jacobian of the error by xᵢ and xⱼ.
-        angle = poses[i, 2] + measured[c, 2]
-        cos, sin = math.cos(angle), math.sin(angle)
-        dx, dy = poses[j, 0] - poses[i, 0], poses[j, 1] - poses[i, 1]
-        jacobian = np.zeros((3, 6))
-        jacobian[0, 0], jacobian[0, 1], jacobian[0, 2] = -cos, -sin, -sin * dx + cos * dy
-        jacobian[1, 0], jacobian[1, 1], jacobian[1, 2] = sin, -cos, -cos * dx - sin * dy
-        jacobian[2, 2] = -1.0
-        jacobian[0, 3], jacobian[0, 4], jacobian[1, 3], jacobian[1, 4] = cos, sin, -sin, cos
-        jacobian[2, 5] = 1.0
+        jacobian = _jacobian(poses[i], poses[j], measured[c])
         weighted = weight * (jacobian.T @ information[c])
         block, block_gradient = weighted @ jacobian, weighted @ error
         for a in range(6):

@@ -23,15 +23,15 @@ from wherry.space.pose import Floats, Pose
 
 POINT_SIGMA = 0.03  # m, standard deviation of a point's distance from its surface
 CAUCHY_SCALE = 0.05  # m, residual whose weight is halved by the Cauchy loss
-MAX_ITERATIONS = 12
+MAX_ITERATIONS = 12  # Gauss–Newton steps
 CONVERGENCE_TOLERANCE = 1e-5  # m and rad, step below which the iteration ends
 SURFACE_RADIUS = 0.15  # m, radius within which surfels make up the surface at a point; nearer ones weigh more
 SURFACE_CELLS = math.ceil(SURFACE_RADIUS / RESOLUTION)  # cells to either side that are searched for surfels
-DAMPING = 1.0  # 1/m² and 1/rad², keeps the system regular where neither points nor prior determine the pose
+DAMPING = 1.0  # 1/m² and 1/rad², keeps the system regular where points and prior leave the pose undetermined
 NO_PRIOR = np.zeros((3, 3))
-# In a bare corridor, errors of the normals give false information along it. Where the ratio of the least to the
-# greatest information is below the first bound it is discarded, above the second it is kept, in between it is scaled
-# (Zhang et al. 2016).
+# In a bare corridor, errors of the normals give false information about the position along it (Zhang et al. 2016).
+# Ratios of the least to the greatest information: below the first the least is discarded, above the second it is kept,
+# in between it is scaled.
 MIN_INFORMATION_RATIO, FULL_INFORMATION_RATIO = 0.01, 0.04
 
 
@@ -42,8 +42,8 @@ class Refinement:
     Attributes:
         pose: Pose in the grid's frame.
         information: Information of the pose from the points alone, in the grid's frame, [3, 3] m, m, rad.
-        overlap: Share of the points with a normal that lie on a surface of the grid, 0 to 1.
-        residual: Root mean square distance of those points from their surfaces, m.
+        overlap: Share of inliers, points on a surface of the grid, among the points with a normal, 0 to 1.
+        residual: Root mean square distance of the inliers from their surfaces, m.
     """
 
     pose: Pose
@@ -94,7 +94,7 @@ def _refine(
     prior: Floats,
     prior_information: Floats,
 ) -> tuple[Floats, Floats, float, float]:
-    """As `refine`, of the grid's arrays, points and normals [N, 2], and poses [3]."""
+    """As `refine`, with the grid's arrays, points and normals [N, 2], and poses [3]."""
     pose = start.copy()
     information, gradient = np.zeros((3, 3)), np.zeros(3)
     overlap, residual = 0.0, 0.0
@@ -169,7 +169,7 @@ def _surface(
     facing_x: float,
     facing_y: float,
 ) -> tuple[bool, float, float, float]:
-    """Find the surface at a point (m) whose normal has about the direction (facing_x, facing_y).
+    """Find the surface at a point (m) whose normal points roughly along (facing_x, facing_y).
 
     Returns:
         Whether there is one, the point's signed distance from it, m, and its unit normal.

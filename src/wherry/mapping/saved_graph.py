@@ -1,8 +1,8 @@
-"""Graph snapshots in files, from which mapping continues as if it had never stopped.
+"""Files of graph snapshots, from which mapping continues to the same bytes as without a stop.
 
 A file is a NumPy archive of plain arrays without pickled objects; matching grids are not stored, since they are rebuilt
 from the scans. The archive's keys are the format's own: there a keyframe is a node or a key, a submap a piece, a
-constraint between submaps a way, the state of tracking the front, and the second-best score the rival.
+constraint between submaps a way, the tracking state the front, and the second-best score the rival.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ from wherry.files import read_bytes, write_atomically
 from wherry.mapping.constraints import ConstraintList
 from wherry.mapping.graph_snapshot import GraphSnapshot, ScanPose
 from wherry.mapping.keyframes import Keyframe
-from wherry.mapping.loop_closure import LoopClosure, Rejection
+from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.point_cloud import PointCloud
+from wherry.mapping.rejections import rejection_of
 from wherry.mapping.settings import GraphSlamSettings
 from wherry.mapping.submaps import Submap
 from wherry.mapping.tracking import TrackingState
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Floats, Pose
 
-FORMAT_VERSION = 1
-MAX_FILE_SIZE = 4_000_000_000  # bytes, unpacked
-POSE, COVARIANCE = (3,), (3, 3)
+FORMAT_VERSION = 1  # value of the key wherry-graph in the head
+MAX_FILE_SIZE = 4_000_000_000  # bytes, both packed and unpacked
+POSE, COVARIANCE = (3,), (3, 3)  # shapes of an entry
 # Every array of a file: its dtype kind, and the shape of one entry.
 ARRAYS: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "nodes": ("f", POSE),
@@ -62,6 +63,7 @@ ARRAYS: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "front_poses": ("f", POSE),  # pose, velocity, keyframe pose
     "front_covariances": ("f", COVARIANCE),  # covariance, next covariance
 }
+# Arrays that must have the same length.
 SAME_LENGTH = (
     ("nodes", "scan_fields"),
     ("edge_ends", "edge_measured", "edge_covariance", "edge_robust"),
@@ -71,7 +73,8 @@ SAME_LENGTH = (
     ("passed_time", "passed_key", "passed_pose"),
     ("closure_ends", "closure_measured", "closure_information", "closure_fields"),
 )
-SETTINGS_KEYS = {"keyframe_distance": "keyscan_distance", "keyframe_angle": "keyscan_angle"}  # where names differ
+# Keys of the settings whose names in the file differ from those in the code.
+SETTINGS_KEYS = {"keyframe_distance": "keyscan_distance", "keyframe_angle": "keyscan_angle"}
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -116,7 +119,7 @@ def load_graph(path: str | Path) -> GraphSnapshot:
 
 
 def _head(snapshot: GraphSnapshot, tracking: TrackingState) -> dict[str, Any]:
-    """What is not an array."""
+    """The part of the file that is no array: version, settings, odometry, scalars and explanations."""
     settings = {SETTINGS_KEYS.get(name, name): value for name, value in asdict(snapshot.settings).items()}
     return {
         "wherry-graph": FORMAT_VERSION,
@@ -147,7 +150,7 @@ def _keyframe_arrays(snapshot: GraphSnapshot) -> dict[str, Any]:
 
 
 def _constraint_arrays(name: str, constraints: ConstraintList) -> dict[str, Any]:
-    """Constraints as the arrays that begin with a name."""
+    """Constraints as arrays whose keys begin with a name."""
     return {
         f"{name}_ends": constraints.ends,
         f"{name}_measured": constraints.measured,
@@ -169,7 +172,7 @@ def _submap_arrays(submaps: Sequence[Submap]) -> dict[str, Any]:
 
 
 def _closure_arrays(closures: Sequence[LoopClosure]) -> dict[str, Any]:
-    """Loop closures but for their explanations, which are in the head."""
+    """Loop closures without their explanations, which are in the head."""
     return {
         "closure_ends": [[closure.target, closure.keyframe] for closure in closures],
         "closure_measured": [closure.measured.as_array() for closure in closures],
@@ -181,7 +184,7 @@ def _closure_arrays(closures: Sequence[LoopClosure]) -> dict[str, Any]:
 
 
 def _tracking_arrays(tracking: TrackingState) -> dict[str, Any]:
-    """The state of tracking but for what is in the head."""
+    """Poses and covariances of the tracking state; the rest of it is in the head."""
     return {
         "front_poses": [tracking.pose.as_array(), tracking.velocity, tracking.keyframe_pose.as_array()],
         "front_covariances": [tracking.covariance, tracking.next_covariance],
@@ -210,7 +213,7 @@ def _snapshot(head: Mapping[str, Any], arrays: Arrays) -> GraphSnapshot:
 
 
 def _keyframes(arrays: Arrays, lidar: Pose, range_limit: float) -> tuple[Keyframe, ...]:
-    """Keyframes, with their point clouds made again from the scans."""
+    """Keyframes, with their point clouds recomputed from the scans."""
     begins = np.concatenate([[0], np.cumsum(arrays["scan_fields"][:, 5].astype(np.int64))])
     keyframes = []
     for number, (time, angle_min, step, range_min, range_max, _) in enumerate(arrays["scan_fields"].tolist()):
@@ -221,7 +224,7 @@ def _keyframes(arrays: Arrays, lidar: Pose, range_limit: float) -> tuple[Keyfram
 
 
 def _constraints(name: str, arrays: Arrays, robust: NDArray[np.bool_]) -> ConstraintList:
-    """Constraints from the arrays that begin with a name."""
+    """Constraints from the arrays whose keys begin with a name."""
     ends, measured, covariances = (arrays[f"{name}_{part}"] for part in ("ends", "measured", "covariance"))
     return ConstraintList.from_arrays(ends, measured, covariances, robust)
 
@@ -243,7 +246,7 @@ def _loop_closures(head: Mapping[str, Any], arrays: Arrays) -> tuple[LoopClosure
         arrays["closure_ends"],
         arrays["closure_measured"],
         arrays["closure_information"],
-        head["refused"],
+        map(str, head["refused"]),
         strict=True,
     )
     return tuple(
@@ -256,15 +259,15 @@ def _loop_closures(head: Mapping[str, Any], arrays: Arrays) -> tuple[LoopClosure
             score,
             second_best_score,
             window,
-            Rejection.of(str(explanation)),
-            str(explanation),
+            rejection_of(explanation),
+            explanation,
         )
         for (time, score, second_best_score, window), (target, keyframe), measured, information, explanation in entries
     )
 
 
 def _tracking(head: Mapping[str, Any], arrays: Arrays) -> TrackingState:
-    """The state of tracking."""
+    """The tracking state."""
     pose, velocity, keyframe_pose = arrays["front_poses"]
     covariance, next_covariance = arrays["front_covariances"]
     return TrackingState(
@@ -315,7 +318,7 @@ def _check(path: Path, head: object, arrays: Arrays) -> None:
     limits = dict.fromkeys(keyframe_indices, keyframes) | {"way_ends": submaps, "member_piece": submaps}
     for name, limit in limits.items():
         if ((arrays[name] < 0) | (arrays[name] >= limit)).any():
-            raise InputError(path, name, "names a node that does not exist")
+            raise InputError(path, name, "has the index of a node or submap that does not exist")
     if arrays["scan_fields"][:, 5].sum() != len(arrays["scan_ranges"]):
         raise InputError(path, "scan_ranges", "is not as long as the scans")
 

@@ -7,26 +7,25 @@ import math
 import numpy as np
 
 from wherry.mapping.correlative import Correlation, SearchWindow, correlate, score_at
-from wherry.mapping.covariances import invert
+from wherry.mapping.covariances import invert, regularized_inverse
 from wherry.mapping.matching_grid import MatchingGrid
-from wherry.mapping.motion_prior import MotionNoise
+from wherry.mapping.motion_noise import MotionNoise
 from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.refinement import Refinement, refine
 from wherry.space.pose import Floats, Pose, wrap
 
 MIN_POINTS = 20  # points that a scan must have to be matched
-MIN_SCORE = 0.2  # score of a search below which odometry is used; a scan taken 2 m on may be mostly new
-MIN_OVERLAP = 0.5  # share of the points on surfaces that refinement without a search must reach
-SEARCH_SIGMAS = 3.0  # standard deviations of the predicted motion that are searched
+MIN_SCORE = 0.2  # score below which a match is rejected; low, since most of a scan may show unmapped space
+MIN_OVERLAP = 0.5  # share of the points that must be inliers of a refinement without a search
+SEARCH_SIGMAS = 3.0  # standard deviations of the predicted motion to either side of the search window
 SEARCH_POINTS = 180  # points of a scan that are used in the search
-# Below this score the wheels may have slipped, and a wider window is searched.
-SLIP_SCORE = 0.45
-SLIP_DISTANCE, SLIP_ANGLE = 0.5, math.radians(20.0)  # m and rad to either side of the wider window
-SLIP_MIN_GAIN = 0.1  # score that it must gain, since in a corridor poses farther along fit as well
-MAX_UNCHECKED_TURN = math.radians(1.5)  # rad; a refinement that turns more must keep the score of the search
-MAX_SCORE_LOSS = 0.02  # score that it may lose
-# Error of a match by the distance from the submap's origin; the covariance of the points alone is too small, for
-# surfaces are rough, and a scan is not taken in an instant.
+SLIP_SCORE = 0.45  # score below which wheel slip is assumed and a wider window is searched
+SLIP_DISTANCE, SLIP_ANGLE = 0.5, math.radians(20.0)  # m and rad, extent of the wider window to either side
+SLIP_MIN_GAIN = 0.1  # gain of the score that the wider window must bring, since corridors look alike along their length
+MAX_UNCHECKED_TURN = math.radians(1.5)  # rad by which a refinement may turn a pose before its score is checked
+MAX_SCORE_LOSS = 0.02  # score that a refinement with a larger turn may lose
+# Error of a match by its distance from the submap's origin. It is added to the covariance from the points, which is too
+# small because surfaces are rough and the robot moves during a scan.
 MATCH_SIGMA, MATCH_SIGMA_PER_DISTANCE = 0.01, 0.005  # m, m/m
 MATCH_ANGLE_SIGMA, MATCH_ANGLE_SIGMA_PER_DISTANCE = math.radians(0.2), math.radians(0.03)  # rad, rad/m
 SEARCH_COVARIANCE = np.diag([0.05**2, 0.05**2, math.radians(0.7) ** 2])  # m, m, rad, of a pose found by search alone
@@ -45,7 +44,7 @@ def find_scan(
         noise: Noise of that motion.
 
     Returns:
-        The pose with its information; None if the scan fits nowhere.
+        The pose with its information; None if the scan fits at no pose of the search window.
     """
     if len(cloud.points) < MIN_POINTS:
         return None
@@ -66,7 +65,7 @@ def track_scan(
     """Refine the expected pose of a scan without a search; arguments as in `find_scan`.
 
     Returns:
-        The pose with its information; None if the scan does not fit there.
+        The pose with its information; None if the scan does not fit at the expected pose.
     """
     if len(cloud.points) < MIN_POINTS:
         return None
@@ -98,11 +97,11 @@ def _search(grid: MatchingGrid, cloud: PointCloud, expected: Pose, motion: Pose,
 
 
 def _fused_with_prior(found: Pose, match: Refinement, expected: Pose, prior_information: Floats) -> Refinement:
-    """The pose of the search fused with the prior, for scans whose few surfaces lead the refinement astray.
+    """The pose of the search fused with the prior, for scans with too few surfaces to refine the pose.
 
     The information of the refinement is still valid: it shows in which directions the points determine the pose.
     """
-    covariance = SEARCH_COVARIANCE + invert(match.information + np.eye(3))
+    covariance = SEARCH_COVARIANCE + regularized_inverse(match.information)
     information = invert(covariance)
     offset = expected.as_array() - found.as_array()
     offset[2] = wrap(offset[2])

@@ -22,13 +22,13 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory
 
-MIN_SCORE = 0.5  # mean likelihood of the points of the first scan
+MIN_SCORE = 0.5  # mean likelihood of the first scan's points below which it is not located
 MAX_SECOND_BEST = 0.9  # share of the best score that another peak may reach
-START_DISTANCE, START_ANGLE = 3.0, math.radians(45.0)  # m and rad to either side that are searched for the first scan
+START_DISTANCE, START_ANGLE = 3.0, math.radians(45.0)  # m and rad, extent of the first scan's search to either side
 
 
-def whole_map(slam: GraphSlam) -> MatchingGrid:
-    """All keyframes of graph SLAM as one matching grid in the map frame."""
+def _matching_grid(slam: GraphSlam) -> MatchingGrid:
+    """One matching grid of all keyframes, in the map frame."""
     grid = MatchingGrid()
     for keyframe, pose in zip(slam.keyframes, slam.keyframe_poses, strict=True):
         grid.add(keyframe.cloud.transformed(Pose.from_array(pose)))
@@ -44,9 +44,9 @@ def locate_on_map(slam: GraphSlam, scan: Scan, start: Pose) -> Pose | None:
         start: Approximate base_link in the map frame, to within 3 m and 45°.
 
     Returns:
-        base_link in the map frame; None if the scan fits nowhere around ``start``, or in several places.
+        base_link in the map frame; None if the scan fits at no pose near ``start``, or at several.
     """
-    grid, cloud = whole_map(slam), PointCloud.from_scan(scan, slam.lidar, slam.settings.range_limit)
+    grid, cloud = _matching_grid(slam), PointCloud.from_scan(scan, slam.lidar, slam.settings.range_limit)
     if len(cloud.points) < MIN_POINTS:
         return None
     window = SearchWindow(start, START_DISTANCE, START_ANGLE)
@@ -57,7 +57,7 @@ def locate_on_map(slam: GraphSlam, scan: Scan, start: Pose) -> Pose | None:
 
 
 class ScanMatchingLocalizer:
-    """Tracks the robot on a finished map; follows `wherry.mapping.slam.Slam`, so that it can take a method's place.
+    """Tracks the robot on a finished map, as a `wherry.mapping.slam.Slam` that never changes its map.
 
     Args:
         slam: The map, which is not changed.
@@ -67,7 +67,7 @@ class ScanMatchingLocalizer:
     def __init__(self, slam: GraphSlam, start: Pose | None = None) -> None:
         self._slam = slam
         self._pose = slam.pose if start is None else start
-        self._map = whole_map(slam)
+        self._map = _matching_grid(slam)
         self._tracking: TrackingState | None = None
         self._poses: list[tuple[float, Pose]] = []
 

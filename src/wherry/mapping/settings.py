@@ -13,8 +13,8 @@ class SlamSettings:
     Attributes:
         resolution: Side of a cell of the occupancy grid, m.
         range_limit: Longest range that is used, m.
-        empty_range: Length that is taken as free along a beam without a return, m; 0 for a lidar that gets no return
-            from dark surfaces.
+        empty_range: Length that is taken as free along a beam without a return, m; 0 for a lidar that gets no returns
+            from dark surfaces, whose missing returns mean nothing.
     """
 
     resolution: float = 0.05
@@ -27,11 +27,11 @@ class GraphSlamSettings(SlamSettings):
     """Settings of graph SLAM.
 
     Attributes:
-        keyframe_distance: Distance from keyframe to keyframe, m.
-        keyframe_angle: Angle turned from keyframe to keyframe, rad.
-        submap_scans: Keyframes in a submap; the next submap begins at half of them.
-        closure_every: Keyframes from one search for loop closures to the next.
-        closure_scans: Latest keyframes whose points are matched together in a search.
+        keyframe_distance: Distance from the last keyframe at which a scan becomes a keyframe, m.
+        keyframe_angle: Angle from the last keyframe at which a scan becomes a keyframe, rad.
+        submap_scans: Keyframes in a complete submap; the next submap begins at half of them.
+        closure_every: Period of the search for loop closures, keyframes.
+        closure_scans: Number of the latest keyframes whose points are matched together in a search.
         closure_candidates: Largest number of submaps that are matched in a search.
         close_loops: Whether to search for loop closures.
     """
@@ -51,8 +51,8 @@ class ParticleSlamSettings(SlamSettings):
 
     Attributes:
         particles: Number of particles N.
-        keyframe_distance: Distance from keyframe to keyframe, m.
-        keyframe_angle: Angle turned from keyframe to keyframe, rad.
+        keyframe_distance: Distance from the last keyframe at which a scan becomes a keyframe, m.
+        keyframe_angle: Angle from the last keyframe at which a scan becomes a keyframe, rad.
         resample_below: Share of N below which the effective sample size triggers resampling.
     """
 

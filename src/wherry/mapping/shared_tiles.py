@@ -15,8 +15,8 @@ from wherry.mapping.matching_grid import MAX_LIKELIHOOD, RESOLUTION, STAMP_RADIU
 from wherry.space.pose import Floats
 from wherry.space.tiles import CELL_MASK, TILE_BITS, TILE_SIZE, enlarge
 
-SPARE_TILES = 8  # tiles that the index grows by beyond what is needed
-EMPTY_TILE = 0  # tile that stands for all parts of the maps without points, and is never written to
+SPARE_TILES = 8  # tiles by which the index grows beyond the needed ones, so that it rarely grows
+EMPTY_TILE = 0  # index of the tile that all parts without points share; it is never written to
 
 
 class SharedTiles:
@@ -24,7 +24,7 @@ class SharedTiles:
 
     Attributes:
         corner: Column and row, in tiles, of index[:, 0, 0], [2].
-        index: Tile at each place of each particle's map, [N, H, W] int32.
+        index: Index of the tile at each column and row of each particle's map, [N, H, W] int32.
         tiles: Likelihoods as on the finest level of a `MatchingGrid`, [T, TILE_SIZE, TILE_SIZE] uint8.
         users: How often each tile occurs in the index, [T].
     """
@@ -58,7 +58,7 @@ class SharedTiles:
         self.users[EMPTY_TILE] += 1
 
     def _make_writable(self, particle: int, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> None:
-        """Copy those tiles of a particle's map that are shared with other places or particles."""
+        """Give a particle its own copies of those tiles at rows and columns [K] of the index that are shared."""
         present = self.index[particle, rows, columns]
         shared = (self.users[present] > 1) | (present == EMPTY_TILE)
         rows, columns, present = rows[shared], columns[shared], present[shared]
@@ -99,7 +99,7 @@ def _stamp(
 ) -> None:
     """Raise the likelihoods around cells [N, 2] of one particle's map, whose tiles there are writable.
 
-    Every cell is looked up through the index, which the contiguous arrays of a `MatchingGrid` do without.
+    Unlike in a `MatchingGrid`, whose arrays are contiguous, each cell is looked up through the index.
     """
     for n in range(len(cells)):
         column, row = cells[n, 0], cells[n, 1]

@@ -1,4 +1,4 @@
-"""The protocol that every SLAM method follows."""
+"""The protocol of SLAM methods."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory
 
-NO_DISCS = np.zeros((0, 3))
+NO_DISCS = np.zeros((0, 3))  # no excluded discs, [0, 3]
 
 
 class Slam(Protocol):
-    """Builds a map of scans and odometry and tracks the robot on it; the map's origin is the first pose."""
+    """Maps scans and odometry and tracks the robot on the map, whose origin is the robot's first pose."""
 
     def add(self, scan: Scan, odometry: Odometry | None = None) -> Pose:
         """Add a scan.
 
         Args:
             scan: A scan later than the one before.
-            odometry: Odometry at the scan's time; None without odometry, when constant velocity is assumed.
+            odometry: Odometry at the scan's time; None without odometry, in which case constant velocity is assumed.
 
         Returns:
             base_link in the map frame.

@@ -1,8 +1,9 @@
-"""The graph of submaps: how they are placed relative to each other, and which of them the robot may be in."""
+"""The graph of submaps: constraints between them, and the loop closure candidates among them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,26 +11,26 @@ from wherry.mapping.constraints import Constraint, ConstraintList
 from wherry.mapping.covariances import invert, relative_covariances, transform_covariances
 from wherry.mapping.pose_graph import ROBUST_SCALE, PoseGraph, constraint_errors
 from wherry.mapping.scan_matching import match_covariance
-from wherry.mapping.submaps import Submap
+from wherry.mapping.submaps import NO_COVARIANCE, Submap
 from wherry.mapping.tracking import TrackingState
 from wherry.space.pose import IDENTITY, Floats, Pose, relative
 
-SUBMAP_CONSTRAINT_INFLATION = 4.0  # factor on the match covariance, for errors that matching does not see
-CLOSURE_RADIUS = 3.0  # m from the keyframes of a submap within which its surroundings are matched
-CANDIDATE_SIGMAS = 3.0  # standard deviations of the position that are added to that radius
+SUBMAP_CONSTRAINT_INFLATION = 4.0  # factor on the match covariance, for systematic errors of matching
+CLOSURE_RADIUS = 3.0  # m from the nearest keyframe of a submap within which a closure is attempted
+CANDIDATE_SIGMAS = 3.0  # standard deviations of the position by which `CLOSURE_RADIUS` is widened
 
 
 class SubmapGraph:
     """Submaps with the constraints between them.
 
     Args:
-        submaps: Submaps to begin with, in the order in which they were begun.
-        constraints: Constraints between them.
+        submaps: Submaps to begin with, in the order in which they were begun; copied.
+        constraints: Constraints between them; copied.
     """
 
     def __init__(self, submaps: Iterable[Submap] = (), constraints: ConstraintList | None = None) -> None:
-        self._submaps = list(submaps)
-        self._constraints = constraints or ConstraintList()
+        self._submaps = [submap.copy() for submap in submaps]
+        self._constraints = ConstraintList() if constraints is None else constraints.copy()
 
     def __len__(self) -> int:
         return len(self._submaps)
@@ -60,8 +61,33 @@ class SubmapGraph:
             submap.start_covariance = start_covariance
         self._submaps.append(submap)
 
+    def extend(self, tracking: TrackingState, size: int) -> TrackingState:
+        """Add the last keyframe to the tracked submap and to the next one, which begins at half of the size.
+
+        Args:
+            tracking: State of the front end after its last keyframe.
+            size: Keyframes in a complete submap.
+
+        Returns:
+            The state on the submap to track from now on: the next one, once the tracked one is complete.
+        """
+        submap, keyframe, pose = self._submaps[tracking.submap], tracking.keyframe, tracking.keyframe_pose
+        submap.members.append((keyframe, pose))
+        if tracking.submap < len(self._submaps) - 1:
+            following = self._submaps[tracking.submap + 1]
+            following.members.append((keyframe, pose.relative_to(following.start)))
+            if len(submap.members) >= size:
+                self.connect_to_next(tracking.submap)
+                return tracking.on_next_submap(following.start)
+        elif len(submap.members) >= size // 2:
+            self.begin(keyframe, pose, tracking.covariance)
+            return replace(tracking, next_covariance=NO_COVARIANCE)
+        return tracking
+
     def connect_to_next(self, index: int) -> None:
-        """Add the constraint between a submap, complete by now, and the next one."""
+        """Constrain the next submap, if there is one, to this one, which gets no more keyframes."""
+        if index == len(self._submaps) - 1:
+            return
         following = self._submaps[index + 1]
         inflation = SUBMAP_CONSTRAINT_INFLATION * match_covariance(following.start)
         self._constraints.append(Constraint(index, index + 1, following.start, following.start_covariance + inflation))
@@ -71,11 +97,11 @@ class SubmapGraph:
         self._constraints.append(constraint)
 
     def containing(self, keyframe: int) -> int:
-        """Index of the first submap that reaches up to a keyframe."""
+        """Index of the first submap that contains a keyframe."""
         return next(index for index, submap in enumerate(self._submaps) if submap.last_keyframe >= keyframe)
 
     def candidates(self, tracking: TrackingState, keyframe_poses: Floats) -> list[tuple[int, Floats]]:
-        """The submaps that the last keyframe may be in, the nearest first.
+        """Candidates for loop closures: old submaps that the last keyframe may be in, the nearest first.
 
         Args:
             tracking: State of the front end.
@@ -94,7 +120,7 @@ class SubmapGraph:
             self.constraint_covariances(keyframe_poses),
         )
         old = self._submaps[: tracking.submap - 1]
-        # Covariances of the submaps relative to the robot become those of the robot, in the axes of each submap.
+        # Covariances of the submaps relative to the tracked one become those of the robot relative to each submap.
         here = np.tile(keyframe_poses[tracking.keyframe], (len(old), 1))
         origins = keyframe_poses[[submap.origin for submap in old]]
         rotations = np.zeros_like(here)

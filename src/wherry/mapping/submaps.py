@@ -12,7 +12,7 @@ from wherry.mapping.matching_grid import MatchingGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
 
 NO_COVARIANCE = np.zeros((3, 3))
-CACHE_SIZE = 512 * 2**20  # bytes of matching grids that are kept
+CACHE_SIZE = 512 * 2**20  # bytes, memory of the matching grids that are kept
 
 
 @dataclass
@@ -44,7 +44,7 @@ class Submap:
 class MatchingGridCache:
     """The matching grids of submaps; the least recently used are dropped, and rebuilt bit for bit when needed.
 
-    Grids take most of the memory on a large site, for they overlap; the point clouds that they are made of take little.
+    On a large site grids would take most of the memory; the point clouds that they are rebuilt from take little.
 
     Args:
         keyframes: All keyframes; the caller appends to this list.
@@ -68,7 +68,7 @@ class MatchingGridCache:
         return grid
 
     def _evict(self) -> None:
-        """Drop grids, least recently used first, until the rest fits."""
+        """Drop grids, least recently used first, until the rest fits into the capacity."""
         taken = sum(grid.nbytes for grid in self._grids.values())
         while taken > self._capacity:
             taken -= self._grids.pop(next(iter(self._grids))).nbytes

@@ -1,4 +1,4 @@
-"""The front end's state: the pose on the submap that is tracked, and the motion that predicts the next one."""
+"""The front end's state: pose and covariance on the tracked submap, and the velocity that predicts the next pose."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wherry.mapping.covariances import invert, transform_covariance
-from wherry.mapping.motion_prior import CONSTANT_VELOCITY, ODOMETRY, MotionNoise
+from wherry.mapping.motion_noise import CONSTANT_VELOCITY_NOISE, ODOMETRY_NOISE, MotionNoise
 from wherry.mapping.submaps import NO_COVARIANCE
 from wherry.robot import Odometry
 from wherry.space.pose import IDENTITY, Floats, Pose
 
-MAX_EXTRAPOLATED_DISTANCE = 2.0  # m that constant velocity predicts at most, over a gap in the log
-MAX_EXTRAPOLATED_ANGLE = math.radians(60.0)  # rad that constant velocity predicts at most, over a gap in the log
-# Lower bound of a match's covariance (m, m, rad): surfaces are rough, and a scan is not taken in an instant.
-MIN_MATCH_COVARIANCE = np.diag([0.003**2, 0.003**2, math.radians(0.1) ** 2])
+MAX_EXTRAPOLATED_DISTANCE = 2.0  # m, longest motion that constant velocity predicts over a gap in the log
+MAX_EXTRAPOLATED_ANGLE = math.radians(60.0)  # rad, largest turn that constant velocity predicts over a gap in the log
+# Covariance (m, m, rad) that every keyframe adds, since surfaces are rough and the robot moves during a scan.
+KEYFRAME_COVARIANCE = np.diag([0.003**2, 0.003**2, math.radians(0.1) ** 2])
 
 
 @dataclass(frozen=True)
 class TrackingState:
-    """The robot on the submap that is tracked.
+    """State of the front end after a scan, on the submap that scans are matched to.
 
     Attributes:
         submap: Index of the tracked submap.
@@ -33,7 +33,8 @@ class TrackingState:
         keyframe_pose: base_link at the last keyframe, in the submap's frame.
         keyframe_odometry: Odometry at the last keyframe; None without odometry.
         covariance: Covariance of ``keyframe_pose`` in the base_link frame, [3, 3] m, m, rad.
-        next_covariance: Covariance of the last keyframe's pose in the next submap, in the base_link frame, [3, 3].
+        next_covariance: Covariance of the last keyframe's pose in the next submap, in the base_link frame, [3, 3]
+            m, m, rad.
     """
 
     submap: int
@@ -58,12 +59,12 @@ class TrackingState:
         Without odometry the velocity is taken as constant, but over a gap in the log the motion is bounded.
         """
         if odometry is not None and self.odometry is not None:
-            return odometry.pose.relative_to(self.odometry.pose), ODOMETRY
+            return odometry.pose.relative_to(self.odometry.pose), ODOMETRY_NOISE
         motion = self.velocity * (time - self.time)
         excess = max(
             math.hypot(motion[0], motion[1]) / MAX_EXTRAPOLATED_DISTANCE, abs(motion[2]) / MAX_EXTRAPOLATED_ANGLE, 1.0
         )
-        return Pose.from_array(motion / excess), CONSTANT_VELOCITY
+        return Pose.from_array(motion / excess), CONSTANT_VELOCITY_NOISE
 
     def with_scan(self, time: float, pose: Pose, odometry: Odometry | None) -> TrackingState:
         """The state after one more scan, placed at ``pose`` in the submap's frame."""
@@ -84,7 +85,7 @@ class TrackingState:
 
         def updated(covariance: Floats) -> Floats:
             predicted = transform_covariance(covariance, motion.inverse) + motion_covariance
-            return invert(invert(predicted) + information) + MIN_MATCH_COVARIANCE
+            return invert(invert(predicted) + information) + KEYFRAME_COVARIANCE
 
         return replace(
             self,

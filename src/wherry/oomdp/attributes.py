@@ -9,7 +9,7 @@ from enum import Enum
 Value = bool | int | float | str
 
 EXISTS = "exists"
-"""Name of the attribute that every object of a removable class has besides its own; it is false once it has left."""
+"""Name of the attribute that removable objects have in addition to those of their class; removal sets it to false."""
 
 
 class AttributeKind(Enum):
@@ -30,8 +30,8 @@ class Attribute:
     Attributes:
         name: Its name.
         kind: The kind of its values.
-        minimum: Lower bound of a number.
-        maximum: Upper bound of a number.
+        minimum: Smallest value of a number.
+        maximum: Largest value of a number.
         choices: The values of an enumeration.
     """
 
@@ -73,9 +73,9 @@ def boolean(name: str) -> Attribute:
 
 
 def enumeration(name: str, *choices: str) -> Attribute:
-    """An attribute that is one of some names."""
+    """An attribute whose value is one of some strings."""
     return Attribute(name, AttributeKind.ENUMERATION, choices=choices)
 
 
 EXISTENCE = boolean(EXISTS)
-"""The attribute `EXISTS`."""
+"""The attribute named `EXISTS`."""

@@ -1,7 +1,7 @@
 """Models that predict the same for all states with the same key, such as all states in which the same terms hold.
 
-A planner asks such a model once for every key and caches the answer; a `ConditionalPrediction` then yields the
-prediction for each single state.
+A planner queries the model once for each key and caches the result; `ConditionalPrediction.ground` then gives the
+prediction for a single state.
 """
 
 from __future__ import annotations
@@ -17,27 +17,30 @@ from wherry.oomdp.objects import State
 
 
 class ConditionalOutcome(Protocol):
-    """One possible outcome of an action in all states with one key; equal ones have equal outcomes in every state."""
+    """A possible outcome of an action in all states with the same key.
+
+    Equal conditional outcomes must have equal outcomes in every state, since planners compute them only once.
+    """
 
     def ground(self, state: State, action: Action) -> Outcome:
-        """The outcome in one state, given that this one happens; its probability is 0 where the state rules it out."""
+        """The outcome in one state; a probability of 0 means that it is impossible there, any other one is ignored."""
         ...
 
 
 @dataclass(frozen=True)
 class ConditionalPrediction:
-    """The possible outcomes of an action in all states with one key.
+    """The possible outcomes of an action in all states with the same key.
 
     Attributes:
         outcomes: The outcomes with their probabilities, the most likely first.
-        disagreement: How evenly the model's explanations disagree about the outcome (see `Prediction`).
+        disagreement: How evenly the model's hypotheses are split about the outcome, 0 to 1 (see `Prediction`).
     """
 
     outcomes: tuple[tuple[ConditionalOutcome, float], ...]
     disagreement: float = 0.0
 
     def ground(self, state: State, action: Action) -> Prediction:
-        """The prediction for one state; outcomes that the state rules out are dropped."""
+        """The prediction for one state; outcomes that are impossible in it are dropped."""
         possible = []
         for outcome, probability in self.outcomes:
             grounded = outcome.ground(state, action)
@@ -56,12 +59,12 @@ class ConditionalModel(Model, Protocol):
 
     @property
     def revisions(self) -> Mapping[str, int]:
-        """For each action's name a number that grows when predictions about it may have changed; 0 if absent."""
+        """Revision number by action name, 0 if absent; it grows when predictions for the action may have changed."""
         ...
 
     @property
     def has_disagreement(self) -> bool:
-        """Whether the model's explanations disagree about some outcome, so that an experiment could decide."""
+        """Whether hypotheses disagree about some outcome, so that an experiment could decide between them."""
         ...
 
     def state_key(self, state: State) -> Hashable:
@@ -83,7 +86,7 @@ def conditions_key(domain: Domain, state: State) -> Hashable:
 
 
 class PerStateModel:
-    """Adapter that makes any fixed model a conditional one, with every state as its own key.
+    """Adapter from a fixed model to a `ConditionalModel` in which every state is its own key.
 
     Args:
         domain: The domain of the states.
@@ -116,12 +119,12 @@ class PerStateModel:
 
 @dataclass(frozen=True, slots=True)
 class ModelOutcome:
-    """A conditional outcome that asks a model for each state.
+    """A conditional outcome that queries a model in each state.
 
-    It is equal for all states, because planners keep one table row over all states for each distinct outcome.
+    It does not contain the state, so that planners need only one table row for each action and rank.
 
     Attributes:
-        model: A model that never changes a prediction once it is known.
+        model: A model whose predictions never change once they are known.
         rank: Index into the predicted outcomes; 0 is the most likely one.
     """
 
@@ -140,5 +143,5 @@ class ConstantOutcome:
     outcome: Outcome
 
     def ground(self, state: State, action: Action) -> Outcome:
-        """The outcome."""
+        """The outcome, whatever the state."""
         return self.outcome

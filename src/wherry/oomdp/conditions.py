@@ -1,4 +1,4 @@
-"""Conditions: strings over {0, 1, *}, one sign per term, stored as two bit masks (paper, section 4)."""
+"""Conditions: strings over {0, 1, *}, one symbol per term, stored as two bit masks (paper, section 4)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Self
 class Condition:
     """A conjunction of terms and negated terms, c ∈ {0, 1, *}ⁿ.
 
-    Bit i stands for term i, whose sign is the i-th from the left in print.
+    Bit i stands for term i, whose symbol is the i-th from the left in the printed condition.
 
     Attributes:
         size: n, the number of terms.
         mask: Bits of the terms that the condition fixes; all others are ``*``.
-        value: Bits of the fixed terms that have to hold. Bits outside the mask are 0.
+        value: Bits of the fixed terms that must hold; bits outside the mask are 0.
     """
 
     size: int
@@ -25,7 +25,7 @@ class Condition:
 
     @classmethod
     def of(cls, size: int, terms: int) -> Self:
-        """The condition cond(s) that exactly these terms hold, given as bits."""
+        """The condition cond(s) of a state in which exactly these terms hold, given as bits."""
         return cls(size, (1 << size) - 1, terms)
 
     @classmethod
@@ -33,12 +33,12 @@ class Condition:
         """Parse a condition as it is printed: ``1**0*0*``.
 
         Raises:
-            ValueError: The text contains other signs than 0, 1 and *.
+            ValueError: The text contains another character than 0, 1 and *.
         """
         if set(text) - set("01*"):
             raise ValueError(f"a condition consists of 0, 1 and *, not {text!r}")
-        mask = sum(1 << index for index, sign in enumerate(text) if sign != "*")
-        value = sum(1 << index for index, sign in enumerate(text) if sign == "1")
+        mask = sum(1 << index for index, symbol in enumerate(text) if symbol != "*")
+        value = sum(1 << index for index, symbol in enumerate(text) if symbol == "1")
         return cls(len(text), mask, value)
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ class Condition:
         )
 
     def merge(self, other: Condition) -> Condition:
-        """c1 ⊕ c2: the terms that both fix to the same sign."""
+        """c1 ⊕ c2: the terms that both fix to the same value."""
         mask = self.mask & other.mask & ~(self.value ^ other.value)
         return Condition(self.size, mask, self.value & mask)
 

@@ -70,7 +70,7 @@ class Domain:
 
     @cached_property
     def term_names(self) -> tuple[str, ...]:
-        """The names of the terms, one for each sign of a condition.
+        """The names of the terms, one for each symbol of a condition.
 
         Where actions have parameters, an additional last term holds if "this" object is an argument of the action.
         """
@@ -87,7 +87,7 @@ class Domain:
         return tuple(Action(name) for name in self.actions)
 
     @cached_property
-    def _terms_of(self) -> Mapping[str, tuple[tuple[int, Term], ...]]:
+    def _terms_by_class(self) -> Mapping[str, tuple[tuple[int, Term], ...]]:
         """The terms about each class, with their indexes."""
         return {
             item.name: tuple((index, term) for index, term in enumerate(self.terms) if item.name in term.classes)
@@ -95,7 +95,7 @@ class Domain:
         }
 
     def ground_actions(self, state: State) -> tuple[Action, ...]:
-        """All actions that can be tried in a state, with every combination of arguments."""
+        """All ground actions in a state: every action with every combination of arguments."""
         if not self.has_parameters:
             return self._actions_without_parameters
         return tuple(
@@ -109,9 +109,9 @@ class Domain:
 
         Args:
             state: s.
-            this: The object that terms about its class refer to. None for the condition of the state as a whole, where
-                a term holds if it holds for some object of the class.
-            action: An action whose arguments terms about their classes refer to.
+            this: The object to which terms about its class refer; None for the condition of the state as a whole, in
+                which a term holds if it holds for some object of the class.
+            action: An action; terms about the classes of its arguments refer to these arguments.
         """
         conditions = self.conditions(state, action)
         return Condition.of(self.size, conditions[0 if this is None else 1 + state.objects.index(this)])
@@ -135,7 +135,7 @@ class Domain:
             name = item.object_class.name
             own = common
             if len(state.of_class(name)) > 1:
-                for index, term in self._terms_of[name]:
+                for index, term in self._terms_by_class[name]:
                     own = own & ~(1 << index) | term.holds(state, {**binding, name: item}) << index
             conditions.append(own | (item in targets) << len(self.terms))
         return tuple(conditions)

@@ -1,13 +1,13 @@
 """Effects: operations on attributes (paper, section 4).
 
 `EFFECT_TYPES` lists the operations. A domain that needs another kind of change, such as addition modulo n, adds an
-`EffectType` to a copy of it and hands that to the learner.
+`EffectType` to a copy of it and passes the copy to the learner.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -26,8 +26,8 @@ class EffectType:
     Attributes:
         name: Name of the operation.
         kinds: The kinds of attributes that it applies to.
-        between: Returns the argument with which it turns the first value into the second; None where there is no such
-            argument, or more than one.
+        between: Returns the argument with which the operation turns the first value into the second; None if there is
+            none, or more than one.
         apply: Returns the new value, given a value and an argument.
         describe: Returns the effect as text, given the attribute's name and the argument.
     """
@@ -53,7 +53,7 @@ class Effect(NamedTuple):
 
 NUMERIC_KINDS = frozenset({AttributeKind.INTEGER, AttributeKind.REAL})
 
-SIGNIFICANT_DIGITS = 12  # of real numbers: 0.3 − 0.2 and 0.2 − 0.1 have to be the same increment
+SIGNIFICANT_DIGITS = 12  # decimal digits kept of real numbers, so that 0.3 − 0.2 and 0.2 − 0.1 are equal increments
 
 
 def round_significant(value: float, scale: float, digits: int = SIGNIFICANT_DIGITS) -> float:
@@ -64,7 +64,7 @@ def round_significant(value: float, scale: float, digits: int = SIGNIFICANT_DIGI
 
 
 def _difference(before: Value, after: Value) -> Argument | None:
-    """After − before; values that are no numbers have only the increment 0, if they stay as they are."""
+    """After − before; for a value that is not a number 0 if it is unchanged, and otherwise None."""
     if before == after:
         return 0
     if isinstance(before, bool | str) or isinstance(after, bool | str):
@@ -73,7 +73,7 @@ def _difference(before: Value, after: Value) -> Argument | None:
 
 
 def _sum(value: Any, step: Any) -> Value:
-    """Value + step; step 0 also applies to values that are no numbers."""
+    """Value + step; step 0 also applies to values that are not numbers."""
     return round_significant(value + step, max(abs(value), abs(step))) if step else value
 
 
@@ -82,7 +82,7 @@ def _quotient(before: float, after: float) -> Argument | None:
     if before == 0 or after == 0:
         return None
     if isinstance(before, float) or isinstance(after, float):
-        # Two more digits, so that the product is exact in all significant digits.
+        # Two more digits make the product exact in all significant digits.
         return round_significant(after / before, after / before, SIGNIFICANT_DIGITS + 2)
     factor = Fraction(after, before)
     return factor.numerator if factor.denominator == 1 else factor
@@ -141,18 +141,18 @@ def value_of(item: Object, attribute: str) -> Value:
     """An object's value of an attribute; ``exists`` is true of every object."""
     if attribute == EXISTS:
         return True
-    value: Value = item.values[item.object_class.positions[attribute]]
+    value: Value = item.values[item.object_class.attribute_indexes[attribute]]
     return value
 
 
-def observed_values(item: Object, later: Object | None) -> Iterable[tuple[Attribute, Value, Value]]:
-    """The attributes of an object that a step has shown, with their values before and after.
+def observed_values(item: Object, later: Object | None) -> Iterator[tuple[Attribute, Value, Value]]:
+    """Yield the attributes of an object whose change in a step is observed, with their values before and after.
 
-    Of an object that has left, only the change of its existence is observed.
+    For a removed object only the change of its existence is observed.
 
     Args:
         item: The object in s.
-        later: The same object in s'; None where it has left.
+        later: The same object in s'; None if it was removed.
     """
     for attribute in item.object_class.changeable:
         if attribute.name == EXISTS:
@@ -175,7 +175,7 @@ def apply_effects(
     for index, attribute, effect in changes:
         item = objects[index]
         if item is None:
-            continue  # the object has left
+            continue  # an earlier effect has removed the object
         before = value_of(item, attribute)
         after = types[effect.type].apply(before, effect.argument)
         if attribute == EXISTS and not after:

@@ -1,4 +1,4 @@
-"""Outcomes that are described by effects: what changes, the reward, and whether the episode ends."""
+"""Outcomes described by effects: the changed attributes, the reward, and whether the episode ends."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class StepReward(NamedTuple):
 
 @dataclass(frozen=True)
 class Task:
-    """The reward and termination functions that are given; those that are None are to be learnt.
+    """The reward and termination functions that are given; a function that is None has to be learnt.
 
     Attributes:
         reward: R(s, a, s').
@@ -63,7 +63,7 @@ class EffectsOutcome:
     task: Task
 
     def ground(self, state: State, action: Action) -> Outcome:
-        """The outcome in one state: unknown where effects contradict each other, impossible out of bounds."""
+        """The outcome in one state: unknown if effects contradict each other, impossible if one is out of bounds."""
         effects = None if self.effects is None else self._consistent_effects(state, self.effects)
         if effects is None:
             return UNKNOWN.most_likely
@@ -86,12 +86,13 @@ class EffectsOutcome:
         chosen = []
         for position, attributes in enumerate(effects):
             for attribute, candidates in attributes:
-                if len(candidates) > 1 and not self._agree(value_of(state.objects[position], attribute), candidates):
+                value = value_of(state.objects[position], attribute)
+                if len(candidates) > 1 and not self._are_equivalent(value, candidates):
                     return None
                 chosen.append((position, attribute, candidates[0]))
         return chosen
 
-    def _agree(self, value: Value, effects: tuple[Effect, ...]) -> bool:
+    def _are_equivalent(self, value: Value, effects: tuple[Effect, ...]) -> bool:
         """Whether all effects turn a value into the same new value."""
         return len({self.effect_types[effect.type].apply(value, effect.argument) for effect in effects}) == 1
 
@@ -100,7 +101,7 @@ class EffectsOutcome:
 
 
 def changed_attributes(state: State, next_state: State) -> ChangedAttributes:
-    """The attributes that differ between two states; of an object that has left, its existence."""
+    """The attributes that differ between two states; for a removed object, its existence."""
     if state.objects == next_state.objects:
         return frozenset()
     later = {item.name: item for item in next_state.objects}

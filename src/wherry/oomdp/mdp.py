@@ -14,7 +14,7 @@ from wherry.oomdp.objects import State
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One experience <s, a, r, s'>.
+    """An experience (s, a, r, s').
 
     Attributes:
         state: s.
@@ -32,7 +32,7 @@ class Transition:
 
     @property
     def failed(self) -> bool:
-        """Whether no object changed. Static objects that were perceived for the first time do not count."""
+        """Whether no object changed; static objects that were perceived for the first time do not count."""
         return self.state.objects == self.next_state.objects
 
 
@@ -61,10 +61,10 @@ class Prediction(NamedTuple):
     """The possible outcomes of an action in a state, as a model predicts them.
 
     Attributes:
-        outcomes: At least one, the most likely first. The probability of an unknown outcome is the probability that
-            the action has any effect at all; where nothing more can be learnt about the action it is 0.
-        disagreement: How evenly the model's explanations of past experience disagree about the outcome: 1 where half
-            of them predict it and half do not, so that trying the action settles most; 0 where all agree.
+        outcomes: At least one outcome, the most likely first. The probability of an unknown outcome is the probability
+            that the action has any effect; it is 0 if nothing more can be learnt about the action.
+        disagreement: How evenly the hypotheses that agree with past experience are split about the outcome, 0 to 1: 1
+            if half of them predict it, so that trying the action is most informative; 0 if all agree.
     """
 
     outcomes: tuple[Outcome, ...]
@@ -77,16 +77,16 @@ class Prediction(NamedTuple):
 
 
 UNKNOWN = Prediction((Outcome(None),))
-"""The answer "I don't know" of KWIK learning; an optimistic planner explores actions of which the model says this."""
+"""The answer "I don't know" of KWIK learning; an optimistic planner explores actions with this prediction."""
 
 IMPOSSIBLE = Prediction((Outcome(None, probability=0.0),))
 """The prediction for an action that is impossible, or about which nothing can be learnt."""
 
 RewardFunction = Callable[[State, Action, State], float]
-"""R(s, a, s')."""
+"""Returns R(s, a, s')."""
 
 TerminationFunction = Callable[[State], bool]
-"""Whether a state ends the episode."""
+"""Returns whether a state ends the episode."""
 
 
 class Environment(Protocol):
@@ -98,7 +98,7 @@ class Environment(Protocol):
         ...
 
     def reset(self, rng: np.random.Generator) -> State:
-        """Begin an episode and return its first state; a robot goes on from where it is."""
+        """Begin an episode and return its initial state; a robot continues from where it stands."""
         ...
 
     def step(self, action: Action) -> Transition:
@@ -107,32 +107,35 @@ class Environment(Protocol):
 
 
 class DeterministicMdp:
-    """An MDP with known, deterministic dynamics; it is an environment, and also the true model of it.
+    """An MDP with known, deterministic dynamics: an environment, and at the same time its true model.
 
     Args:
         domain: The domain of its states.
-        transition: The experience that an action brings in a state.
-        start: Draws the first state of an episode.
+        transition: Returns the experience of taking an action in a state.
+        draw_initial_state: Draws the initial state of an episode.
+
+    Attributes:
+        state: The current state; None before the first episode.
     """
 
     def __init__(
         self,
         domain: Domain,
         transition: Callable[[State, Action], Transition],
-        start: Callable[[np.random.Generator], State],
+        draw_initial_state: Callable[[np.random.Generator], State],
     ) -> None:
         self.domain = domain
         self.transition = transition
-        self.start = start
+        self.draw_initial_state = draw_initial_state
         self.state: State | None = None
 
     def reset(self, rng: np.random.Generator) -> State:
-        """Begin an episode in a randomly drawn state."""
-        self.state = self.start(rng)
+        """Begin an episode in a random initial state."""
+        self.state = self.draw_initial_state(rng)
         return self.state
 
     def step(self, action: Action) -> Transition:
-        """Carry out an action in the present state.
+        """Carry out an action in the current state.
 
         Raises:
             RuntimeError: No episode has begun.
@@ -144,7 +147,7 @@ class DeterministicMdp:
         return transition
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """The true outcome, with certainty."""
+        """The true outcome, with probability 1."""
         result = self.transition(state, action)
         return Prediction((Outcome(result.next_state, result.reward, result.terminated),))
 

@@ -25,22 +25,22 @@ class ObjectClass:
     Attributes:
         name: Name of the class.
         attributes: Att(C), in the order in which they are printed.
-        static: Whether its objects never change, so that they belong to the scene.
-        removable: Whether its objects can leave the world, which is then an effect on the attribute ``exists``.
-        positions: Index of each attribute by name.
+        static: Whether its objects never change; they then belong to the scene.
+        removable: Whether its objects can be removed from the world, which is an effect on the attribute ``exists``.
+        attribute_indexes: Index of each attribute in ``attributes``, by name.
     """
 
     name: str
     attributes: tuple[Attribute, ...]
     static: bool = False
     removable: bool = False
-    positions: Mapping[str, int] = field(init=False, repr=False, compare=False, hash=False)
+    attribute_indexes: Mapping[str, int] = field(init=False, repr=False, compare=False, hash=False)
 
     def __post_init__(self) -> None:
-        positions = {attribute.name: index for index, attribute in enumerate(self.attributes)}
-        if len(positions) < len(self.attributes) or EXISTS in positions:
+        attribute_indexes = {attribute.name: index for index, attribute in enumerate(self.attributes)}
+        if len(attribute_indexes) < len(self.attributes) or EXISTS in attribute_indexes:
             raise ValueError(f"class {self.name}: attribute names must differ from each other and from {EXISTS!r}")
-        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "attribute_indexes", attribute_indexes)
 
     def __call__(self, name: str, **values: Value) -> Object:
         """Make an object of this class.
@@ -48,17 +48,18 @@ class ObjectClass:
         Raises:
             ValueError: A value is missing, belongs to no attribute, or is not admitted by its attribute.
         """
-        if values.keys() != self.positions.keys():
-            raise ValueError(f"{self.name} {name!r} needs values for {', '.join(self.positions)}; got {sorted(values)}")
+        if values.keys() != self.attribute_indexes.keys():
+            needed = ", ".join(self.attribute_indexes)
+            raise ValueError(f"{self.name} {name!r} needs values for {needed}; got {sorted(values)}")
         return Object(self, name, tuple(values[attribute.name] for attribute in self.attributes))
 
     def attribute(self, name: str) -> Attribute:
         """The attribute of that name."""
-        return EXISTENCE if name == EXISTS else self.attributes[self.positions[name]]
+        return EXISTENCE if name == EXISTS else self.attributes[self.attribute_indexes[name]]
 
     @cached_property
     def changeable(self) -> tuple[Attribute, ...]:
-        """The attributes that an action can change: the class's own and, where objects can leave, their existence."""
+        """The attributes that an action can change: the class's own and, if objects can be removed, their existence."""
         return (*self.attributes, EXISTENCE) if self.removable else self.attributes
 
 
@@ -83,7 +84,7 @@ class Object:
 
     def __getattr__(self, attribute: str) -> Any:
         try:
-            return self.values[self.object_class.positions[attribute]]
+            return self.values[self.object_class.attribute_indexes[attribute]]
         except KeyError:
             raise AttributeError(f"{self.object_class.name} has no attribute {attribute!r}") from None
 
@@ -108,14 +109,14 @@ class Object:
 
     def replace(self, **values: Value) -> Object:
         """A copy with other values for some attributes."""
-        current = dict(zip(self.object_class.positions, self.values, strict=True))
+        current = dict(zip(self.object_class.attribute_indexes, self.values, strict=True))
         if unknown := values.keys() - current.keys():
             raise ValueError(f"{self.object_class.name} has no attribute {', '.join(sorted(unknown))}")
         return self.object_class(self.name, **{**current, **values})
 
     def with_value(self, attribute: str, value: Value) -> Object:
         """A copy with another value of one attribute; the value is not checked."""
-        index = self.object_class.positions[attribute]
+        index = self.object_class.attribute_indexes[attribute]
         copy = object.__new__(Object)
         object.__setattr__(copy, "object_class", self.object_class)
         object.__setattr__(copy, "name", self.name)
@@ -125,7 +126,7 @@ class Object:
     def to_json(self) -> dict[str, Value]:
         """The object as plain data: its class, name and attributes."""
         return {"class": self.object_class.name, "name": self.name} | dict(
-            zip(self.object_class.positions, self.values, strict=True)
+            zip(self.object_class.attribute_indexes, self.values, strict=True)
         )
 
 
@@ -194,11 +195,11 @@ class State:
         objects = tuple(sorted(self.objects, key=lambda item: (item.object_class.name, item.name)))
         names = {item.name for item in objects}
         if len(names) < len(objects):
-            raise ValueError("every object of a state needs a name of its own")
+            raise ValueError("the names of a state's objects must differ from each other")
         self._fill(objects, self.scene)
 
     def _fill(self, objects: tuple[Object, ...], scene: Scene) -> None:
-        """Set all fields, given objects in order and with unique names."""
+        """Set all fields; the objects must be in order and have unique names."""
         object.__setattr__(self, "objects", objects)
         object.__setattr__(self, "scene", scene)
         object.__setattr__(self, "_hash", hash((objects, scene)))
@@ -233,25 +234,25 @@ class State:
     @property
     def classes(self) -> tuple[str, ...]:
         """The names of the objects' classes, in the objects' order."""
-        found = self._classes
-        if found is None:
-            found = tuple(item.object_class.name for item in self.objects)
-            object.__setattr__(self, "_classes", found)
-        return found
+        cached = self._classes
+        if cached is None:
+            cached = tuple(item.object_class.name for item in self.objects)
+            object.__setattr__(self, "_classes", cached)
+        return cached
 
     def get(self, name: str) -> Object | None:
-        """The object of that name; None where there is none, or where it has left."""
+        """The object of that name; None where the state has no such object."""
         return next((item for item in self.objects if item.name == name), None)
 
     def of_class(self, name: str) -> tuple[Object, ...]:
         """The objects of a class that can change, ordered by name."""
-        found = self._by_class.get(name)
-        if found is None:
-            found = self._by_class[name] = tuple(item for item in self.objects if item.object_class.name == name)
-        return found
+        cached = self._by_class.get(name)
+        if cached is None:
+            cached = self._by_class[name] = tuple(item for item in self.objects if item.object_class.name == name)
+        return cached
 
     def replace(self, name: str, **values: Value) -> State:
-        """A copy in which one object has other values: ``state.replace("robot", x=3)``.
+        """A copy with other attribute values of one object: ``state.replace("robot", x=3)``.
 
         Raises:
             KeyError: There is no such object.
@@ -269,7 +270,7 @@ class State:
         return State(tuple(objects), self.scene)
 
     def with_ordered_objects(self, objects: Iterable[Object]) -> State:
-        """As `with_objects`, without sorting and checking: the objects are in order and have unique names."""
+        """As `with_objects`, without sorting and checks; the objects must be in order and have unique names."""
         copy = object.__new__(State)
         copy._fill(tuple(objects), self.scene)
         return copy

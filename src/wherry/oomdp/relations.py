@@ -18,8 +18,8 @@ class Relation:
     Attributes:
         name: Its name.
         holds: Returns whether it holds between two objects.
-        keys: Keys of the first and the second object that are equal exactly if the relation holds, so that a relation
-            to static objects can be looked up in an index; None where there are no such keys.
+        keys: Keys of the first and of the second object that are equal exactly if the relation holds, with which static
+            objects are looked up in an index; None if the relation has no such keys.
     """
 
     name: str
@@ -38,24 +38,30 @@ def cell_of(item: Object) -> Hashable:
 
 
 def wall_edge(wall: Object) -> Hashable:
-    """The cell edge of a wall with attributes x, y, north: the cell's north edge, otherwise its east edge."""
+    """The cell edge (x, y, is north) on which a wall is: the north edge of cell (x, y), or else its east edge."""
     return wall.x, wall.y, wall.north
 
 
-def _step(dx: int, dy: int) -> ObjectKey:
+def _neighbour_cell(dx: int, dy: int) -> ObjectKey:
+    """The key that is the cell one step from an object's cell."""
     return lambda item: (item.x + dx, item.y + dy)
 
 
-def _edge(dx: int, dy: int) -> ObjectKey:
-    west, south, north = min(dx, 0), min(dy, 0), dy != 0
-    return lambda item: (item.x + west, item.y + south, north)
+def _crossed_edge(dx: int, dy: int) -> ObjectKey:
+    """The key that is the edge which a step from an object's cell crosses, in the form of `wall_edge`."""
+    column_offset, row_offset, is_north_edge = min(dx, 0), min(dy, 0), dy != 0
+    return lambda item: (item.x + column_offset, item.y + row_offset, is_north_edge)
 
 
 ON = Relation.where_equal("on", cell_of, cell_of)
 """Both objects are in the same cell."""
 
-TOUCH = {name: Relation.where_equal(f"touch_{name}", _step(*step), cell_of) for name, step in DIRECTIONS.items()}
+TOUCH = {
+    name: Relation.where_equal(f"touch_{name}", _neighbour_cell(*step), cell_of) for name, step in DIRECTIONS.items()
+}
 """The second object is exactly one cell north, south, east or west of the first."""
 
-TOUCH_EDGE = {name: Relation.where_equal(f"touch_{name}", _edge(*step), wall_edge) for name, step in DIRECTIONS.items()}
+TOUCH_EDGE = {
+    name: Relation.where_equal(f"touch_{name}", _crossed_edge(*step), wall_edge) for name, step in DIRECTIONS.items()
+}
 """The second object is a wall on the north, south, east or west edge of the first object's cell."""

@@ -1,4 +1,4 @@
-"""Reading objects and states from plain data, as `State.to_json` writes them."""
+"""Read objects and states from plain data, as `State.to_json` writes them."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from wherry.errors import InputError
 from wherry.oomdp.objects import Object, ObjectClass, Scene, State
 
 
-def object_from_json(data: object, classes: Mapping[str, ObjectClass], source: str, where: str) -> Object:
+def object_from_json(data: object, classes: Mapping[str, ObjectClass], source: str, field: str) -> Object:
     """Read an object from plain data.
 
     Args:
         data: The data.
         classes: The domain's classes by name.
         source: Name of the data in error messages.
-        where: Where in the data the object is, for error messages.
+        field: Path of the object in the data in error messages, such as ``objects[0]``.
 
     Raises:
         InputError: The data is not an object of one of the classes.
     """
     if not isinstance(data, dict):
-        raise InputError(source, where, "is not an object with fields")
+        raise InputError(source, field, "is not an object with fields")
     values = dict(data)
     class_name, name = values.pop("class", None), values.pop("name", None)
     object_class = classes.get(class_name) if isinstance(class_name, str) else None
     if object_class is None:
-        raise InputError(source, f"{where}.class", f"is not one of {', '.join(classes)}")
+        raise InputError(source, f"{field}.class", f"is not one of {', '.join(classes)}")
     if not isinstance(name, str):
-        raise InputError(source, f"{where}.name", "is not a text")
+        raise InputError(source, f"{field}.name", "is not a string")
     try:
         return object_class(name, **values)
     except (TypeError, ValueError) as error:
-        raise InputError(source, where, str(error)) from error
+        raise InputError(source, field, str(error)) from error
 
 
 def state_from_json(
@@ -54,7 +54,7 @@ def state_from_json(
         items = data.get(part) if isinstance(data, dict) else None
         if not isinstance(items, list):
             raise InputError(source, part, "is not a list of objects")
-        return tuple(object_from_json(item, classes, source, f"{part}[{at}]") for at, item in enumerate(items))
+        return tuple(object_from_json(item, classes, source, f"{part}[{index}]") for index, item in enumerate(items))
 
     try:
         return State(read("objects"), Scene(read("scene")) if scene is None else scene)

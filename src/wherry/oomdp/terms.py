@@ -15,7 +15,7 @@ from wherry.oomdp.objects import Object, State
 from wherry.oomdp.relations import Relation
 
 Binding = Mapping[str, Object]
-"""The object that a term about a class refers to, by the class's name; "some object" for classes without an entry."""
+"""The object to which terms about a class refer, by class name; "some object" for classes without an entry."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Term:
 
     Attributes:
         name: Its name: ``touch_N(robot, wall)``.
-        classes: The classes that it is about.
+        classes: Names of the classes that it is about.
         holds: Returns whether it holds in a state, given a binding.
     """
 
@@ -36,7 +36,7 @@ class Term:
 def related(relation: Relation, first: str, second: str) -> Term:
     """The term that a relation holds between objects of two classes.
 
-    If both are the same class, as in ``on(block, block)``, it holds between "this" object and some other one.
+    If both are the same class, as in ``on(block, block)``, the relation has to hold between "this" object and another.
     """
 
     def holds(state: State, binding: Binding) -> bool:
@@ -70,7 +70,7 @@ def _some_object(class_name: str, name: str, holds: Callable[[Object], bool]) ->
 
 
 def candidates(class_name: str, state: State, binding: Binding) -> tuple[Object, ...]:
-    """The objects that a term about a class may refer to: the bound one, or all that can change."""
+    """The objects to which a term about a class may refer: the bound one, or else all objects that can change."""
     return (binding[class_name],) if class_name in binding else state.of_class(class_name)
 
 

@@ -12,7 +12,7 @@ def perceived_state(domain: Domain, state: State, time: float) -> PerceivedState
     """The record of a state's condition and of its objects that can change, at a time, s, on the robot's clock."""
     objects = (
         ObjectSnapshot(
-            item.object_class.name, item.name, tuple(zip(item.object_class.positions, item.values, strict=True))
+            item.object_class.name, item.name, tuple(zip(item.object_class.attribute_indexes, item.values, strict=True))
         )
         for item in state.objects
     )

@@ -1,9 +1,9 @@
 from .lrtdp import Lrtdp
 from .pddl import PddlTask, export_pddl
-from .planners import PLANNERS, PlannerEntry
-from .policy import Planner
+from .planner import Planner
 from .policy_iteration import PolicyIteration
 from .prediction_cache import PredictionCache
+from .registry import PLANNERS, PlannerEntry
 from .search import Plan, a_star, cheapest_experiment
 from .state_space import StateSpace
 from .uct import Uct

@@ -9,9 +9,9 @@ import numpy as np
 
 from wherry.kernels import kernel
 from wherry.planning.lookahead import Q_TOLERANCE
-from wherry.planning.state_space import NOT_COMPUTED, TERMINAL, UNKNOWN, Floats, Integers
+from wherry.planning.state_space import NOT_GROUNDED, TERMINAL_SUCCESSOR, UNKNOWN_SUCCESSOR, Floats, Integers
 
-NO_OUTCOME = -1  # in the outcomes table: the group has no such action, or the prediction no further outcome
+NO_OUTCOME = -1  # entry of the outcomes table: the action does not exist in the group, or has no further outcome
 
 
 class BackupTables(NamedTuple):
@@ -20,14 +20,14 @@ class BackupTables(NamedTuple):
     Attributes:
         group: [S] group number of every state.
         outcomes: [G, A, K] numbers of the predicted conditional outcomes, or NO_OUTCOME.
-        probabilities: [G, A, K] their probabilities.
+        probabilities: [G, A, K] probability of each predicted outcome.
         disagreements: [G, A] the disagreement of each prediction.
-        successor: [O, S] state numbers, or the negative constants of `state_space`.
-        reward: [O, S] reward of each step.
+        successor: [O, S] number of each successor state, or a negative constant of `state_space`.
+        reward: [O, S] reward of outcome o in state s.
         values: [S] V(s).
         discount: γ.
         unknown_value: V(s_max).
-        curiosity: Bonus for an action of disagreement 1, in reward.
+        curiosity: Bonus for an action of disagreement 1, in units of reward.
     """
 
     group: Integers
@@ -44,50 +44,50 @@ class BackupTables(NamedTuple):
 
 @kernel
 def reachable_states(
-    starts: Integers, n_states: int, tables: BackupTables, asked: Integers, revisions: Integers
+    starts: Integers, n_states: int, tables: BackupTables, queried_revisions: Integers, revisions: Integers
 ) -> tuple[Integers, Integers]:
-    """Search breadth-first from some states.
+    """Find all states that can be reached from some states, breadth first.
 
     Args:
         starts: [N] state numbers.
-        n_states: How many states are numbered.
-        tables: The tables, which may have gaps.
-        asked: [G, A] the model's revision when it was last asked about a group and action.
-        revisions: [A] the model's present revisions.
+        n_states: S, the number of states.
+        tables: The MDP, of which entries may be missing.
+        queried_revisions: [G, A] revision at which the model was last queried about a group and action.
+        revisions: [A] current revision of every action.
 
     Returns:
-        [R] the reachable states, nearest first; [M, 2] the gaps found: a state with the number of an outcome that was
-        not computed for it, or with NO_OUTCOME where the model has to be asked first.
+        [R] the reachable states, nearest first; [M, 2] the missing entries: a state with the number of an outcome that
+        is not grounded in it yet, or with NO_OUTCOME if the model has to be queried first.
     """
     group, outcomes, successor = tables.group, tables.outcomes, tables.successor
     seen = np.zeros(n_states, np.bool_)
     order = np.empty(n_states, np.int32)
-    gaps = np.empty((n_states * outcomes.shape[1] * outcomes.shape[2], 2), np.int32)
-    n_reached, n_gaps, at = 0, 0, 0
+    missing = np.empty((n_states * outcomes.shape[1] * outcomes.shape[2], 2), np.int32)
+    n_reached, n_missing, n_expanded = 0, 0, 0
     for start in starts:
         if not seen[start]:
             seen[start] = True
             order[n_reached] = start
             n_reached += 1
-    while at < n_reached:
-        state = order[at]
-        at += 1
+    while n_expanded < n_reached:
+        state = order[n_expanded]
+        n_expanded += 1
         for action in range(outcomes.shape[1]):
-            is_asked = asked[group[state], action] == revisions[action]
+            is_queried = queried_revisions[group[state], action] == revisions[action]
             for outcome in outcomes[group[state], action]:
-                if is_asked and outcome == NO_OUTCOME:
+                if is_queried and outcome == NO_OUTCOME:
                     continue
-                if not is_asked or successor[outcome, state] == NOT_COMPUTED:
-                    gaps[n_gaps, 0] = state
-                    gaps[n_gaps, 1] = outcome if is_asked else NO_OUTCOME
-                    n_gaps += 1
+                if not is_queried or successor[outcome, state] == NOT_GROUNDED:
+                    missing[n_missing, 0] = state
+                    missing[n_missing, 1] = outcome if is_queried else NO_OUTCOME
+                    n_missing += 1
                     continue
                 target = successor[outcome, state]
                 if target >= 0 and not seen[target]:
                     seen[target] = True
                     order[n_reached] = target
                     n_reached += 1
-    return order[:n_reached].copy(), gaps[:n_gaps].copy()
+    return order[:n_reached].copy(), missing[:n_missing].copy()
 
 
 @kernel
@@ -115,9 +115,9 @@ def linear_backup(state: int, action: int, tables: BackupTables, weights: Floats
         if target >= 0:
             constant += probability * tables.reward[outcome, state]
             weights[k], targets[k] = probability * tables.discount, target
-        elif target == TERMINAL:
+        elif target == TERMINAL_SUCCESSOR:
             constant += probability * tables.reward[outcome, state]
-        elif target == UNKNOWN:
+        elif target == UNKNOWN_SUCCESSOR:
             constant += probability * tables.unknown_value
         else:
             continue
@@ -131,7 +131,7 @@ def linear_backup(state: int, action: int, tables: BackupTables, weights: Floats
 
 @kernel
 def greedy_action(state: int, tables: BackupTables) -> int:
-    """The number of the first of the best actions."""
+    """The number of the best action; of equally good ones the first."""
     width = tables.outcomes.shape[2]
     weights, targets = np.empty(width), np.empty(width, np.int32)
     best, best_value = 0, -math.inf
@@ -148,8 +148,8 @@ def greedy_action(state: int, tables: BackupTables) -> int:
 def sweep(states: Integers, tolerance: float, tables: BackupTables) -> None:
     """Gauss–Seidel value iteration in alternating directions until no value changes by more than the tolerance.
 
-    Values start below any possible return, and so only rise. The backups are tabulated first, so that a sweep reads
-    memory in order.
+    Values start below every possible return, so they increase monotonically. The linear backups are tabulated first,
+    so that a sweep reads memory sequentially.
 
     Args:
         states: [R] a closed set of states, nearest first.
@@ -158,29 +158,29 @@ def sweep(states: Integers, tolerance: float, tables: BackupTables) -> None:
     """
     group, outcomes, values = tables.group, tables.outcomes, tables.values
     n_states, n_actions, width = len(states), outcomes.shape[1], outcomes.shape[2]
-    constants, lowest = np.empty((n_states, n_actions)), 0.0
+    constants, lowest_reward = np.empty((n_states, n_actions)), 0.0
     weights = np.empty((n_states, n_actions, width))
     targets = np.empty((n_states, n_actions, width), np.int32)
-    for at in range(n_states):
-        state = states[at]
+    for index in range(n_states):
+        state = states[index]
         for action in range(n_actions):
-            constants[at, action] = linear_backup(state, action, tables, weights[at, action], targets[at, action])
+            constants[index, action] = linear_backup(state, action, tables, weights[index, action], targets[index, action])
         for outcome in outcomes[group[state]].flat:
             if outcome != NO_OUTCOME:
-                lowest = min(lowest, tables.reward[outcome, state])
+                lowest_reward = min(lowest_reward, tables.reward[outcome, state])
     for state in states:
-        values[state] = lowest / (1 - tables.discount)
+        values[state] = lowest_reward / (1 - tables.discount)
     change = math.inf
     while change > tolerance:
         change = 0.0
         for turn in range(2 * n_states):  # from the farthest state to the nearest, and back
-            at = n_states - 1 - turn if turn < n_states else turn - n_states
-            best = values[states[at]]
-            before = best
+            index = n_states - 1 - turn if turn < n_states else turn - n_states
+            best = values[states[index]]
+            previous = best
             for action in range(n_actions):
-                value = constants[at, action]
+                value = constants[index, action]
                 for k in range(width):
-                    value += weights[at, action, k] * values[targets[at, action, k]]
+                    value += weights[index, action, k] * values[targets[index, action, k]]
                 best = max(best, value)
-            values[states[at]] = best
-            change = max(change, best - before)
+            values[states[index]] = best
+            change = max(change, best - previous)

@@ -1,7 +1,7 @@
 """One-step lookahead: the successors of a state under each action, and Q values from them.
 
-Planners that expand single states share this, so that optimism is the same in all of them: an unknown outcome leads to
-s_max, a leaf that pays R_max in every step for ever (Brafman and Tennenholtz 2002).
+Planners that expand single states share it, so that all treat unknown outcomes alike: they lead to s_max, a leaf whose
+reward is R_max in every step (Brafman and Tennenholtz 2002).
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from wherry.oomdp.mdp import Outcome, Prediction
 from wherry.oomdp.objects import State
 from wherry.planning.prediction_cache import PredictionCache
 
-Q_TOLERANCE = 1e-9  # reward; actions whose Q values differ by less count as equally good
+Q_TOLERANCE = 1e-9  # in units of reward; actions whose Q values differ by less are equally good
 
 
 class Successor(NamedTuple):
-    """A possible successor of a state, in the form that backups need.
+    """A possible successor of a state, as backups use it.
 
     Attributes:
         probability: P(s'|s, a), normalized over the successors.
-        reward: r; in a leaf the whole return from this step on.
-        state: s'; None in a leaf, where the episode ends or the outcome is unknown (s_max).
+        reward: r; for a leaf the return of this and all later steps.
+        state: s'; None for a leaf: the episode ends, or the outcome is unknown (s_max).
     """
 
     probability: float
@@ -39,7 +39,7 @@ class ChanceNode(NamedTuple):
 
     Attributes:
         action: a.
-        successors: Their probabilities sum to 1.
+        successors: The possible successors; their probabilities sum to 1.
     """
 
     action: Action
@@ -88,7 +88,7 @@ class Lookahead:
         self._revisions: dict[str, int] = {}
 
     def refresh(self) -> bool:
-        """Drop everything cached if the model was revised; return whether it was."""
+        """Clear the cache if the model was revised; return whether it was."""
         if self._revisions == self.model.revisions:
             return False
         self._revisions = dict(self.model.revisions)
@@ -97,7 +97,7 @@ class Lookahead:
         return True
 
     def chance_nodes(self, state: State) -> tuple[ChanceNode, ...]:
-        """The chance nodes of all actions that can be tried in a state."""
+        """The chance nodes of all ground actions in a state."""
         nodes = self._nodes.get(state)
         if nodes is None:
             nodes = tuple(
@@ -108,7 +108,7 @@ class Lookahead:
         return nodes
 
     def greedy(self, state: State, value_of: Callable[[State], float]) -> tuple[ChanceNode, float]:
-        """The first of the best actions, and max_a Q(s, a)."""
+        """The best action, of equally good ones the first, and max_a Q(s, a)."""
         nodes = self.chance_nodes(state)
         q_values = [node.q_value(value_of, self.discount) for node in nodes]
         best_value = max(q_values)
@@ -116,7 +116,7 @@ class Lookahead:
         return nodes[first], best_value
 
     def _successors(self, prediction: Prediction) -> tuple[Successor, ...]:
-        """The successors with normalized probabilities; one leaf of the lowest return if no outcome is possible."""
+        """The successors with normalized probabilities; a leaf of the lowest return if none is possible."""
         possible = [outcome for outcome in prediction.outcomes if outcome.probability > 0]
         if not possible:
             return (Successor(1.0, -self.max_value, None),)

@@ -1,7 +1,7 @@
 """Labelled real-time dynamic programming for stochastic models (Bonet and Geffner, ICAPS 2003).
 
-Values start at an upper bound and are lowered along trials, which follow the greedy policy from the state in question.
-So only states that a good policy may visit are expanded; states whose values have converged are labelled as solved.
+Values start at an upper bound and are lowered along trials, which follow the greedy policy from the queried state. So
+only states that a good policy may visit are expanded; states whose values have converged are labelled as solved.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from wherry.oomdp.objects import State
 from wherry.planning.lookahead import ChanceNode, Lookahead
 
 UpperBound = Callable[[State], float]
-"""h(s), admissible: never less than V(s). The closer it is to V(s), the fewer trials are needed."""
+"""h(s), admissible: never less than V(s); the tighter it is, the fewer trials are needed."""
 
 
 class Lrtdp:
-    """Optimal policies for the states in question; plans again when the model has been revised.
+    """Optimal policies for the queried states; plans again when the model has been revised.
 
     Args:
         model: The model to plan on.
@@ -47,15 +47,15 @@ class Lrtdp:
         self._lookahead = Lookahead(model, discount=discount, r_max=r_max)
         max_value = self._lookahead.max_value
         self._upper_bound: UpperBound = upper_bound or (lambda state: max_value)
-        # Rewards farther ahead are discounted to less than the tolerance.
+        # Rewards beyond the horizon are discounted to less than the tolerance.
         horizon = math.log(tolerance / max(max_value, 2 * tolerance)) / math.log(discount) if discount > 0 else 1
         self._max_trial_length = math.ceil(horizon)
         self._values: dict[State, float] = {}
         self._solved: set[State] = set()
 
     @property
-    def visited(self) -> int:
-        """How many states were expanded since the model was last revised."""
+    def expanded_count(self) -> int:
+        """Number of states that were expanded since the model was last revised."""
         return len(self._values)
 
     def policy(self, state: State) -> Action:

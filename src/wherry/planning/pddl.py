@@ -1,14 +1,14 @@
-"""A learnt model and a state as PDDL, so that any classical planner can plan with it.
+"""Export of a learnt model and a state to PDDL, for classical planners.
 
-The reachable states are enumerated, and the predictions in them are turned into operators: for each action and effect
-the fewest terms that separate the states where it happens from all others. A PDDL object stands for one combination of
-an object's values, ``taxi_x2_y3``. Terms, such as ``touch_N(taxi, wall)``, become static predicates of the values that
-they are found to depend on. Steps with unknown outcome are left out, so a plan for the PDDL problem is a plan for the
-model, of the same length.
+The reachable states are enumerated, and the predictions in them are turned into operators. The preconditions of an
+action's effect are a minimal set of terms that separates the states with this effect from all others. A PDDL object
+stands for one combination of an object's values, ``taxi_x2_y3``. A term such as ``touch_N(taxi, wall)`` becomes a
+static predicate of the values that determine it. Steps with unknown outcome are left out, so a plan for the PDDL
+problem is a plan for the model, of the same length.
 
-Where terms do not determine which steps reach the goal (no term holds exactly where a crate is one step from its
-target), the objects' values after the step do. Operators that can reach the goal are then written twice: for any values
-after the step, and for those of the goal.
+If the terms do not determine which steps reach the goal (no term holds exactly where a crate is one step from its
+target), the objects' values after the step have to. Operators that can reach the goal are then written twice: for any
+values after the step, and for those of the goal.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from wherry.planning.pddl_names import change_name, domain_text, identifier, ope
 from wherry.planning.pddl_operators import (
     ActionEffects,
     Changes,
+    FactTable,
     StateLiteral,
     StepEffect,
-    Valuation,
-    determine,
-    fewest_objects,
+    minimal_objects,
+    values_determine,
 )
 
-MAX_STATES = 100_000  # reachable states up to which a model is exported
+MAX_STATES = 100_000  # reachable states; larger models are not exported
 GOAL_PREDICATE = "goal_values"
 
 ReachesGoal = Callable[[Outcome], bool]
-"""Whether a predicted outcome reaches the goal."""
+"""Returns whether a predicted outcome reaches the goal."""
 
 
 @dataclass(frozen=True)
 class PddlTask:
-    """A planning task.
+    """A planning task as PDDL texts.
 
     Attributes:
         domain: Text of the domain file.
@@ -58,11 +58,11 @@ class _PredictedStep(NamedTuple):
     """The most likely outcome of one action in one state.
 
     Attributes:
-        state: Index of the state.
-        action: The action.
-        literals: The literals that hold in the state, as bits.
-        effect: The effect; None where there is none, it is unknown, or the episode ends without reaching the goal.
-        next_state: s'; None where it is unknown.
+        state: Index of s in the order of exploration.
+        action: a.
+        literals: The literals that hold in s for this action, as bits.
+        effect: The effect; None if nothing changes, the outcome is unknown, or the episode ends without the goal.
+        next_state: s'; None if it is unknown.
     """
 
     state: int
@@ -77,16 +77,20 @@ class _GoalValues(NamedTuple):
 
     Attributes:
         objects: Names of the objects whose values matter.
-        values: Their combinations of values in the goal.
+        rows: Combinations of these objects' value names in the goal.
         reached_by: The actions that reach the goal from some state, with the changes that they make there.
     """
 
     objects: tuple[str, ...]
-    values: list[tuple[str, ...]]
+    rows: list[tuple[str, ...]]
     reached_by: set[tuple[Action, Changes]]
 
     def precondition(self, changed: Mapping[str, str]) -> str:
-        """The literal that an operator which changes some objects needs in order to reach the goal."""
+        """The literal that an operator needs as a precondition in order to reach the goal.
+
+        Args:
+            changed: The objects that the operator changes, with the names of their changes.
+        """
         values_after = (
             f"?{identifier(name)}_after" if name in changed else f"?{identifier(name)}" for name in self.objects
         )
@@ -102,10 +106,10 @@ def export_pddl(model: Model, domain: Domain, start: State, reaches_goal: Reache
     """Write a model and a state as a PDDL domain and problem.
 
     Args:
-        model: A learnt model, or any other one whose predictions depend on the domain's terms alone.
+        model: A model whose predictions depend on the domain's terms alone, such as a learnt one.
         domain: The domain of the states.
-        start: s_0.
-        reaches_goal: The outcomes with which a plan has to end.
+        start: Initial state of the problem.
+        reaches_goal: Returns whether an outcome reaches the goal.
 
     Raises:
         ValueError: The predictions depend on more than the terms; whether a step reaches the goal depends on more than
@@ -116,14 +120,14 @@ def export_pddl(model: Model, domain: Domain, start: State, reaches_goal: Reache
 
 
 class _ReachableSteps:
-    """The reachable states and the predicted steps from them.
+    """All reachable states and the predicted steps from them.
 
     Attributes:
-        names: Names of the objects of s_0.
-        literals: The literals that operators can ask for.
-        values: For every state, the name of each object's values.
-        steps: All steps.
-        pairs: For every object and change, the names of its values before and after.
+        object_names: Names of the objects of the initial state.
+        literals: The literals that can be preconditions.
+        value_names: For each state the name of each object's values, by object name.
+        steps: The predicted steps of all actions in all states.
+        value_changes: By object and change, the names of the object's values before and after (an ordered set).
     """
 
     def __init__(self, model: Model, domain: Domain, start: State, reaches_goal: ReachesGoal) -> None:
@@ -131,19 +135,19 @@ class _ReachableSteps:
         self.domain = domain
         self.start = start
         self.reaches_goal = reaches_goal
-        self.names = [item.name for item in start.objects]
+        self.object_names = [item.name for item in start.objects]
         self.literals = self._literals()
-        self.values: list[dict[str, str]] = []
+        self.value_names: list[dict[str, str]] = []
         self.steps: list[_PredictedStep] = []
-        self.pairs: dict[tuple[str, str], dict[tuple[str, str], None]] = {}
+        self.value_changes: dict[tuple[str, str], dict[tuple[str, str], None]] = {}
         self._explore()
 
-    def values_in(self, state: State) -> dict[str, str]:
+    def value_names_in(self, state: State) -> dict[str, str]:
         """The name of each object's values in a state."""
-        return {name: value_name(name, state.get(name)) for name in self.names}
+        return {name: value_name(name, state.get(name)) for name in self.object_names}
 
     def _literals(self) -> list[StateLiteral]:
-        """The terms; the terms about each object, where its class has several; and the presence of removable ones."""
+        """All terms; the terms about each object whose class has several objects; the presence of removable objects."""
         literals = [StateLiteral(term, None) for term in range(len(self.domain.terms))]
         for item in self.start.objects:
             if len(self.start.of_class(item.object_class.name)) > 1:
@@ -171,20 +175,20 @@ class _ReachableSteps:
         seen, queue = {self.start}, deque([self.start])
         while queue:
             state = queue.popleft()
-            self.values.append(self.values_in(state))
-            if len(self.values) > MAX_STATES:
-                raise ValueError(f"more than {MAX_STATES:,} states can be reached")
+            self.value_names.append(self.value_names_in(state))
+            if len(self.value_names) > MAX_STATES:
+                raise ValueError(f"more than {MAX_STATES:,} states are reachable")
             for action in self.domain.ground_actions(state):
                 outcome = self.model.predict(state, action).most_likely
                 after = outcome.next_state
                 literals, effect = self._literals_in(state, action), self._effect(state, outcome)
-                self.steps.append(_PredictedStep(len(self.values) - 1, action, literals, effect, after))
+                self.steps.append(_PredictedStep(len(self.value_names) - 1, action, literals, effect, after))
                 if after is not None and not outcome.terminated and after not in seen:
                     seen.add(after)
                     queue.append(after)
 
     def _effect(self, state: State, outcome: Outcome) -> StepEffect | None:
-        """The effect of a step; None where it is unknown, nothing changes, or the episode ends without the goal."""
+        """The effect of a step; None if nothing changes, it is unknown, or the episode ends without the goal."""
         reaches_goal = self.reaches_goal(outcome)
         if outcome.next_state is None or (outcome.terminated and not reaches_goal):
             return None
@@ -195,34 +199,34 @@ class _ReachableSteps:
                 change = change_name(item, after)
                 changes.append((item.name, change))
                 pair = value_name(item.name, item), value_name(item.name, after)
-                self.pairs.setdefault((item.name, change), {})[pair] = None
+                self.value_changes.setdefault((item.name, change), {})[pair] = None
         return StepEffect(tuple(changes), reaches_goal) if changes or reaches_goal else None
 
 
 class _TaskWriter:
-    """Turns the steps into operators, predicates and facts."""
+    """Turns the predicted steps into operators, predicates and facts."""
 
     def __init__(self, reachable: _ReachableSteps) -> None:
         self.reachable = reachable
         self.goal = None if self._terms_determine_the_goal() else self._goal_values()
-        self.predicates: dict[str, list[str]] = {}  # the types of every predicate's parameters
+        self.predicates: dict[str, list[str]] = {}  # parameter types by predicate
         self.facts: list[str] = []
         self.operators: list[str] = []
         self.actions: dict[str, Action] = {}
-        self._valuations: dict[str, Valuation] = {}  # by predicate
+        self._fact_tables: dict[str, FactTable] = {}  # by predicate
 
     def write(self) -> PddlTask:
-        """The task."""
+        """Write the task."""
         reachable = self.reachable
         self._declare_values_and_changes()
         for action, effects in self._action_effects().items():
             for number, (effect, mask, value) in enumerate(effects.operators(len(reachable.literals)), start=1):
                 name = identifier(f"{action.name}_{'_'.join((*action.arguments, str(number)))}")
                 self._add_operators(name, action, effect, mask, value)
-        values = {name: {found[name]: None for found in reachable.values} for name in reachable.names}
-        for (name, _), pairs in reachable.pairs.items():
+        values = {name: {found[name]: None for found in reachable.value_names} for name in reachable.object_names}
+        for (name, _), pairs in reachable.value_changes.items():
             values[name] |= {after: None for _, after in pairs}
-        name, types = reachable.domain.name, [identifier(item) for item in reachable.names]
+        name, types = reachable.domain.name, [identifier(item) for item in reachable.object_names]
         return PddlTask(
             domain_text(name, types, self.predicates, self.operators),
             problem_text(name, {identifier(item): list(found) for item, found in values.items()}, self.facts),
@@ -230,27 +234,27 @@ class _TaskWriter:
         )
 
     def _declare_values_and_changes(self) -> None:
-        """The predicates for the objects' present values, for changes of values, and for the goal."""
+        """Add predicates and facts for the objects' current values, for changes of values, and for the goal."""
         reachable = self.reachable
-        for name in reachable.names:
+        for name in reachable.object_names:
             self.predicates[f"is_{identifier(name)}"] = [identifier(name)]
             self.facts.append(_literal(f"is_{identifier(name)}", value_name(name, reachable.start[name])))
-        for (name, change), pairs in reachable.pairs.items():
+        for (name, change), pairs in reachable.value_changes.items():
             predicate = identifier(f"{name}_{change}")
             self.predicates[predicate] = [identifier(name)] * 2
             self.facts += [_literal(predicate, before, after) for before, after in pairs]
         if self.goal is not None:
             self.predicates[GOAL_PREDICATE] = [identifier(name) for name in self.goal.objects]
-            self.facts += [_literal(GOAL_PREDICATE, *values) for values in self.goal.values]
+            self.facts += [_literal(GOAL_PREDICATE, *values) for values in self.goal.rows]
 
     def _add_operators(self, name: str, action: Action, effect: StepEffect, mask: int, value: int) -> None:
-        """Add the operator for an effect, and its variant that reaches the goal if terms do not determine the goal."""
+        """Add the operator for an effect, and its variant that reaches the goal if terms do not determine it."""
         preconditions, involved = [], dict.fromkeys(changed for changed, _ in effect.changes)
         for index in (index for index in range(len(self.reachable.literals)) if mask >> index & 1):
-            predicate, (objects, holding) = self._predicate(action, index)
+            predicate, (objects, rows) = self._predicate(action, index)
             if predicate not in self.predicates:
                 self.predicates[predicate] = [identifier(item) for item in objects]
-                self.facts += [_literal(predicate, *values) for values in holding]
+                self.facts += [_literal(predicate, *values) for values in rows]
             involved |= dict.fromkeys(objects)
             literal = _literal(predicate, *(f"?{identifier(item)}" for item in objects))
             preconditions.append(literal if value >> index & 1 else f"(not {literal})")
@@ -264,7 +268,7 @@ class _TaskWriter:
             self.actions[f"{name}_to_goal"] = action
 
     def _action_effects(self) -> dict[Action, ActionEffects]:
-        """The effects of every action, by the literals under which they were predicted."""
+        """The predicted effects of every action."""
         found: dict[Action, ActionEffects] = {}
         for step in self.reachable.steps:
             effect = step.effect
@@ -287,46 +291,46 @@ class _TaskWriter:
         )
 
     def _goal_values(self) -> _GoalValues:
-        """The values after a step that determine whether it has reached the goal."""
+        """The objects' values after a step that determine whether the step has reached the goal."""
         steps = [(step, step.effect) for step in self.reachable.steps if step.effect is not None]
         examples = [
-            (self.reachable.values_in(step.next_state), effect.reaches_goal)
+            (self.reachable.value_names_in(step.next_state), effect.reaches_goal)
             for step, effect in steps
             if step.next_state is not None
         ]
-        names = self.reachable.names
-        if not determine(names, examples):
+        names = self.reachable.object_names
+        if not values_determine(names, examples):
             raise ValueError("whether the goal is reached depends on more than the terms and the state after the step")
-        needed, holding = fewest_objects(names, examples)
+        objects, rows = minimal_objects(names, examples)
         reached_by = {(step.action, effect.changes) for step, effect in steps if effect.reaches_goal}
-        return _GoalValues(tuple(needed), holding, reached_by)
+        return _GoalValues(tuple(objects), rows, reached_by)
 
-    def _predicate(self, action: Action, index: int) -> tuple[str, Valuation]:
-        """The predicate for a literal, with the objects that it depends on and their values with which it holds."""
+    def _predicate(self, action: Action, index: int) -> tuple[str, FactTable]:
+        """The predicate for a literal, and the values of objects with which it holds."""
         term, this = self.reachable.literals[index]
         about = "there" if term is None else self.reachable.domain.terms[term].name
         arguments = "" if term is None else "_".join(action.arguments)
         name = identifier("_".join(filter(None, (about, this and f"this_{this}", arguments))))
-        if name not in self._valuations:
-            self._valuations[name] = self._valuation(action, index)
-        return name, self._valuations[name]
+        if name not in self._fact_tables:
+            self._fact_tables[name] = self._fact_table(action, index)
+        return name, self._fact_tables[name]
 
-    def _valuation(self, action: Action, index: int) -> Valuation:
-        """The fewest objects whose values determine a literal; objects that the term does not mention go first."""
+    def _fact_table(self, action: Action, index: int) -> FactTable:
+        """The values with which a literal holds; objects that its term does not mention are dropped first."""
         reachable = self.reachable
         term, this = reachable.literals[index]
         if term is None and this is not None:
             mentioned = {this}
-            examples = [(values, values[this] != value_name(this, None)) for values in reachable.values]
+            examples = [(values, values[this] != value_name(this, None)) for values in reachable.value_names]
         else:
             classes = reachable.domain.terms[term or 0].classes
             mentioned = {item.name for item in reachable.start.objects if item.object_class.name in classes}
             examples = [
-                (reachable.values[step.state], bool(step.literals >> index & 1))
+                (reachable.value_names[step.state], bool(step.literals >> index & 1))
                 for step in reachable.steps
                 if step.action == action
             ]
-        return fewest_objects(sorted(reachable.names, key=mentioned.__contains__), examples)
+        return minimal_objects(sorted(reachable.object_names, key=mentioned.__contains__), examples)
 
 
 def _literal(predicate: str, *arguments: str) -> str:

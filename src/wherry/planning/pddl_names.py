@@ -10,12 +10,12 @@ from wherry.planning.pddl_operators import StepEffect
 
 
 def identifier(text: str) -> str:
-    """A text as a PDDL identifier."""
+    """Turn a text into a PDDL identifier."""
     return re.sub(r"\W+", "_", text.lower().replace("-", "m")).strip("_")
 
 
 def value_name(name: str, item: Object | None) -> str:
-    """The PDDL object that stands for an object's values: ``taxi_x2_y3``; None is an object that has left."""
+    """The PDDL object that stands for an object's values: ``taxi_x2_y3``; None is a removed object."""
     if item is None:
         return identifier(f"{name}_gone")
     parts = [name]
@@ -48,7 +48,7 @@ def operator_text(name: str, objects: Sequence[str], preconditions: Sequence[str
     Args:
         name: The operator's name.
         objects: Names of the objects whose values are parameters.
-        preconditions: Literals besides the objects' present values.
+        preconditions: Literals besides the objects' current values.
         effect: What the operator changes.
     """
     words = {item: identifier(item) for item in objects}
@@ -96,7 +96,7 @@ def problem_text(name: str, values: Mapping[str, Sequence[str]], facts: Sequence
     Args:
         name: Name of the domain.
         values: The PDDL objects of every type.
-        facts: What holds initially.
+        facts: The literals that hold in the initial state.
     """
     objects = "\n".join(f"    {' '.join(found)} - {kind}" for kind, found in values.items())
     initially = "\n".join(f"    {fact}" for fact in facts)

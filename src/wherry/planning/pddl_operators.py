@@ -1,27 +1,36 @@
-"""Operators from predictions: minimal sets of literals, and of objects, that determine where an effect happens."""
+"""Minimal sets of literals that determine an effect, and minimal sets of objects whose values determine a fact."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 Changes = tuple[tuple[str, str], ...]
-"""The objects that change in a step, each with the name of its change."""
+"""The names of the objects that change in a step, each with the name of its change."""
 
 Example = tuple[Mapping[str, str], bool]
-"""The values that objects have, by the objects' names, and whether a fact holds with them."""
+"""An observation of a fact: the names of the objects' values, by object name, and whether the fact holds."""
 
-Valuation = tuple[list[str], list[tuple[str, ...]]]
-"""Names of objects, and the combinations of their values with which a fact holds."""
+
+class FactTable(NamedTuple):
+    """A fact as a table over the values of the objects that determine it.
+
+    Attributes:
+        objects: Names of the objects.
+        rows: Combinations of value names, one for each object, with which the fact holds.
+    """
+
+    objects: list[str]
+    rows: list[tuple[str, ...]]
 
 
 class StateLiteral(NamedTuple):
-    """A literal that an operator can ask for: a term holds, or an object is present.
+    """A literal that can be a precondition: a term holds, or an object is present.
 
     Attributes:
-        term: Index of the term in the domain; None for an object's presence.
-        this: Name of the object that the term is about; None for the state as a whole.
+        term: Index of the term in the domain; None if the literal is the presence of an object.
+        this: Name of the object to which the term refers; None for the state as a whole.
     """
 
     term: int | None
@@ -29,7 +38,7 @@ class StateLiteral(NamedTuple):
 
 
 class StepEffect(NamedTuple):
-    """The effect of a step, the same for all steps that make the same changes.
+    """The effect of a step; steps with the same changes have equal effects.
 
     Attributes:
         changes: The objects that change, with the names of their changes.
@@ -45,24 +54,24 @@ class ActionEffects:
     """The predicted effects of one action.
 
     Attributes:
-        by_literals: The effect that was predicted where exactly some literals (bits) hold; None for no effect.
+        by_literals: Predicted effect by the set of literals that hold, as bits; None for no effect.
     """
 
     by_literals: dict[int, StepEffect | None] = field(default_factory=dict)
 
     def add(self, literals: int, effect: StepEffect | None) -> None:
-        """Add a prediction; None (a step out of bounds, for one) does not contradict an effect.
+        """Add a prediction; no effect (None, such as for a step out of bounds) does not contradict an effect.
 
         Raises:
             ValueError: Another effect was predicted where the same literals hold.
         """
         known = self.by_literals.get(literals)
         if known is not None and effect not in {None, known}:
-            raise ValueError("what is predicted depends on more than the domain's terms")
+            raise ValueError("predictions depend on more than the domain's terms")
         self.by_literals[literals] = known or effect
 
-    def operators(self, size: int) -> Iterable[tuple[StepEffect, int, int]]:
-        """Each effect with its preconditions as a mask and a value of literals; disjunctions give several operators.
+    def operators(self, size: int) -> Iterator[tuple[StepEffect, int, int]]:
+        """Yield each effect with its preconditions, as mask and value of literals; several times for a disjunction.
 
         Args:
             size: Number of literals.
@@ -77,7 +86,7 @@ class ActionEffects:
 
 
 def _smallest_mask(literals: int, negatives: Sequence[int], size: int) -> int:
-    """A minimal mask under which one example differs from all negative ones; later literals are dropped first."""
+    """A minimal mask under which an example differs from all negative ones; later literals are dropped first."""
     mask = (1 << size) - 1
     for index in reversed(range(size)):
         smaller = mask & ~(1 << index)
@@ -86,22 +95,24 @@ def _smallest_mask(literals: int, negatives: Sequence[int], size: int) -> int:
     return mask
 
 
-def fewest_objects(candidates: Sequence[str], examples: Sequence[Example]) -> Valuation:
+def minimal_objects(candidates: Sequence[str], examples: Sequence[Example]) -> FactTable:
     """A minimal set of objects whose values determine a fact, and the values with which it holds.
 
     Args:
-        candidates: All objects; those in front are dropped first.
-        examples: At least one. The objects returned are in the order of the first example.
+        candidates: Names of all objects; the first ones are dropped first.
+        examples: At least one example; the returned objects are in the order of the first.
     """
     needed = list(examples[0][0])
     for name in candidates:
         fewer = [other for other in needed if other != name]
-        if determine(fewer, examples):
+        if values_determine(fewer, examples):
             needed = fewer
-    return needed, list({tuple(values[name] for name in needed): None for values, holds in examples if holds})
+    return FactTable(
+        needed, list({tuple(values[name] for name in needed): None for values, holds in examples if holds})
+    )
 
 
-def determine(names: Sequence[str], examples: Sequence[Example]) -> bool:
+def values_determine(names: Sequence[str], examples: Sequence[Example]) -> bool:
     """Whether the values of some objects determine a fact."""
     known: dict[tuple[str, ...], bool] = {}
     return all(known.setdefault(tuple(values[name] for name in names), holds) == holds for values, holds in examples)

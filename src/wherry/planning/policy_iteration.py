@@ -1,4 +1,4 @@
-"""Policy iteration: exact evaluation and greedy improvement by turns (Howard 1960; Puterman 1994, section 6.4)."""
+"""Policy iteration: exact evaluation alternating with greedy improvement (Howard 1960; Puterman 1994, section 6.4)."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class PolicyIteration:
     def __init__(self, model: ConditionalModel, *, discount: float = 0.95, r_max: float = 20.0) -> None:
         self.discount = discount
         self._lookahead = Lookahead(model, discount=discount, r_max=r_max)
-        self._numbers: dict[State, int] = {}  # of the S reachable states
-        self._policy: list[Action] = []  # [S]
-        self._values: Floats = np.zeros(0)  # [S]
+        self._numbers: dict[State, int] = {}  # number of each of the S reachable states
+        self._policy: list[Action] = []  # [S] greedy action
+        self._values: Floats = np.zeros(0)  # [S] V(s)
 
     def policy(self, state: State) -> Action:
         """The best action; of equally good ones the first."""
@@ -47,7 +47,7 @@ class PolicyIteration:
         return float(self._values[number])
 
     def _solve(self, state: State) -> int:
-        """Solve for a state and all that can be reached from it, if need be; return the state's number."""
+        """Solve for a state and all that can be reached from it, unless they are solved; return the state's number."""
         if self._lookahead.refresh():
             self._numbers.clear()
         if state not in self._numbers:
@@ -56,7 +56,7 @@ class PolicyIteration:
         return self._numbers[state]
 
     def _reach(self, start: State) -> None:
-        """Number all states that can be reached."""
+        """Number all states that can be reached from a state, breadth first."""
         self._numbers[start] = len(self._numbers)
         queue = deque([start])
         while queue:
@@ -82,10 +82,10 @@ class PolicyIteration:
                 break
             policy = np.where(is_better, greedy, policy)
         self._values = values
-        self._policy = [nodes[at].action for at in greedy]
+        self._policy = [nodes[index].action for index in greedy]
 
     def _tabulate(self, nodes: list[ChanceNode]) -> tuple[sparse.csr_array, Floats]:
-        """P [N, S] and rewards [N] of N chance nodes; leaves have no column, so rows may sum to less than 1."""
+        """Transition matrix P [N, S] without the leaves, and expected rewards [N], of N chance nodes."""
         rewards = [sum(successor.probability * successor.reward for successor in node.successors) for node in nodes]
         entries = [
             (row, self._numbers[successor.state], successor.probability)
@@ -101,10 +101,10 @@ class PolicyIteration:
 
 
 def _first_greedy(q_values: Floats, first: Indices) -> Indices:
-    """[S] index of every state's first chance node whose Q value is as good as the best.
+    """[S] index of the greedy chance node of every state; of equally good ones the first.
 
     Args:
-        q_values: [N] Q value of every chance node, those of a state side by side.
+        q_values: [N] Q value of every chance node; the nodes of one state are adjacent.
         first: [S] index of each state's first chance node.
     """
     sizes = np.diff(np.append(first, len(q_values)))

@@ -10,14 +10,14 @@ from wherry.oomdp.mdp import Prediction
 from wherry.oomdp.objects import State
 
 ActionPredictions = tuple[tuple[Action, Prediction], ...]
-"""The actions that can be tried in a state, each with its prediction."""
+"""The ground actions in a state, each with its prediction."""
 
 
 class PredictionCache:
     """Grounds a model lazily: predictions for a state are computed when a search first expands it.
 
-    Searching again after every step is cheap, because predictions are recomputed only for actions that the model has
-    revised since.
+    Repeating a search after every step is cheap, because predictions are recomputed only for actions that the model has
+    revised in between.
 
     Args:
         model: The model to search on.
@@ -30,17 +30,17 @@ class PredictionCache:
         self._excluded: set[tuple[State, Action]] = set()
 
     def exclude(self, state: State, action: Action) -> None:
-        """Leave an action out of a state's actions from now on, whatever the model predicts."""
+        """Exclude an action from a state's actions from now on, whatever the model predicts."""
         self._excluded.add((state, action))
         self._entries.pop(state, None)
 
     def refresh(self) -> None:
-        """Take over the model's present revisions; every search begins with this."""
+        """Adopt the model's current revisions; every search begins with this."""
         if self._revisions != self.model.revisions:
             self._revisions = dict(self.model.revisions)
 
     def predictions(self, state: State) -> ActionPredictions:
-        """All actions that can be tried in a state, with their predictions."""
+        """The actions in a state that are not excluded, with their predictions."""
         cached = self._entries.get(state)
         if cached is not None and cached.revisions is self._revisions:
             return cached.predictions
@@ -53,15 +53,15 @@ class PredictionCache:
         return predictions
 
     def _predict(self, state: State, action: Action, cached: _Entry | None) -> tuple[ConditionalPrediction, Prediction]:
-        """The model's prediction; the cached one where the model has not revised the action."""
-        before = None if cached is None else cached.by_action.get(action)
-        if cached is None or before is None:
+        """The model's prediction; the cached one if the model has not revised the action."""
+        previous = None if cached is None else cached.by_action.get(action)
+        if cached is None or previous is None:
             conditional = self.model.conditional_prediction(state, action)
             return conditional, conditional.ground(state, action)
         if cached.revisions.get(action.name) == self._revisions.get(action.name):
-            return before
+            return previous
         conditional = self.model.conditional_prediction(state, action)
-        return before if conditional is before[0] else (conditional, conditional.ground(state, action))
+        return previous if conditional is previous[0] else (conditional, conditional.ground(state, action))
 
 
 class _Entry(NamedTuple):
@@ -69,8 +69,8 @@ class _Entry(NamedTuple):
 
     Attributes:
         revisions: The model's revisions when the entry was made.
-        by_action: The model's conditional prediction for each action, and the prediction that it yields for the state.
-        predictions: The same as a tuple of actions and predictions.
+        by_action: For each action the model's conditional prediction and its grounding in the state.
+        predictions: The actions with their grounded predictions, as `PredictionCache.predictions` returns them.
     """
 
     revisions: dict[str, int]

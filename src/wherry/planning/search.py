@@ -1,7 +1,6 @@
 """Best-first search on a lazily grounded model: A* to a goal, and uniform-cost search for the cheapest experiment.
 
-An unknown outcome has no successor. `a_star` never relies on one, so its plans are as certain as the model is;
-`cheapest_experiment` looks for the unknown outcomes.
+An unknown outcome has no successor, so plans of `a_star` contain none; `cheapest_experiment` searches for them.
 """
 
 from __future__ import annotations
@@ -18,13 +17,13 @@ from wherry.oomdp.objects import State
 from wherry.planning.prediction_cache import PredictionCache
 
 UnmetGoals = Callable[[State], float]
-"""How many goals a state leaves unmet, such as boxes to deliver; 0 in a goal state."""
+"""Number of unmet goals in a state, such as boxes to deliver; 0 in a goal state."""
 
 Heuristic = Callable[[State], float]
-"""h(s), admissible: never more than the number of steps from a state to a goal state."""
+"""h(s), admissible: never more than the number of steps from a state to the nearest goal state."""
 
 Parents = dict[State, tuple[State, Action]]
-"""For each state that a search has generated, the state and action that lead to it at the lowest cost so far."""
+"""For each generated state, the state and action from which it was reached at the lowest cost so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +32,7 @@ class Plan:
 
     Attributes:
         actions: The actions, in order.
-        states: The state before each action; then the final state, unless the last action is an experiment.
+        states: The state before each action, followed by the final state unless the last action is an experiment.
         cost: Sum of the step costs.
     """
 
@@ -43,7 +42,7 @@ class Plan:
 
 
 def step_cost(outcome: Outcome) -> float:
-    """The expected number of attempts until an outcome of probability p happens, 1/p."""
+    """1/p, the expected number of attempts until an outcome of probability p happens."""
     return 1 / outcome.probability
 
 
@@ -55,7 +54,7 @@ def zero_heuristic(state: State) -> float:
 def a_star(
     cache: PredictionCache, start: State, unmet_goals: UnmetGoals, heuristic: Heuristic = zero_heuristic
 ) -> tuple[Plan, float]:
-    """The shortest plan to a state without unmet goals, or else to one with the fewest (Hart, Nilsson, Raphael 1968).
+    """The shortest plan to a state with the fewest unmet goals, found by A* (Hart, Nilsson, Raphael 1968).
 
     Every action is assumed to have its most likely outcome. Among states of equal f = g + h the deepest is expanded
     first.
@@ -63,11 +62,12 @@ def a_star(
     Args:
         cache: The predictions of the model.
         start: s_0.
-        unmet_goals: What to reduce to 0, or as far as possible.
+        unmet_goals: Number of unmet goals; a state where it is 0 ends the search.
         heuristic: h.
 
     Returns:
-        The plan, empty where nothing can be improved; and how many goals its final state leaves unmet.
+        The plan, empty if no state has fewer unmet goals than the start; and the number of unmet goals in its final
+        state.
     """
     cache.refresh()
     cost_so_far, parents = {start: 0.0}, Parents()
@@ -99,17 +99,17 @@ def cheapest_experiment(
 ) -> Plan | None:
     """The plan of least total cost that ends with an experiment: an action from which something can be learnt.
 
-    Steps on the way cost the expected number of attempts (`step_cost`), the experiment what `experiment_cost` says.
+    A step before the experiment costs `step_cost`, and the experiment `experiment_cost`.
 
     Args:
         cache: The predictions of the model.
         start: s_0.
-        disagreements_only: Whether only actions about which explanations disagree count as experiments, and actions
-            with unknown outcomes do not.
-        max_cost: The plan must cost less.
+        disagreements_only: Whether only actions on which hypotheses disagree are experiments, and not those with
+            unknown outcomes.
+        max_cost: Cost that the plan must stay below.
 
     Returns:
-        The plan, whose last action is the experiment; None where there is nothing to learn at that cost.
+        The plan, whose last action is the experiment; None if there is no experiment below the maximum cost.
     """
     cache.refresh()
     cost_so_far, parents = {start: 0.0}, Parents()
@@ -141,9 +141,9 @@ def cheapest_experiment(
 
 
 def experiment_cost(prediction: Prediction, *, disagreements_only: bool) -> float:
-    """1 / information, where the information is the disagreement or the probability of the likeliest unknown outcome.
+    """1/i, where i is the larger of the disagreement and the probability of an unknown outcome; infinite if i is 0.
 
-    Infinite where an action teaches nothing.
+    With ``disagreements_only``, i is the disagreement alone.
     """
     unknown = [outcome.probability for outcome in prediction.outcomes if outcome.next_state is None]
     information = max(prediction.disagreement, 0.0 if disagreements_only else max(unknown, default=0.0))

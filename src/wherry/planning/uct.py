@@ -1,7 +1,7 @@
 """UCT: Monte Carlo tree search with UCB1 as its tree policy (Kocsis and Szepesvári, ECML 2006).
 
-Its cost is set by the number of simulations and not by the size of the state space. It is an anytime algorithm without
-a guarantee of optimality.
+The cost of a query depends on the number of simulations and not on the size of the state space. It is an
+anytime algorithm, and its policy is approximate.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from wherry.oomdp.objects import State
 from wherry.planning.lookahead import ChanceNode, Lookahead
 
 Evaluation = Callable[[State], float]
-"""An estimate of V(s), used at the edge of the tree."""
+"""Returns an estimate of V(s) for a state at which a simulation leaves the tree."""
 
 
 @dataclass(slots=True)
@@ -30,7 +30,7 @@ class _Node:
         chance_nodes: [A] the actions with their successors.
         visits: [A] N(s, a), how often each action was simulated.
         total_return: [A] sum of the returns that followed each action.
-        children: [A] the decision nodes that each action has led to.
+        children: [A] the decision nodes after each action, by state.
     """
 
     state: State
@@ -55,17 +55,17 @@ class _Node:
 
 
 class Uct:
-    """Good actions for single states; each query builds a new tree.
+    """Approximately optimal actions for single states; each query builds a new tree.
 
     Args:
         model: The model to plan on.
         rng: Draws successors and rollouts.
         discount: γ.
         r_max: R_max, the highest reward of any step.
-        simulations: How many simulations to run per query.
+        simulations: Number of simulations per query.
         horizon: Length of a simulation, steps.
         exploration: C_p, the weight of the exploration bonus, for returns scaled to [0, 1].
-        evaluation: Value estimate at the edge of the tree; None for the return of a random rollout.
+        evaluation: Value estimate for states that are not in the tree; None for the return of a random rollout.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Uct:
         """Build a tree, which grows by one node with every simulation."""
         self._lookahead.refresh()
         root = _Node(state, self._lookahead.chance_nodes(state))
-        lowest, highest = math.inf, -math.inf  # of all returns so far
+        lowest, highest = math.inf, -math.inf  # smallest and largest return so far
         for _ in range(max(self.simulations, len(root.chance_nodes))):
             path, end = self._descend(root, lowest, highest)
             value = 0.0 if end is None else self._evaluate(end, self.horizon - len(path))
@@ -150,7 +150,7 @@ class Uct:
         return max(range(len(node.chance_nodes)), key=upper_bound)
 
     def _evaluate(self, state: State, steps: int) -> float:
-        """The value of a state at the edge of the tree, by `evaluation` or by a random rollout of some steps."""
+        """The value of a state that is new to the tree, by `evaluation` or by a random rollout of some steps."""
         if self._evaluation is not None:
             return self._evaluation(state)
         total, factor = 0.0, 1.0

@@ -22,7 +22,7 @@ class DistanceField:
         distance: Distance of each cell, at most ``limit``, [H, W] float32 m; row 0 has the smallest y.
         resolution: Side of a cell, m.
         origin: Pose of the outer corner of cell [0, 0] in the map frame.
-        limit: Distance at which larger ones are cut off, and that of every point outside of the grid, m.
+        limit: Upper bound of the distances, and the distance of every point outside of the grid, m.
     """
 
     distance: NDArray[np.float32]
@@ -34,11 +34,11 @@ class DistanceField:
     def of(cls, grid: OccupancyGrid, limit: float) -> DistanceField:
         """The exact Euclidean distance transform of a grid's occupied cells.
 
-        The limit makes it faster than `obstacle_distances` on large maps.
+        The upper bound makes it faster than `obstacle_distances` on large maps.
 
         Args:
             grid: The map; unknown cells count as free.
-            limit: Distance at which larger ones are cut off, m.
+            limit: Upper bound of the distances, m.
         """
         cells = _squared_distances(grid.occupied, math.ceil(limit / grid.resolution) + 1)
         distance = np.minimum(np.sqrt(cells) * np.float32(grid.resolution), np.float32(limit))
@@ -63,7 +63,7 @@ class DistanceField:
 
 
 def obstacle_distances(occupied: NDArray[np.bool_], spacing: float = 1.0) -> NDArray[np.float64]:
-    """Unlimited Euclidean distances to the nearest occupied cell.
+    """Euclidean distances to the nearest occupied cell, without an upper bound.
 
     Args:
         occupied: Occupied cells, [H, W].
@@ -83,7 +83,7 @@ def _squared_distances(occupied: NDArray[np.bool_], limit: int) -> NDArray[np.fl
 
     Args:
         occupied: Occupied cells, [H, W].
-        limit: Distance at which larger ones are cut off, cells.
+        limit: Upper bound of the distances, cells.
 
     Returns:
         Squared distances, [H, W] cells².
@@ -120,7 +120,7 @@ def _row_envelope(column: NDArray[np.float32], limit: float, squared: NDArray[np
     boundary = np.empty(width, np.float64)
     count = 0
     for x in range(width):
-        if column[x] >= limit:  # a parabola that begins at the limit is nowhere below it
+        if column[x] >= limit:  # a parabola with its vertex at the limit is nowhere below it
             continue
         height = column[x] * column[x] + x * x
         start = -np.inf

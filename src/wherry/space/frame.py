@@ -19,7 +19,7 @@ class CellFrame:
     """A grid of square cells in the map frame.
 
     Attributes:
-        origin: Pose of the outer corner of cell (0, 0) in the map frame; its x axis is the grid's east.
+        origin: Pose of the outer corner of cell (0, 0) in the map frame; its x axis points to the grid's east.
         cell_size: Side of a cell, m.
     """
 
@@ -66,9 +66,9 @@ class CellFrame:
 def fit_cell_frame(walls: Floats, cell_size: float) -> CellFrame:
     """Fit a grid of cells to a map so that the walls are on the cells' edges.
 
-    One coordinate of a wall on an edge is a multiple of the cell size. Modulo a cell such coordinates are equal phases;
-    the grid's angle is the one with the greatest resultant of all phases, and the angle of the resultant is the grid's
-    offset (circular mean, Mardia & Jupp 2000, section 2.2).
+    One coordinate of each wall point is a multiple of the cell size, so modulo the cell size these coordinates have the
+    same phase. The grid's angle maximizes the resultant of all phases, whose direction gives the grid's offset
+    (circular mean, Mardia & Jupp 2000, section 2.2).
 
     Args:
         walls: Points on walls in the map frame, [N, 2] m, N ≥ 1.
@@ -77,7 +77,7 @@ def fit_cell_frame(walls: Floats, cell_size: float) -> CellFrame:
     Returns:
         A frame rotated by at most 45.5° from the map frame, in which all wall points are in cells with x and y ≥ 0.
     """
-    # Around the middle of all points the search is equally sensitive to rotations in both directions.
+    # Rotating around the middle of all points makes the search equally sensitive in both directions.
     middle = (walls.min(axis=0) + walls.max(axis=0)) / 2
     centred = walls - middle
     coarse = np.arange(-math.pi / 4, math.pi / 4, COARSE_STEP)
@@ -87,7 +87,7 @@ def fit_cell_frame(walls: Floats, cell_size: float) -> CellFrame:
 
     offset = np.angle(_mean_phase(centred, theta, cell_size)) / math.tau * cell_size
     turned = Pose(theta=-theta).transform(centred)
-    # Noise may put a point of the outermost edge into the cell before it, so one more row of cells is added.
+    # Noise may move a point of the outermost edge into the cell beyond it, so one more row of cells is added.
     lowest = (np.floor((turned.min(axis=0) - offset) / cell_size) - 1) * cell_size + offset
     corner = Pose(theta=theta).transform(lowest[None, :])[0] + middle
     return CellFrame(Pose(float(corner[0]), float(corner[1]), theta), cell_size)

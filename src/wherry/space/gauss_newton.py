@@ -1,4 +1,4 @@
-"""Gauss–Newton steps of a pose with a Gaussian prior, as all scan matching takes them."""
+"""Gauss–Newton steps of a pose with a Gaussian prior, shared by mapping and localization."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def gauss_newton_step(
         information: Gauss–Newton Hessian Jᵀ W J of the residuals, [3, 3].
         prior: Mean of the prior, [3] m, m, rad.
         prior_information: Information of the prior, [3, 3].
-        damping: Added to the Hessian's diagonal, so that it is regular where neither residuals nor prior determine
-            the pose.
+        damping: Added to the Hessian's diagonal, so that it is regular where residuals and prior leave the pose
+            undetermined.
 
     Returns:
         The step to add to the pose, [3] m, m, rad.

@@ -1,4 +1,4 @@
-"""Cells of a square grid that is placed in the map frame: which one contains a point, and where their centres are."""
+"""Conversion between points of the map frame and the cells of a grid that is placed in it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ def cells_at(points: Floats, origin: Pose, resolution: float) -> NDArray[np.int6
     """The grid cells that contain points.
 
     Args:
-        points: [N, 2] m, map frame.
-        origin: The outer corner of grid cell [0, 0] in the map frame.
-        resolution: Side of a grid cell, m.
+        points: Points in the map frame, [N, 2] m.
+        origin: Pose of the outer corner of cell [0, 0] in the map frame.
+        resolution: Side of a cell, m.
 
     Returns:
-        [N, 2] row and column; both may lie outside the grid.
+        Rows and columns, [N, 2]; they may be outside of the grid.
     """
     return np.floor(origin.inverse.transform(points) / resolution).astype(np.int64)[:, ::-1]
 
@@ -26,11 +26,11 @@ def cell_centres(cells: NDArray[np.int64], origin: Pose, resolution: float) -> F
     """The centres of grid cells.
 
     Args:
-        cells: [N, 2] row and column.
-        origin: The outer corner of grid cell [0, 0] in the map frame.
-        resolution: Side of a grid cell, m.
+        cells: Rows and columns, [N, 2].
+        origin: Pose of the outer corner of cell [0, 0] in the map frame.
+        resolution: Side of a cell, m.
 
     Returns:
-        [N, 2] m, map frame.
+        Points in the map frame, [N, 2] m.
     """
     return origin.transform((cells[:, ::-1] + 0.5) * resolution)

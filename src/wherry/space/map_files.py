@@ -19,22 +19,22 @@ from wherry.files import read_bytes, write_atomically
 from wherry.space.occupancy import FREE_THRESHOLD, OCCUPIED_THRESHOLD, UNKNOWN, OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
-MAX_IMAGE_SIZE = 200_000_000  # bytes
+MAX_IMAGE_SIZE = 200_000_000  # bytes of an image file
 MAX_CELLS = 100_000_000  # cells of a map: 500 × 500 m at 5 cm
-MIN_RESOLUTION, MAX_RESOLUTION = 1e-4, 100.0  # m
-FREE_GREY, UNKNOWN_GREY, OCCUPIED_GREY = 254, 205, 0  # as map_saver writes them; 205 is between both thresholds
-RAW_UNKNOWN = 255
+MIN_RESOLUTION, MAX_RESOLUTION = 1e-4, 100.0  # m, sides of a cell that a file may have
+FREE_GREY, UNKNOWN_GREY, OCCUPIED_GREY = 254, 205, 0  # values of map_saver; 205 lies between the two thresholds
+RAW_UNKNOWN = 255  # value of an unknown pixel in mode raw
 
 
 class _MapDocument(Document):
-    """The YAML file of a map; fields of other programs are ignored.
+    """The YAML file of a map; unknown fields are ignored.
 
     Attributes:
         image: Path of the image, relative to the YAML file.
-        mode: How grey values mean probabilities, as in map_server.
+        mode: How grey values encode probabilities, as in map_server.
         resolution: Side of a cell, m.
         origin: Pose of the image's lower left corner in the map frame, m, m, rad.
-        negate: Whether white is occupied.
+        negate: 1 if white is occupied, 0 if black is.
         occupied_thresh: Probability above which a cell is occupied.
         free_thresh: Probability below which a cell is free.
     """
@@ -58,20 +58,21 @@ class _MapDocument(Document):
         return free
 
 
-def save_map(grid: OccupancyGrid, path: str | Path, mode: str = "trinary") -> Path:
+def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "scale"] = "trinary") -> Path:
     """Write a map as NAME.pgm and NAME.yaml, readable by ROS 1 and ROS 2 map_server.
 
     Args:
         grid: The map.
         path: The YAML file; the image is written next to it.
-        mode: ``trinary`` keeps free, occupied and unknown; ``scale`` keeps probabilities to 1/255, where map_server
-            (but not `load_map`) reads unknown cells as half occupied.
+        mode: ``trinary`` keeps free, occupied and unknown; ``scale`` keeps probabilities to 1/255, but map_server,
+            unlike `load_map`, does not read unknown cells of such an image as unknown.
 
     Returns:
         Path of the YAML file.
 
     Raises:
         InputError: The folder does not exist or cannot be written to.
+        ValueError: The mode is another one.
     """
     path = Path(path).with_suffix(".yaml")
     if mode == "trinary":
@@ -101,8 +102,8 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: str = "trinary") -> Pa
 def load_map(path: str | Path) -> OccupancyGrid:
     """Read a map in map_server's format.
 
-    Thresholds other than those of this package are honoured: probabilities are scaled piecewise linearly, so that the
-    file's thresholds become `FREE_THRESHOLD` and `OCCUPIED_THRESHOLD`.
+    Probabilities are scaled piecewise linearly, so that the file's thresholds become `FREE_THRESHOLD` and
+    `OCCUPIED_THRESHOLD`.
 
     Args:
         path: The YAML file.
@@ -151,7 +152,7 @@ def _read_grey(path: Path) -> Floats:
 
 
 def _raw(path: Path, grey: Floats) -> NDArray[np.float32]:
-    """Probabilities of an image of per cents, where 255 is unknown, [H, W]."""
+    """Probabilities of a raw image, whose pixels are percentages or 255 for unknown, [H, W]."""
     if ((grey > 100) & (grey != RAW_UNKNOWN)).any():
         raise InputError(path, "mode", "raw: pixels must be 0 to 100, or 255 for unknown")
     return np.where(grey == RAW_UNKNOWN, UNKNOWN, grey / 100.0).astype(np.float32)

@@ -19,10 +19,12 @@ from wherry.space.pose import Floats, Pose
 from wherry.space.raycast import traverse
 from wherry.space.tiles import CELL_MASK, TILE_BITS, TILE_SIZE, enlarge
 
-HIT_LOG_ODDS = log_odds_of(0.95)
-MISS_LOG_ODDS = log_odds_of(0.18)  # one miss makes a cell free, and one hit outweighs two misses
-MAX_LOG_ODDS = 6.0  # absolute value, so that a few scans suffice to change a cell whose object has moved
-MARGIN = 1  # unknown cells around the observed ones, so that no wall is on the grid's edge
+HIT_LOG_ODDS = log_odds_of(0.95)  # added to a cell in which a beam ended
+MISS_LOG_ODDS = log_odds_of(
+    0.18
+)  # added to a crossed cell; one miss makes a cell free; a hit and a miss leave it occupied
+MAX_LOG_ODDS = 6.0  # bound of the absolute value, so that few scans change a cell whose object has moved
+MARGIN = 1  # cells, width of the unknown border of a map, so that no wall is on its edge
 
 
 @dataclass
@@ -157,7 +159,7 @@ def _add_scan(
         for column, row, _ in traverse(start[0], start[1], dx / length, dy / length, length):
             tile_row, tile_column = row >> TILE_BITS, column >> TILE_BITS
             if not (0 <= tile_row < index.shape[0] and 0 <= tile_column < index.shape[1]):
-                continue  # rounding at the outermost edge
+                continue  # rounding has moved the beam beyond the outermost tile
             tile = index[tile_row, tile_column]
             y, x = row & CELL_MASK, column & CELL_MASK
             if tile >= 0 and last_scan[tile, y, x] != scan:

@@ -89,14 +89,14 @@ class OccupancyGrid:
         return cell_centres(cells, self.origin, self.resolution)
 
     def distances_to(self, point: Floats, window: tuple[slice, slice] = (slice(None), slice(None))) -> Floats:
-        """Distances of the grid cells' centres from a point.
+        """Distances of the cells' centres from a point.
 
         Args:
-            point: [2] m, map frame.
-            window: Rows and columns, those outside the grid left out; by default the whole grid.
+            point: Point in the map frame, [2] m.
+            window: Rows and columns to compute, clipped to the grid; by default the whole grid.
 
         Returns:
-            [H, W] distances in the window, m.
+            Distances in the window, [rows, columns] m.
         """
         column, row = self.origin.inverse.transform(point[None, :])[0] / self.resolution
         height, width = self.shape
@@ -110,7 +110,7 @@ class OccupancyGrid:
 
 
 def probability_of(log_odds: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Probabilities p of log odds log(p / (1 − p))."""
+    """Probabilities p of log odds log(p / (1 − p)), elementwise."""
     probability: NDArray[np.float32] = np.float32(1.0) / (np.float32(1.0) + np.exp(-log_odds))
     return probability
 

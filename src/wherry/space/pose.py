@@ -23,7 +23,7 @@ def wrap(angle: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """A position and a heading; also the rigid transform that carries the origin there.
+    """A position and a heading; equally the rigid transform from the frame at that pose to the frame it is given in.
 
     Attributes:
         x: Position along the frame's x axis, m.
@@ -55,10 +55,10 @@ class Pose:
         return origin.inverse @ self
 
     def transform(self, points: NDArray[np.floating[Any]]) -> Floats:
-        """Transform points from this pose's own frame into the frame that the pose is given in.
+        """Transform points from the frame at this pose to the frame that the pose is given in.
 
         Args:
-            points: Points in this pose's frame, [N, 2] m.
+            points: Points in the frame at this pose, [N, 2] m.
 
         Returns:
             The points in the frame that the pose is given in, [N, 2] m.

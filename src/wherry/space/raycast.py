@@ -72,7 +72,7 @@ def ray_length(blocked: NDArray[np.bool_], x: float, y: float, dx: float, dy: fl
             or (row < 0 and dy <= 0)
             or (row >= height and dy >= 0)
         ):
-            break  # the ray has left the grid for good
+            break  # the ray moves away from the grid
     return math.inf
 
 

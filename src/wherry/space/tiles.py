@@ -1,4 +1,4 @@
-"""Tiles: square blocks of cells that are allocated where they are needed, and arrays of cells that grow."""
+"""Tiles, square blocks of cells that are allocated on demand, and growing arrays of cells."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-TILE_BITS = 6
-TILE_SIZE = 1 << TILE_BITS  # cells along a tile's side; a power of two, so that a cell's tile is a bit shift away
-CELL_MASK = TILE_SIZE - 1  # bits of a cell's column or row that give its place within the tile
+TILE_BITS = 6  # binary logarithm of `TILE_SIZE`
+TILE_SIZE = 1 << TILE_BITS  # cells along a tile's side; a power of two, so that a bit shift gives a cell's tile
+CELL_MASK = TILE_SIZE - 1  # bits of a cell's column or row that are its offset within the tile
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

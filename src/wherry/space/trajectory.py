@@ -10,9 +10,9 @@ import numpy as np
 from wherry.files import write_atomically
 from wherry.space.pose import Floats, compose, relative
 
-HEADING_LEVER = 1.0  # m at which a turn counts like a distance
-MIN_EXTENT = 0.02  # m, extent of a motion below which odometry does not determine how far along it the robot is
-MIN_INTERVAL = 1e-9  # s and m, lower bound of divisors
+HEADING_LEVER = 1.0  # m/rad, distance that a turn counts for in the extent of a motion
+MIN_EXTENT = 0.02  # m, extent of a motion below which errors are spread over time instead
+MIN_DIVISOR = 1e-9  # s and m, avoids divisions by zero
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class Trajectory:
     def at(self, times: Floats, odometry: Trajectory | None = None) -> Floats:
         """Interpolate poses.
 
-        Between two poses the robot moves as odometry measured; the error of odometry at the second pose is spread over
-        the extent of the motion, like slip. Without odometry it moves on a straight line at constant velocity.
+        Between two poses the robot moves as odometry measured, and the error of odometry at the second pose is spread
+        in proportion to the extent of the motion, as wheel slip is. Without odometry the velocity is constant.
 
         Args:
-            times: Times, [M] s; outside of the trajectory's time the first or last pose is extrapolated with odometry.
-            odometry: Poses in a frame of its own, denser in time.
+            times: Times, [M] s; before the first and after the last pose, odometry extrapolates.
+            odometry: Poses in the odom frame, denser in time; None without odometry.
 
         Returns:
             Poses, [M, 3] m, m, rad.
@@ -44,7 +44,7 @@ class Trajectory:
         before = after - 1
         first, second = self.poses[before], self.poses[after]
         interval = self.times[after] - self.times[before]
-        share = np.clip((times - self.times[before]) / np.maximum(interval, MIN_INTERVAL), 0.0, 1.0)
+        share = np.clip((times - self.times[before]) / np.maximum(interval, MIN_DIVISOR), 0.0, 1.0)
         if odometry is None:
             return compose(first, relative(second, first) * share[:, None])
         at_times = odometry.at(times)
@@ -53,7 +53,7 @@ class Trajectory:
         predicted_second = compose(first, relative(at_second, at_first))
         done, remaining = _extent(relative(at_times, at_first)), _extent(relative(at_second, at_times))
         whole = done + remaining
-        share = np.where(whole > MIN_EXTENT, done / np.maximum(whole, MIN_INTERVAL), share)
+        share = np.where(whole > MIN_EXTENT, done / np.maximum(whole, MIN_DIVISOR), share)
         return compose(predicted, relative(second, predicted_second) * share[:, None])
 
     def as_tum(self) -> str:
@@ -69,8 +69,8 @@ def merge_odometry(preferred: Trajectory, dense: Trajectory) -> Trajectory:
     """Merge two records of odometry in the same frame.
 
     Args:
-        preferred: Poses that are used at times which both have.
-        dense: Poses at other times.
+        preferred: Poses that are used at times that both records contain.
+        dense: Poses that are used at all other times.
     """
     times = np.concatenate([preferred.times, dense.times])
     poses = np.vstack([preferred.poses, dense.poses])
@@ -88,6 +88,6 @@ def save_tum(trajectory: Trajectory, path: str | Path) -> None:
 
 
 def _extent(motions: Floats) -> Floats:
-    """Extents of motions [N, 3] m, m, rad, turns included, [N] m."""
+    """Extents of motions [N, 3] m, m, rad, including turns, see `HEADING_LEVER`, [N] m."""
     extent: Floats = np.hypot(motions[:, 0], motions[:, 1]) + HEADING_LEVER * np.abs(motions[:, 2])
     return extent

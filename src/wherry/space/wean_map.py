@@ -14,8 +14,8 @@ from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY
 
 MAX_FILE_SIZE = 200_000_000  # bytes, unpacked
-RESOLUTION_KEY = "robot_specifications->resolution"
-MAP_KEY = "global_map[0]:"
+RESOLUTION_KEY = "robot_specifications->resolution"  # begins the line with the side of a cell, cm
+MAP_KEY = "global_map[0]:"  # begins the line with the numbers of columns and rows, after which the cells follow
 CENTIMETRE = 0.01  # m
 
 
@@ -31,7 +31,7 @@ def load_wean_map(path: str | Path) -> OccupancyGrid:
     lines = _unpacked(Path(path)).decode("latin-1").splitlines()
     start = next((i for i, line in enumerate(lines) if line.startswith(MAP_KEY)), None)
     if start is None:
-        raise InputError(path, MAP_KEY, "is missing: this is no map of this format")
+        raise InputError(path, MAP_KEY, "is missing: the file is not a Wean Hall map")
     resolution = next((line.split()[-1] for line in lines[:start] if line.startswith(RESOLUTION_KEY)), None)
     try:
         cell = float(resolution or "") * CENTIMETRE

@@ -14,14 +14,14 @@ from wherry.space.pose import Floats
 
 Colour = tuple[int, int, int]
 
-MIN_WIDTH = 480  # pixels, width of an enlarged map and of a legend
-MIN_TEXT_SIZE = 14  # pixels
+MIN_WIDTH = 480  # pixels, smallest width of an enlarged map and of a legend
+MIN_TEXT_SIZE = 14  # pixels, height of the legend's text
 SCALE_BARS = (1, 2, 5, 10, 20, 50, 100)  # m, lengths of the scale bar
-MAX_SCALE_BAR_SHARE = 1 / 5  # share of the picture's width
+MAX_SCALE_BAR_SHARE = 1 / 5  # share of the picture's width that the scale bar may take
 
 
 class MapPicture:
-    """A grey map that is drawn on in metres: free is white, occupied black, unknown grey.
+    """A picture of a map to draw on in map coordinates; free is white, occupied black, unknown grey.
 
     Args:
         grid: The map.
@@ -38,7 +38,7 @@ class MapPicture:
         self._draw = ImageDraw.Draw(self._image)
 
     def line(self, points: Floats, colour: Colour, width: int = 1) -> None:
-        """Draw a line through points [N, 2] m of the map frame, ``width`` pixels wide."""
+        """Draw a line, ``width`` pixels wide, through points [N, 2] m of the map frame."""
         self._draw.line(self._pixels(points), fill=colour, width=width)
 
     def points(self, points: Floats, colour: Colour) -> None:
@@ -73,6 +73,6 @@ class MapPicture:
         return buffer.getvalue()
 
     def _pixels(self, points: Floats) -> list[tuple[float, float]]:
-        """Pixels of points [N, 2] m of the map frame."""
+        """X and y, in pixels, of points [N, 2] m of the map frame."""
         cells = self._grid.origin.inverse.transform(points) / self._grid.resolution * self._scale
         return [(float(x), float(self._height - y)) for x, y in cells]

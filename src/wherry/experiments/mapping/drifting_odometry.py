@@ -1,4 +1,4 @@
-"""Buildings whose logs have lost their odometry, mapped with drifting odometry made from their corrected poses.
+"""Recorded buildings whose logs lack odometry, mapped with drifting odometry simulated from their corrected poses.
 
 The corrected poses are the result of an earlier SLAM on the same scans, so errors against them are differences between
 two estimates, and no smaller than the error of the earlier one.
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wherry.evaluation import absolute_trajectory_error
 from wherry.logs.reading import read_log
 from wherry.mapping.graph_slam import GraphSlam
-from wherry.mapping.graph_snapshot import ScanPose
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.settings import GraphSlamSettings
 from wherry.robot import Odometry, Velocity
@@ -24,7 +24,7 @@ from wherry.space.pose import Floats, Pose, compose, relative
 
 SCALE_SIGMA = 0.02  # standard deviation of the scale error that all steps of a log share
 STEP_SIGMA = 0.06  # standard deviation of the scale error of each step
-FALSE_DISTANCE, FALSE_ANGLE = 1.0, math.radians(5.0)  # m and rad off the reference from which a closure is false
+FALSE_DISTANCE, FALSE_ANGLE = 1.0, math.radians(5.0)  # m and rad, errors above which a closure counts as false
 BUILDINGS = ("aces", "csail", "fhw")
 
 
@@ -34,7 +34,7 @@ class BuildingResult:
 
     Attributes:
         building: Name of the building.
-        seed: Seed of the drift.
+        seed: Seed of the odometry's drift.
         odometry_rmse_m: Root mean square error of the odometry after alignment, m.
         rmse_m: Root mean square error of the trajectory after alignment, m.
         closures: Number of accepted loop closures.
@@ -89,7 +89,7 @@ def map_building(log_file: Path, name: str, seed: int) -> BuildingResult:
         slam.add(scan, Odometry(scan.time, Pose.from_array(pose), Velocity()))
     slam.finish()
     accepted = [closure for closure in slam.loop_closures if closure.is_accepted]
-    errors = closure_errors(slam.snapshot().scan_poses, accepted, reference)
+    errors = closure_errors(slam.snapshot().keyframe_scans, accepted, reference)
     return BuildingResult(
         name,
         seed,
@@ -101,22 +101,19 @@ def map_building(log_file: Path, name: str, seed: int) -> BuildingResult:
     )
 
 
-def closure_errors(scan_poses: Sequence[ScanPose], closures: Sequence[LoopClosure], reference: Floats) -> Floats:
+def closure_errors(keyframe_scans: NDArray[np.int64], closures: Sequence[LoopClosure], reference: Floats) -> Floats:
     """Errors of the measured poses of loop closures.
 
     Args:
-        scan_poses: Poses of all scans, which tell the scan of each keyframe.
+        keyframe_scans: Index of the scan at each keyframe, [K], see `GraphSnapshot.keyframe_scans`.
         closures: Loop closures, C.
         reference: True poses of all scans, [N, 3] m, m, rad.
 
     Returns:
         Distances and angles off the reference, [C, 2] m, rad.
     """
-    scan_of: dict[int, int] = {}
-    for number, scan_pose in enumerate(scan_poses):
-        scan_of.setdefault(scan_pose.keyframe, number)
-    scans = [[scan_of[closure.target], scan_of[closure.keyframe]] for closure in closures]
-    ends = np.array(scans, np.int64).reshape(-1, 2)
+    keyframes = np.array([[closure.target, closure.keyframe] for closure in closures], np.int64).reshape(-1, 2)
+    ends = keyframe_scans[keyframes]
     measured = np.array([closure.measured.as_array() for closure in closures]).reshape(-1, 3)
     offsets = relative(measured, relative(reference[ends[:, 1]], reference[ends[:, 0]]))
     return np.column_stack([np.hypot(offsets[:, 0], offsets[:, 1]), np.abs(offsets[:, 2])])

@@ -1,7 +1,7 @@
-"""Mapping of a large site: cost in memory and time, which follow what was observed and not the site's extent.
+"""Mapping of a large site: memory and time grow with the observed area, not with the site's extent.
 
-The site is artificial: blocks of walls, racks and crates with streets between them, and a drive up and down the streets
-and then across them. Its size is the only parameter.
+The site is artificial: blocks of walls and crates with streets between them. The robot drives up and down the streets
+and then across them. The side of the site is the only parameter.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ from wherry.space.pose import IDENTITY, Floats, Pose, relative
 from wherry.space.raycast import cast_rays
 
 RESOLUTION = 0.05  # m, side of a cell of the site and of its map
-STREET_WIDTH, BLOCK_SIZE = 4.0, 16.0  # m
+STREET_WIDTH, BLOCK_SIZE = 4.0, 16.0  # m, width of a street and side of a block
 PITCH = STREET_WIDTH + BLOCK_SIZE  # m from block to block
-CRATES = 40  # crates in a block
+CRATES = 40  # crates per block
 SCAN_DISTANCE = 0.75  # m from scan to scan
 SCAN_ANGLE = math.radians(30.0)  # rad from scan to scan where the robot turns on the spot
-BEAMS, RANGE_MAX = 360, 20.0  # beams of a scan; m
+BEAMS = 360  # beams per scan
+RANGE_MAX = 20.0  # m, longest range of the lidar
 RANGE_SIGMA = 0.01  # m, standard deviation of a range
 SCAN_PERIOD = 0.5  # s from scan to scan
-SITE_SIZES = (100.0, 300.0)  # m, sides of the sites that are reported
+SITE_SIZES = (100.0, 300.0)  # m, sides of the sites in the report
 PROGRESS_INTERVAL = 50  # scans from one report of progress to the next
 
 
@@ -44,7 +45,7 @@ class SiteResult:
 
     Attributes:
         side_m: Side of the site, m.
-        way_m: Length of the drive, m.
+        drive_m: Length of the drive, m.
         scans: Number of scans.
         closures: Number of accepted loop closures.
         rmse_m: Root mean square error of the trajectory after alignment, m.
@@ -56,7 +57,7 @@ class SiteResult:
     """
 
     side_m: float
-    way_m: float
+    drive_m: float
     scans: int
     closures: int
     rmse_m: float
@@ -68,7 +69,7 @@ class SiteResult:
 
 
 def site(side: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Blocked cells of a site of side ``side``, m, in which no two blocks are alike, [N, N]."""
+    """Blocked cells of a site with sides of ``side`` m and random blocks, [N, N]."""
     size = round(side / RESOLUTION)
     blocked = np.zeros((size, size), np.bool_)
     blocked[:3], blocked[-3:], blocked[:, :3], blocked[:, -3:] = True, True, True, True
@@ -130,7 +131,7 @@ def map_site(side: float, seed: int = 0, progress: Callable[[int, int], None] = 
     Args:
         side: Side of the site, m.
         seed: Seed of the site, of the lidar's noise and of the odometry's drift.
-        progress: Called with the number of mapped scans and of all scans.
+        progress: Called with the number of mapped scans and the number of all scans.
     """
     rng = np.random.default_rng(seed)
     blocked, truth = site(side, rng), drive(side)
@@ -155,7 +156,7 @@ def map_site(side: float, seed: int = 0, progress: Callable[[int, int], None] = 
     steps = relative(truth[1:], truth[:-1])
     return SiteResult(
         side_m=side,
-        way_m=float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
+        drive_m=float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
         scans=len(truth),
         closures=sum(closure.is_accepted for closure in slam.loop_closures),
         rmse_m=absolute_trajectory_error(slam.trajectory.poses, truth),
@@ -171,7 +172,7 @@ def reproduce(progress: Callable[[int, int], None]) -> str:
     """Map sites of several sizes, and return a section of the results in Markdown.
 
     Args:
-        progress: Called with the number of mapped scans and of all scans of the present site.
+        progress: Called with the number of mapped scans and the number of all scans of the present site.
     """
     rows = []
     for side in SITE_SIZES:
@@ -179,7 +180,7 @@ def reproduce(progress: Callable[[int, int], None]) -> str:
         rows.append(
             [
                 f"{result.side_m:.0f} m",
-                f"{result.way_m / 1e3:.1f} km",
+                f"{result.drive_m / 1e3:.1f} km",
                 f"{result.scans:,}",
                 str(result.closures),
                 f"{result.rmse_m:.2f} m",

@@ -1,4 +1,4 @@
-"""Errors and speed of the map that a simulated robot makes while it explores a world."""
+"""Accuracy and speed of mapping while a simulated robot explores a world."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from wherry.space.pose import IDENTITY, Pose
 from wherry.trace.records import null_sink
 
 WORLD = "rooms"  # default world of `wherry deliver`
-WARM_UP_WORLD = "small"
+WARM_UP_WORLD = "small"  # the smallest built-in world
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class ExplorationResult:
 
     Attributes:
         world: Name of the world.
-        seed: Seed of the boxes' places, of the sensors' noise and of the odometry's drift.
+        seed: Seed of the boxes' positions, of the sensors' noise and of the odometry's drift.
         scans: Number of scans.
         wall_error_m: Median distance of the map's occupied cells from the true walls, m, with the map placed by the
             robot's true first pose.
@@ -54,12 +54,13 @@ class ExplorationResult:
 
 
 class TimedMapper:
-    """Graph SLAM as `wherry.realization.mission.Mapper`, with its processor time.
+    """Graph SLAM as a `wherry.realization.mission.Mapper` that measures its processor time.
 
     Args:
         lidar: Pose of the lidar in the base_link frame.
 
     Attributes:
+        start: base_link in the map frame at the robot's start.
         times: Time of each scan on the robot's clock, s.
         poses: base_link in the map frame at each scan, by the estimate at that time.
         scan_seconds: Processor time of each scan, s.
@@ -77,7 +78,7 @@ class TimedMapper:
 
     @property
     def pose_estimator(self) -> PoseEstimator:
-        """Itself."""
+        """This object, which measures the time of the estimator's updates."""
         return self
 
     @property
@@ -112,12 +113,12 @@ class TimedMapper:
 
 
 def warm_up() -> None:
-    """Explore the smallest world, so that all kernels are compiled before times are measured."""
+    """Explore a small world, so that all kernels are compiled before times are measured."""
     explore(find_world(WARM_UP_WORLD), 0)
 
 
 def explore(plan: FloorPlan, seed: int) -> ExplorationResult:
-    """Explore a world with boxes, and compare the map with the truth.
+    """Explore a world with boxes, and compare the map and the poses with the ground truth.
 
     Args:
         plan: The world.

@@ -1,4 +1,4 @@
-"""Time of a scan, compared with yag_slam (Karto's matcher for Python) where it is installed."""
+"""Processor time per scan, compared with yag_slam (Karto's matcher for Python) if it is installed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def measure_own(log: Path) -> Mapping[str, float]:
         log: The lidar log.
 
     Returns:
-        Median processor time of a scan by method, ms.
+        Median processor time per scan of each method, ms.
 
     Raises:
         InputError: The log cannot be used.
@@ -45,7 +45,7 @@ def measure_external(log: Path) -> Mapping[str, float]:
 
 
 def _yag_slam(log: LidarLog) -> float:
-    """Median processor time of a scan with yag_slam and its default settings, ms."""
+    """Median processor time per scan of yag_slam with its default settings, ms."""
     from yag_slam.graph_slam import GraphSlam, default_config, default_config_loop  # noqa: PLC0415
     from yag_slam.models import LocalizedRangeScan  # noqa: PLC0415
     from yag_slam.scan_matching import Scan2DMatcherCpp  # noqa: PLC0415

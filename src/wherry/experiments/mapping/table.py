@@ -1,4 +1,4 @@
-"""Map errors on recorded buildings, with published ones (Kümmerle et al. 2009, table 1; Hess et al. 2016, table II)."""
+"""Errors of maps of recorded buildings, and published ones (Kümmerle et al. 2009, table 1; Hess et al. 2016)."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from wherry.mapping.methods import SLAM_METHODS
 from wherry.pipelines.logs.mapping import MappingResult, MappingSettings, run
 
 INTEL_LOG = "intel_910_rawodom.clf.gz"
-DRIFT_SEEDS = 5  # drifts of each building
-SIMULATED_SEEDS = 3  # explorations of the simulated world
+DRIFT_SEEDS = 5  # runs per building, each with its own drift
+SIMULATED_SEEDS = 3  # runs in the simulated world
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class PublishedError:
     Attributes:
         method: Name of the method.
         translational_error_m: Mean translational error, m.
-        translational_sd_m: Standard deviation of the translational error, m; None if it is not published.
+        translational_sd_m: Standard deviation of the translational error, m; None if it was not published.
     """
 
     method: str
@@ -47,7 +47,7 @@ def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
 
     Args:
         data: Folder with ``intel/`` and ``radish/``.
-        progress: Called with the number of finished runs and of all runs.
+        progress: Called with the number of finished runs and the number of all runs.
 
     Raises:
         InputError: A file is missing.
@@ -80,7 +80,7 @@ def _section(
     explored: Sequence[simulated.ExplorationResult],
     times: Mapping[str, float],
 ) -> str:
-    """The section of the results, with median times of a scan by method, ms."""
+    """The section of the results; ``times`` has the median time per scan of each method, ms."""
     return "\n".join(
         [
             "## SLAM",
@@ -116,7 +116,7 @@ def intel_settings(intel: Path, backend: str) -> MappingSettings:
 
 
 def intel_table(results: Sequence[MappingResult]) -> str:
-    """A Markdown table of the published errors and of those of our results that were scored."""
+    """A Markdown table of the published errors, and of the results that were scored."""
     rows = [
         [row.method, _pair(row.translational_error_m, row.translational_sd_m), "", "", "", "", ""] for row in PUBLISHED
     ]

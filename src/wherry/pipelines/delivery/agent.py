@@ -119,7 +119,7 @@ class DeliveryEpisode:
             return False
         for name in self.world.blocking_boxes():
             self._say(Phase.DELIVER, f"I cannot deliver any box now, but {name} blocks my way: I pick it up.")
-            if (yield from self._pursue_goal(GoalAgent(self._learner, partial(_not_held, name), detour=0.0))):
+            if (yield from self._pursue_goal(GoalAgent(self._learner, partial(_not_held, name), max_detour_cost=0.0))):
                 return True
         return False
 

@@ -21,7 +21,7 @@ from wherry.baselines.compiled.model_entries import ModelEntries
 from wherry.baselines.compiled.tabular import TabularMdp
 from wherry.baselines.network import Parents
 from wherry.domains.delivery import BoxState, DeliveryHeuristic, DeliverySite, delivery_grid, delivery_transition
-from wherry.domains.taxi import PROBES, SIZES, minimal_parents, published_parents, taxi_grid
+from wherry.domains.taxi import PROBES, PUBLISHED_GRIDS, minimal_parents, published_parents, taxi_grid
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
 from wherry.oomdp.conditional_models import PerStateModel
@@ -69,8 +69,8 @@ class Arena:
         Raises:
             InputError: No grid of that size was published.
         """
-        if size not in SIZES:
-            raise InputError("--size", str(size), f"is none of {', '.join(map(str, SIZES))}")
+        if size not in PUBLISHED_GRIDS:
+            raise InputError("--size", str(size), f"is none of {', '.join(map(str, PUBLISHED_GRIDS))}")
         grid = taxi_grid(size)
         starts = tuple(
             grid.state_of((cell.x, cell.y), passenger, destination)

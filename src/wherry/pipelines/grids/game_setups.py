@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from wherry.domains.delivery import DeliveryHeuristic, all_delivered, boxes_left, delivery_grid, delivery_reward
-from wherry.domains.taxi import SIZES, taxi_grid
-from wherry.environments.grids import SpritesOf, delivery_sprites, taxi_sprites
+from wherry.domains.taxi import PUBLISHED_GRIDS, taxi_grid
+from wherry.environments.grids import SpriteFunction, delivery_sprites, taxi_sprites
 from wherry.episodes import Agent, GoalAgent, PolicyAgent
 from wherry.errors import InputError
 from wherry.floorplan.plan import FloorPlan
@@ -62,14 +62,14 @@ class GameSetup:
 
     mdp: DeterministicMdp
     plan: FloorPlan
-    sprites: SpritesOf
+    sprites: SpriteFunction
     learner: RuleLearner
     agent: Agent
 
 
 def _taxi(settings: GameSettings) -> GameSetup:
-    if settings.size not in SIZES:
-        raise InputError("--size", str(settings.size), f"is none of {', '.join(map(str, SIZES))}")
+    if settings.size not in PUBLISHED_GRIDS:
+        raise InputError("--size", str(settings.size), f"is none of {', '.join(map(str, PUBLISHED_GRIDS))}")
     grid = taxi_grid(settings.size)
     learner = _learner(settings, grid)
     planner = ValueIteration(learner, curiosity=curiosity_of(PLAY_LEARNERS[settings.learner]))

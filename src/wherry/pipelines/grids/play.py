@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wherry.environments.pictures import render_text
+from wherry.environments.rendering import render_text
 from wherry.errors import InputError
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Transition

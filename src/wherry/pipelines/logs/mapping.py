@@ -1,4 +1,4 @@
-"""Mapping of a recorded log, scored by relations where there are some (paper, section 5)."""
+"""Mapping of a recorded log, scored by true relations if they are given (paper, section 5)."""
 
 from __future__ import annotations
 
@@ -32,31 +32,32 @@ from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.trajectory import Trajectory, merge_odometry, save_tum
 from wherry.views.map_picture import MapPicture
 
-WARM_UP_SCANS = 30  # scans that are mapped to compile all kernels
-RELATION_MARGIN = 1.0  # s that a relation may lie outside of a log
-MIN_RESOLUTION, MAX_RESOLUTION = 0.005, 1.0  # m
+WARM_UP_SCANS = 30  # scans that are mapped beforehand, so that all kernels are compiled
+RELATION_MARGIN = 1.0  # s by which a relation may be outside of a log's time
+MIN_RESOLUTION, MAX_RESOLUTION = 0.005, 1.0  # m, sides of a grid cell
 NO_PARTICLES = np.empty((0, 3))
-TRAJECTORY_COLOUR = (31, 84, 196)
+TRAJECTORY_COLOUR = (31, 84, 196)  # RGB, as the other colours
 ACCEPTED_COLOUR = (24, 140, 60)
 REJECTED_COLOUR = (214, 120, 110)
 
 
 @dataclass(frozen=True, slots=True)
 class MappingSettings:
-    """What to map, and how.
+    """Settings of the mapping of a log.
 
     Attributes:
         log: A lidar log, see `wherry.logs.reading.read_log`, or a ROS bag.
-        odometry: Denser odometry (``t x y θ``) to interpolate poses with; None for the log's own.
-        relations: True relations to score the trajectory by; None for no score.
+        odometry: File with denser odometry (``t x y θ``) to interpolate poses with; None for the log's own.
+        relations: File with true relations to score the trajectory by; None for no score.
         backend: The SLAM method, a key of `SLAM_METHODS`.
         out: Folder for map, picture, trajectory and pose graph; None to write nothing.
         seed: Seed of the method's randomness.
         resolution: Side of a grid cell, m.
-        lenient: Whether malformed lines of the log are left out.
-        graph: A saved pose graph to continue from; None to begin a new map.
-        start: Approximate start of the log on that graph's map, to within 3 m and 45°; None for where mapping ended.
-        localize: Whether to localize the robot on that graph's map without changing it.
+        lenient: Whether malformed lines of the log are left out; otherwise they raise an error.
+        graph: File with a pose graph to continue from; None to begin a new map.
+        start: Approximate first pose of base_link on the map of ``graph``, to within 3 m and 45°; None for the pose at
+            which mapping ended.
+        localize: Whether to localize the robot on the map of ``graph`` without changing it.
     """
 
     log: Path
@@ -116,11 +117,11 @@ AddScan = Callable[[Scan, Odometry | None], Pose]
 
 
 def prepare(settings: MappingSettings) -> MappingRun:
-    """Read and check all input before anything is mapped.
+    """Read and check all input before mapping begins.
 
     Raises:
-        InputError: A file, the method, the resolution or the folder cannot be used, or the log's first scan fits
-            nowhere on the map that is to be continued.
+        InputError: A file, the method, the resolution or the folder cannot be used, or the log's first scan cannot be
+            located on the map of the graph.
     """
     _check(settings)
     read = read_bag if is_bag(settings.log) else read_log
@@ -139,9 +140,9 @@ def _check(settings: MappingSettings) -> None:
     """Raise an `InputError` where options do not fit together or are out of range."""
     for option, given in (("--localize", settings.localize), ("--start", settings.start is not None)):
         if given and settings.graph is None:
-            raise InputError(option, "", "needs --continue GRAPH: the map that the log begins on")
+            raise InputError(option, "", "needs --continue GRAPH, the map on which the log begins")
     if settings.graph is not None and settings.backend != "graph":
-        raise InputError("--backend", settings.backend, "cannot go on from a pose graph: graph can")
+        raise InputError("--backend", settings.backend, "cannot continue a pose graph; only graph can")
     if settings.backend not in SLAM_METHODS:
         raise InputError("--backend", settings.backend, f"is none of {', '.join(SLAM_METHODS)}")
     if not MIN_RESOLUTION <= settings.resolution <= MAX_RESOLUTION:
@@ -172,14 +173,14 @@ def _continued_slam(path: Path, settings: MappingSettings, log: LidarLog) -> tup
     """As `_create_slam`, on the map of a saved pose graph."""
     snapshot, scan = load_graph(path), log.scans[0]
     if snapshot.tracking is not None and scan.time <= snapshot.tracking.time:
-        times = f"at {scan.time:.3f} s, the graph ends at {snapshot.tracking.time:.3f} s"
-        raise InputError(settings.log, "first scan", f"time runs backwards: it was taken {times}")
+        times = f"taken at {scan.time:.3f} s, but the graph ends at {snapshot.tracking.time:.3f} s"
+        raise InputError(settings.log, "first scan", f"time runs backwards: {times}")
     slam = GraphSlam.from_snapshot(snapshot)
     start = slam.pose if settings.start is None else settings.start
     first = locate_on_map(slam, scan, start)
     if first is None:
         place = f"({start.x:.2f} m, {start.y:.2f} m, {math.degrees(start.theta):.0f}°)"
-        reason = f"fits the map nowhere around {place}, or in several places; say with --start where it is"
+        reason = f"matches the map at no pose or at several near {place}; give its approximate pose with --start"
         raise InputError(settings.log, "first scan", reason)
     if settings.localize:
         localizer = ScanMatchingLocalizer(slam, first)
@@ -193,10 +194,10 @@ class MappingRun:
     Args:
         settings: Settings of the run.
         log: The log.
-        relations: True relations to score by; None for no score.
+        relations: True relations to score the trajectory by; None for no score.
         odometry: Odometry to interpolate poses with.
         slam: The SLAM method.
-        add_first: Adds the log's first scan to it; None for ``slam.add``.
+        add_first: Adds the log's first scan to the method.
 
     Attributes:
         settings: Settings of the run.
@@ -212,20 +213,20 @@ class MappingRun:
         relations: Relations | None,
         odometry: Trajectory,
         slam: Slam,
-        add_first: AddScan | None = None,
+        add_first: AddScan,
     ) -> None:
         self.settings = settings
         self.log = log
         self.slam = slam
         self.pose = IDENTITY
-        self._add_first = add_first or slam.add
+        self._add_first = add_first
         self._relations = relations
         self._odometry = odometry if len(odometry.times) > 1 else None
         self._result: MappingResult | None = None
 
     @property
     def scans(self) -> int:
-        """Number of scans."""
+        """Number of scans of the log."""
         return len(self.log.scans)
 
     @property
@@ -240,9 +241,9 @@ class MappingRun:
         return self._result
 
     def steps(self) -> Iterator[int]:
-        """Map scan by scan and yield the number of mapped scans; then finish the map, score it and write the files.
+        """Yield the number of mapped scans after each one; then finish the map, score it and write the files.
 
-        After 0 is yielded, all kernels are loaded, or compiled the first time, which takes up to half a minute.
+        After 0 is yielded, all kernels are loaded, or compiled on first use, which takes up to half a minute.
         """
         yield 0
         measurements = list(zip(self.log.scans, self.log.scan_odometry, strict=True))
@@ -257,7 +258,9 @@ class MappingRun:
         before = time.process_time()
         self.slam.finish()
         grid = self.slam.grid()
-        seconds = float(taken.sum()) + time.process_time() - before  # without the time that callers take in between
+        seconds = (
+            float(taken.sum()) + time.process_time() - before
+        )  # excludes the time that callers spend between steps
         self._result = self._scored(taken * 1e3, seconds)
         if self.settings.out is not None:
             self._write(self.settings.out, grid)
@@ -269,7 +272,7 @@ class MappingRun:
         recording.write_map(self.slam.grid(), self.log.scans[-1].time)
 
     def _scored(self, milliseconds: Floats, seconds: float) -> MappingResult:
-        """The metrics, of the processor time of each scan [N] ms, and of all in all, s."""
+        """The metrics, given the processor times of all scans [N] ms and of the whole mapping, s."""
         errors: RelationErrors | None = None
         if self._relations is not None:
             errors = relation_errors(self.slam.trajectory, self._relations, self._odometry)
@@ -294,10 +297,10 @@ class MappingRun:
         )
 
     def _write(self, out: Path, grid: OccupancyGrid) -> None:
-        """Write map.pgm, map.yaml, map.png, trajectory.tum and, of graph SLAM, graph.npz and closures.txt."""
+        """Write map.pgm, map.yaml, map.png, trajectory.tum and, for graph SLAM, graph.npz and closures.txt."""
         save_map(grid, out / "map.yaml")
         save_tum(self.slam.trajectory, out / "trajectory.tum")
-        write_atomically(out / "map.png", map_picture(grid, self.slam))
+        write_atomically(out / "map.png", draw_map(grid, self.slam))
         snapshot = self.slam.snapshot()
         if snapshot is not None:
             save_graph(snapshot, out / "graph.npz")
@@ -317,8 +320,8 @@ def run(settings: MappingSettings) -> MappingResult:
     return mapping.result
 
 
-def map_picture(grid: OccupancyGrid, slam: Slam) -> bytes:
-    """A PNG of a map with the trajectory and, of graph SLAM, the loop closures.
+def draw_map(grid: OccupancyGrid, slam: Slam) -> bytes:
+    """A PNG of a map with the trajectory and, for graph SLAM, the loop closures.
 
     Args:
         grid: The map; a small one is enlarged.
@@ -340,7 +343,7 @@ def map_picture(grid: OccupancyGrid, slam: Slam) -> bytes:
 
 
 def _closure_line(closure: LoopClosure) -> str:
-    """A line of closures.txt, a format whose words are older than those of the code."""
+    """A line of closures.txt, whose format keeps older words: keyscan, response and rival."""
     return (
         f"{closure.time:.3f} keyscan {closure.keyframe} to {closure.target}: {closure.explanation or 'accepted'}"
         f" (response {closure.score:.2f}, rival {closure.second_best_score:.2f}, window {closure.window:.2f} m)\n"

@@ -1,7 +1,7 @@
-"""The registry of planners that compute policies.
+"""The registry of planners.
 
-A new planner needs its own file, an entry here, and a row in ``docs/planners.md``. To find a plan to a goal on a
-deterministic model instead, see `wherry.planning.search`.
+A new planner needs its own file, an entry here, and a row in ``docs/planners.md``. `wherry.planning.search` finds
+plans to a goal instead of policies.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 
 from wherry.oomdp.conditional_models import ConditionalModel
 from wherry.planning.lrtdp import Lrtdp
-from wherry.planning.policy import Planner
+from wherry.planning.planner import Planner
 from wherry.planning.policy_iteration import PolicyIteration
 from wherry.planning.uct import Uct
 from wherry.planning.value_iteration import ValueIteration
 
 
 class PlannerFactory(Protocol):
-    """Makes a planner on a model; planners that do not draw random numbers ignore the generator."""
+    """Makes a planner on a model; planners without random numbers ignore the generator."""
 
     def __call__(
         self, model: ConditionalModel, rng: np.random.Generator, *, discount: float = 0.95, r_max: float = 20.0
@@ -36,8 +36,8 @@ class PlannerEntry:
 
     Attributes:
         make: Makes the planner.
-        summary: One line on the algorithm.
-        suited_for: The models that it is a good choice for.
+        summary: The algorithm in one line.
+        suited_for: The models for which it is a good choice.
     """
 
     make: PlannerFactory
@@ -64,13 +64,13 @@ PLANNERS: Mapping[str, PlannerEntry] = {
     ),
     "policy-iteration": PlannerEntry(
         _ignoring_rng(PolicyIteration),
-        summary="exact policy evaluation and greedy improvement by turns",
+        summary="exact policy evaluation alternating with greedy improvement",
         suited_for="reference values, exact up to rounding",
     ),
     "lrtdp": PlannerEntry(
         Lrtdp,
-        summary="heuristic search along greedy trials, optimal from the states in question",
-        suited_for="large state spaces of which an optimal policy visits few states",
+        summary="heuristic search along greedy trials, optimal for the queried states",
+        suited_for="large state spaces, if an optimal policy visits few of the states",
     ),
     "uct": PlannerEntry(
         Uct,
@@ -78,4 +78,4 @@ PLANNERS: Mapping[str, PlannerEntry] = {
         suited_for="state spaces too large to enumerate",
     ),
 }
-"""The planners by the names that users choose them with."""
+"""The planners by the names with which users choose them."""

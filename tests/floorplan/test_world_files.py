@@ -66,8 +66,8 @@ def test_taxi_worlds_are_the_published_ones() -> None:
     taxi, taxi10 = find_world("taxi"), find_world("taxi10")
     assert taxi.marks == {"R": Cell(0, 4), "G": Cell(4, 4), "Y": Cell(0, 0), "B": Cell(3, 0)}
     assert {wall.cell for wall in taxi.walls} == {Cell(*xy) for xy in ((0, 0), (0, 1), (1, 3), (1, 4), (2, 0), (2, 1))}
-    places = {"Y": (0, 1), "R": (0, 9), "G": (5, 9), "B": (4, 0), "W": (3, 6), "M": (6, 5), "C": (8, 9), "P": (9, 0)}
-    assert taxi10.marks == {mark: Cell(*xy) for mark, xy in places.items()}
+    cells = {"Y": (0, 1), "R": (0, 9), "G": (5, 9), "B": (4, 0), "W": (3, 6), "M": (6, 5), "C": (8, 9), "P": (9, 0)}
+    assert taxi10.marks == {mark: Cell(*xy) for mark, xy in cells.items()}
     runs = {0: range(4), 2: range(6, 10), 3: range(4), 5: range(4, 8), 7: (*range(4), *range(6, 10))}
     assert {wall.cell for wall in taxi10.walls} == {Cell(x, y) for x, ys in runs.items() for y in ys}
     assert not any(wall.north for wall in taxi.walls | taxi10.walls)
@@ -90,7 +90,8 @@ def test_comments_windows_line_ends_and_trailing_blanks_are_ignored() -> None:
 
 
 def _changed(old: str, new: str) -> str:
-    assert TINY.count(old) == 1, "the example has changed"
+    """The example with one replacement."""
+    assert TINY.count(old) == 1
     return TINY.replace(old, new)
 
 
@@ -103,7 +104,7 @@ def _changed(old: str, new: str) -> str:
         (_changed("name: tiny\n", ""), "name: is missing"),
         (_changed("name: tiny", "name:"), "name: must be 1 to 60 characters on one line"),
         (_changed("name: tiny", "nam: tiny"), "line 2: is none of the fields wherry-world, name, cell, boxes "),
-        (_changed("name: tiny", "name: tiny\nname: tiny"), "line 3: gives name a second time"),
+        (_changed("name: tiny", "name: tiny\nname: tiny"), "line 3: repeats the field name"),
         (_changed("cell: 0.6", "cell: big"), "cell: must be a number, not 'big'"),
         (_changed("cell: 0.6", "cell: nan"), "cell: must be 0.5 to 5.0 m, not nan"),
         (_changed("cell: 0.6", "cell: 1e9"), "cell: must be 0.5 to 5.0 m, not 1e+09"),

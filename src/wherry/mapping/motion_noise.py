@@ -1,4 +1,4 @@
-"""Noise of the motion between scans, as odometry measures it or as constant velocity predicts it."""
+"""Noise of the motion between scans that odometry measures or that constant velocity predicts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wherry.space.pose import Floats, Pose, wrap
 
 @dataclass(frozen=True, slots=True)
 class MotionNoise:
-    """Standard deviations of a measured motion; the terms are added in quadrature.
+    """Standard deviations of a motion; the terms are added in quadrature.
 
     Attributes:
         distance: Standard deviation of the position without any motion, m.
@@ -44,13 +44,27 @@ class MotionNoise:
         return np.diag([distance**2, distance**2, angle**2])
 
     def information(self, motion: Pose) -> Floats:
-        """Inverse of `covariance`, [3, 3]."""
+        """Information of the pose after a motion, [3, 3] m, m, rad: the inverse of `covariance`."""
         distance, angle = self.deviations(motion)
         return np.diag([distance**-2, distance**-2, angle**-2])
 
 
-ODOMETRY = MotionNoise(0.03, 0.15, 0.05, math.radians(1.5), 0.15, math.radians(4.0))
-CONSTANT_VELOCITY = MotionNoise(0.1, 0.4, 0.1, math.radians(5.0), 0.5, math.radians(10.0))
+ODOMETRY_NOISE = MotionNoise(
+    distance=0.03,
+    distance_per_distance=0.15,
+    distance_per_angle=0.05,
+    angle=math.radians(1.5),
+    angle_per_angle=0.15,
+    angle_per_distance=math.radians(4.0),
+)
+CONSTANT_VELOCITY_NOISE = MotionNoise(
+    distance=0.1,
+    distance_per_distance=0.4,
+    distance_per_angle=0.1,
+    angle=math.radians(5.0),
+    angle_per_angle=0.5,
+    angle_per_distance=math.radians(10.0),
+)
 
 
 def is_within(motion: Pose, distance: float, angle: float) -> bool:

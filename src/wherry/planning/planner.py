@@ -1,4 +1,4 @@
-"""The protocol of planners that compute policies."""
+"""The protocol of planners."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from wherry.oomdp.objects import State
 
 
 class Planner(Protocol):
-    """π(s) and V(s) on a model that may be revised at any time."""
+    """Computes π(s) and V(s) on a model, and again when the model has been revised."""
 
     def policy(self, state: State) -> Action:
         """The best action in a state."""

@@ -11,10 +11,10 @@ import pytest
 from wherry.oomdp.mdp import IMPOSSIBLE, UNKNOWN, Prediction
 from wherry.oomdp.objects import State
 from wherry.planning.lookahead import Lookahead
-from wherry.planning.planners import PLANNERS
-from wherry.planning.policy import Planner
+from wherry.planning.planner import Planner
+from wherry.planning.registry import PLANNERS
 from wherry.planning.uct import Uct
-from wherry_testing.small_worlds import CORRIDOR, LEFT, RIGHT, TableModel, at, optimal_values, per_state, random_world
+from wherry_testing.small_worlds import CORRIDOR, LEFT, RIGHT, TableModel, state_at, optimal_values, per_state, random_world
 
 EXACT = ("value-iteration", "policy-iteration", "lrtdp")
 SLIPPERY = {  # half of all steps to the right slip: V(1) = ½·10 + ½(−1 + ½ V(1))
@@ -38,31 +38,31 @@ def test_documentation_lists_every_planner_as_the_registry_describes_it(name: st
 @pytest.mark.parametrize("name", PLANNERS)
 def test_policy_and_values_in_a_corridor(name: str) -> None:
     planner = make(name, TableModel(CORRIDOR), discount=0.5, r_max=10.0)
-    assert planner.policy(at(0)) == planner.policy(at(1)) == RIGHT
-    assert planner.value(at(1)) == pytest.approx(10.0)
+    assert planner.policy(state_at(0)) == planner.policy(state_at(1)) == RIGHT
+    assert planner.value(state_at(1)) == pytest.approx(10.0)
     tolerance = 1e-5 if name in EXACT else 0.1  # UCT's mean includes its first, random simulations
-    assert planner.value(at(0)) == pytest.approx(-1 + 0.5 * 10, abs=tolerance)
+    assert planner.value(state_at(0)) == pytest.approx(-1 + 0.5 * 10, abs=tolerance)
 
 
 @pytest.mark.parametrize("name", EXACT)
 def test_value_of_a_step_that_may_slip(name: str) -> None:
     planner = make(name, TableModel(SLIPPERY), discount=0.5, r_max=10.0)
-    assert planner.policy(at(1)) == RIGHT
-    assert planner.value(at(1)) == pytest.approx((0.5 * 10 - 0.5) / 0.75, abs=1e-5)
+    assert planner.policy(state_at(1)) == RIGHT
+    assert planner.value(state_at(1)) == pytest.approx((0.5 * 10 - 0.5) / 0.75, abs=1e-5)
 
 
 def test_uct_approximates_the_value_of_a_step_that_may_slip() -> None:
     planner = Uct(per_state(TableModel(SLIPPERY)), np.random.default_rng(3), discount=0.5, r_max=10.0, simulations=4000)
-    assert planner.policy(at(1)) == RIGHT
-    assert planner.value(at(1)) == pytest.approx(6.0, abs=0.4)
+    assert planner.policy(state_at(1)) == RIGHT
+    assert planner.value(state_at(1)) == pytest.approx(6.0, abs=0.4)
 
 
 @pytest.mark.parametrize("name", PLANNERS)
 def test_unknown_outcome_is_worth_r_max_in_every_step(name: str) -> None:
     known = {key: value for key, value in CORRIDOR.items() if key != (0, "left")}
     planner = make(name, TableModel(known), discount=0.5, r_max=10.0)
-    assert planner.policy(at(0)) == LEFT
-    assert planner.value(at(0)) == pytest.approx(20.0, abs=1e-5 if name in EXACT else 0.5)
+    assert planner.policy(state_at(0)) == LEFT
+    assert planner.value(state_at(0)) == pytest.approx(20.0, abs=1e-5 if name in EXACT else 0.5)
 
 
 @pytest.mark.parametrize("name", PLANNERS)
@@ -72,7 +72,7 @@ def test_impossible_action_is_not_tried(name: str) -> None:
             return IMPOSSIBLE if action == LEFT else super().predict(state, RIGHT)
 
     planner = make(name, LeftIsImpossible(CORRIDOR), discount=0.5, r_max=10.0)
-    assert planner.policy(at(0)) == RIGHT
+    assert planner.policy(state_at(0)) == RIGHT
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -81,7 +81,7 @@ def test_values_in_random_worlds_with_three_outcomes(name: str, seed: int) -> No
     outcomes = random_world(12, np.random.default_rng(seed))
     values = optimal_values(outcomes, 12, discount=0.9)
     planner = make(name, TableModel(outcomes), discount=0.9, r_max=1.0)
-    assert [planner.value(at(number)) for number in range(12)] == pytest.approx(values, abs=1e-4)
+    assert [planner.value(state_at(number)) for number in range(12)] == pytest.approx(values, abs=1e-4)
 
 
 def test_uct_finds_the_better_action_in_most_random_worlds() -> None:
@@ -90,27 +90,27 @@ def test_uct_finds_the_better_action_in_most_random_worlds() -> None:
         model = TableModel(random_world(12, np.random.default_rng(seed)))
         best = make("policy-iteration", model, discount=0.9, r_max=1.0)
         uct = Uct(per_state(model), np.random.default_rng(seed), discount=0.9, r_max=1.0, simulations=1500)
-        agreements += uct.policy(at(0)) == best.policy(at(0))
-    assert agreements >= 8  # in the others the two actions are nearly equal
+        agreements += uct.policy(state_at(0)) == best.policy(state_at(0))
+    assert agreements >= 8  # in the other worlds the Q values of both actions are nearly equal
 
 
 @pytest.mark.parametrize("name", ["lrtdp", "uct"])
 def test_same_seed_gives_the_same_values(name: str) -> None:
     outcomes = random_world(12, np.random.default_rng(7))
     first, second = (make(name, TableModel(outcomes), discount=0.9, r_max=1.0) for _ in range(2))
-    assert [first.value(at(number)) for number in range(12)] == [second.value(at(number)) for number in range(12)]
+    assert [first.value(state_at(number)) for number in range(12)] == [second.value(state_at(number)) for number in range(12)]
 
 
 def test_grounding_keeps_every_outcome_with_its_probability() -> None:
-    conditional = per_state(TableModel(SLIPPERY)).conditional_prediction(at(1), RIGHT)
+    conditional = per_state(TableModel(SLIPPERY)).conditional_prediction(state_at(1), RIGHT)
     assert [probability for _, probability in conditional.outcomes] == [0.5, 0.5]
-    prediction = conditional.ground(at(1), RIGHT)
+    prediction = conditional.ground(state_at(1), RIGHT)
     found = [(outcome.next_state, outcome.probability) for outcome in prediction.outcomes]
-    assert found == [(at(2), 0.5), (at(1), 0.5)]
+    assert found == [(state_at(2), 0.5), (state_at(1), 0.5)]
 
 
 def test_grounding_keeps_an_unknown_outcome() -> None:
-    assert per_state(TableModel({})).conditional_prediction(at(1), RIGHT).ground(at(1), RIGHT) == UNKNOWN
+    assert per_state(TableModel({})).conditional_prediction(state_at(1), RIGHT).ground(state_at(1), RIGHT) == UNKNOWN
 
 
 @pytest.mark.parametrize("discount", [-0.1, 1.0, math.nan])

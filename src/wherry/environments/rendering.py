@@ -12,16 +12,17 @@ from PIL import Image, ImageDraw
 from wherry.floorplan.drawing import draw_plan
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
 
-CELL_PIXELS = 48
-WALL_PIXELS = 4
+CELL_PIXELS = 48  # side of a cell
+WALL_PIXELS = 4  # thickness of a wall
 
 Colour = tuple[int, int, int]
+"""Red, green and blue, 0 to 255."""
 
-FLOOR: Colour = (245, 245, 240)
-GRID: Colour = (222, 222, 215)
-WALL: Colour = (40, 42, 54)
-WAREHOUSE: Colour = (249, 226, 150)
-MARK: Colour = (120, 120, 130)
+FLOOR_COLOUR: Colour = (245, 245, 240)
+GRID_COLOUR: Colour = (222, 222, 215)
+WALL_COLOUR: Colour = (40, 42, 54)
+WAREHOUSE_COLOUR: Colour = (249, 226, 150)
+MARK_COLOUR: Colour = (120, 120, 130)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,17 +31,17 @@ class Sprite:
 
     Attributes:
         cell: The cell.
-        letter: Its symbol in text.
+        letter: Its character in text.
         colour: Its RGB colour in images.
-        size: Its width as a fraction of the cell's.
-        round: Whether it is a disc; otherwise it is a square.
+        size: Its width as a fraction of the width of the cell.
+        is_disc: Whether it is drawn as a disc; otherwise as a square.
     """
 
     cell: Cell
     letter: str
     colour: Colour
     size: float
-    round: bool = True
+    is_disc: bool = True
 
 
 def render_text(plan: FloorPlan, sprites: Iterable[Sprite]) -> str:
@@ -62,35 +63,35 @@ def render_rgb(plan: FloorPlan, sprites: Iterable[Sprite]) -> NDArray[np.uint8]:
     Returns:
         [48·height, 48·width, 3] RGB; row 0 is the northernmost.
     """
-    image = Image.new("RGB", (plan.width * CELL_PIXELS, plan.height * CELL_PIXELS), FLOOR)
+    image = Image.new("RGB", (plan.width * CELL_PIXELS, plan.height * CELL_PIXELS), FLOOR_COLOUR)
     draw = ImageDraw.Draw(image)
     marks = {cell: mark for mark, cell in plan.marks.items()}
-    every = [Cell(x, y) for y in range(plan.height) for x in range(plan.width)]
-    for cell in every:
-        filled = WALL if cell in plan.obstacles else WAREHOUSE if cell in plan.warehouse else FLOOR
-        draw.rectangle(_box(plan, cell, 1.0), fill=filled, outline=GRID)
+    cells = [Cell(x, y) for y in range(plan.height) for x in range(plan.width)]
+    for cell in cells:
+        fill = WALL_COLOUR if cell in plan.obstacles else WAREHOUSE_COLOUR if cell in plan.warehouse else FLOOR_COLOUR
+        draw.rectangle(_square(plan, cell, 1.0), fill=fill, outline=GRID_COLOUR)
         if cell in marks:
-            left, top, *_ = _box(plan, cell, 0.8)
-            draw.text((left, top), marks[cell], fill=MARK)
-    for cell in every:
+            left, top, *_ = _square(plan, cell, 0.8)
+            draw.text((left, top), marks[cell], fill=MARK_COLOUR)
+    for cell in cells:
         for direction in Direction:
             if plan.is_blocked(cell, direction):
-                draw.line(_edge(plan, cell, direction), fill=WALL, width=WALL_PIXELS)
+                draw.line(_edge(plan, cell, direction), fill=WALL_COLOUR, width=WALL_PIXELS)
     for sprite in sprites:
-        shape = draw.ellipse if sprite.round else draw.rectangle
-        shape(_box(plan, sprite.cell, sprite.size), fill=sprite.colour, outline=WALL)
+        shape = draw.ellipse if sprite.is_disc else draw.rectangle
+        shape(_square(plan, sprite.cell, sprite.size), fill=sprite.colour, outline=WALL_COLOUR)
     return np.array(image)
 
 
-def _box(plan: FloorPlan, cell: Cell, size: float) -> tuple[float, float, float, float]:
-    """Left, top, right and bottom of a square centred in a cell, pixels; its size is a fraction of the cell's."""
+def _square(plan: FloorPlan, cell: Cell, size: float) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom, pixels, of a square in the centre of a cell; size is a fraction of the cell's."""
     x, y, half = (cell.x + 0.5) * CELL_PIXELS, (plan.height - cell.y - 0.5) * CELL_PIXELS, size * CELL_PIXELS / 2
     return x - half, y - half, x + half, y + half
 
 
 def _edge(plan: FloorPlan, cell: Cell, direction: Direction) -> tuple[float, float, float, float]:
     """The two ends of a cell's edge, pixels."""
-    left, top, right, bottom = _box(plan, cell, 1.0)
+    left, top, right, bottom = _square(plan, cell, 1.0)
     match direction:
         case Direction.NORTH:
             return left, top, right, top
