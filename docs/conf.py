@@ -64,7 +64,7 @@ SYMBOLS_OUTSIDE_CODE = re.compile(r"(``.*?``)|([*|])")
 
 
 def constants_of(package: str) -> list[tuple[str, list[str]]]:
-    """Name and docstring of each constant and type alias that a package exports; autodoc leaves these out."""
+    """Name and docstring of each constant and type alias that a package exports, which autodoc does not list."""
     module = importlib.import_module(package)
     stub = Path(module.__file__ or "").with_suffix(".pyi")
     if not stub.exists():
@@ -92,7 +92,7 @@ def escaped(line: str) -> str:
 def escape_symbols(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
     """Escape * and | outside code."""
     lines[:] = [escaped(line) for line in lines]
-    if what == "property":  # napoleon would take the part of a sentence before a colon for a type
+    if what == "property":  # napoleon would read the part of a sentence before a colon as a type
         app.env.temp_data[name] = list(lines)
 
 

@@ -1,4 +1,4 @@
-"""Errors of trajectories, on cases with exact answers."""
+"""Trajectory errors, on cases with known exact results."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ def test_an_exact_trajectory_has_no_error_in_any_frame() -> None:
 
 def test_the_error_of_one_relation_is_exact() -> None:
     relations = true_relations([(0, 1)])
-    off = Relations(relations.times, compose(relations.poses, np.array([[0.3, -0.4, math.radians(10.0)]])))
-    found = relation_errors(Trajectory(TIMES, POSES), off)
+    perturbed = Relations(relations.times, compose(relations.poses, np.array([[0.3, -0.4, math.radians(10.0)]])))
+    found = relation_errors(Trajectory(TIMES, POSES), perturbed)
     assert found.translational_error_m == pytest.approx(0.5)
     assert found.rotational_error_deg == pytest.approx(10.0)
     assert found.translational_sd_m == 0.0
     assert math.isnan(found.far_translational_error_m)
 
 
-def test_means_deviations_and_errors_of_far_relations() -> None:
+def test_means_standard_deviations_and_errors_of_far_relations() -> None:
     relations = true_relations([(0, 1), (0, 3)])
     offsets = np.array([[0.1, 0.0, math.radians(2.0)], [0.0, 0.3, math.radians(-4.0)]])
     found = relation_errors(Trajectory(TIMES, POSES), Relations(relations.times, compose(relations.poses, offsets)))
@@ -73,12 +73,12 @@ def test_comparing_with_no_relations_is_an_error() -> None:
 def test_poses_are_interpolated_with_odometry() -> None:
     sparse = Trajectory(np.array([0.0, 10.0]), np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
     assert sparse.at(np.array([2.5]))[0] == pytest.approx([0.5, 0.0, 0.0])
-    # Odometry stands still for 8 s and then drives, exactly and in its own frame.
+    # The odometry has its own frame; the robot stands still for 8 s and then drives.
     dense = Trajectory(np.array([0.0, 8.0, 10.0]), np.array([[7.0, 7.0, 1.0]] * 3))
     dense.poses[2] = compose(dense.poses[0], np.array([2.0, 0.0, 0.0]))
     assert sparse.at(np.array([8.0]), dense)[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
     assert sparse.at(np.array([9.0]), dense)[0] == pytest.approx([1.0, 0.0, 0.0])
-    # Odometry with a scale error of a tenth is corrected in proportion to the distance.
+    # A scale error of 10 % in the odometry is distributed in proportion to the distance.
     long = Trajectory(dense.times, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [2.2, 0.0, 0.0]]))
     assert sparse.at(np.array([9.0, 10.0]), long) == pytest.approx(np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
 
@@ -131,7 +131,7 @@ def test_a_trajectory_survives_the_tum_format(tmp_path: Path) -> None:
     np.testing.assert_allclose(relative(loaded.poses, POSES), 0.0, atol=2e-6)
 
 
-def test_relations_are_read_and_malformed_lines_are_named(tmp_path: Path) -> None:
+def test_relations_are_read_and_malformed_lines_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "some.relations"
     path.write_text("# comment\n1.0 2.0 0.1 0.2 0 0 0 0.3\n")
     loaded = load_relations(path)

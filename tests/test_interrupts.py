@@ -1,4 +1,4 @@
-"""Ctrl-C, also where Python would drop it."""
+"""A Ctrl-C that Python drops is sent again."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ import time
 
 import pytest
 
-from wherry.interrupts import interrupts_are_kept
+from wherry.interrupts import resend_dropped_interrupts
 
 
-class Pressed:
-    """Somebody presses Ctrl-C while it is being deleted."""
+class InterruptedOnDeletion:
+    """An object during whose deletion Ctrl-C is pressed."""
 
     def __del__(self) -> None:
         signal.raise_signal(signal.SIGINT)
 
 
-def test_ctrl_c_while_an_object_is_deleted_stops_the_run() -> None:
+def test_ctrl_c_during_the_deletion_of_an_object_stops_the_run() -> None:
     def run() -> None:
-        Pressed()
+        InterruptedOnDeletion()
         time.sleep(10.0)
 
-    with pytest.raises(KeyboardInterrupt), interrupts_are_kept():
+    with pytest.raises(KeyboardInterrupt), resend_dropped_interrupts():
         run()
 
 
-def test_other_faults_while_an_object_is_deleted_are_told_as_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_exceptions_in_a_destructor_reach_the_original_hook(monkeypatch: pytest.MonkeyPatch) -> None:
     class Faulty:
         def __del__(self) -> None:
-            raise ValueError("told")
+            raise ValueError("faulty")
 
-    told = []
-    monkeypatch.setattr(sys, "unraisablehook", lambda fault: told.append(str(fault.exc_value)))
-    with interrupts_are_kept():
+    messages = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda fault: messages.append(str(fault.exc_value)))
+    with resend_dropped_interrupts():
         Faulty()
-    assert told == ["told"]
+    assert messages == ["faulty"]

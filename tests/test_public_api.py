@@ -1,4 +1,4 @@
-"""The public API: the names that each package exports, and that documents import no others."""
+"""The public API: the names that each package exports, and their use in documents."""
 
 from __future__ import annotations
 
@@ -114,8 +114,8 @@ PUBLIC_API = {
         """,
         "wherry.simulation": """
             BODY BoxStatus BoxTruth Collision LidarSpecification Referee SceneRenderer SeededWorld
-            Simulation WheelOdometryErrors blind build cell_pose kidnap random_cell_pose random_pose
-            reachable_cells robot_urdf seed_world slippery true_map
+            Simulation WheelOdometryErrors blind_lidar build cell_pose kidnap random_cell_pose random_pose
+            reachable_cells robot_urdf seed_world slippery_wheels true_map
         """,
         "wherry.space": """
             CellFrame DistanceField GridMapper IDENTITY OccupancyGrid Pose Trajectory cast_rays

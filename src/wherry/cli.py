@@ -1,4 +1,4 @@
-"""The command line: commands, errors and exit status.
+"""The command line: registers the commands, and reports errors.
 
 Exit status: 0 success, 1 the run ended without reaching its goal, 2 invalid input or usage, 130 stopped by Ctrl-C.
 """
@@ -28,15 +28,15 @@ from wherry.commands.rviz import rviz
 from wherry.commands.view import view
 from wherry.commands.worlds import worlds
 from wherry.errors import InputError
-from wherry.interrupts import interrupts_are_kept
+from wherry.interrupts import resend_dropped_interrupts
 
-INVALID_INPUT = 2  # exit status
-STOPPED = 130  # exit status: 128 + SIGINT
+INVALID_INPUT = 2  # exit status for invalid input or usage
+STOPPED = 130  # exit status for Ctrl-C: 128 + SIGINT
 
 app = typer.Typer(
     name="wherry",
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # importing rich takes longer than everything else that --help needs
+    rich_markup_mode=None,  # importing rich would more than double the time of --help
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(deliver)
@@ -57,12 +57,12 @@ app.add_typer(ros_app(2), name="ros2")
 
 
 def main() -> None:
-    """Run a command; report invalid input and usage in one line, with exit status 2."""
+    """Run a command; report invalid input or usage in one line and exit with status 2."""
     try:
-        with interrupts_are_kept():
+        with resend_dropped_interrupts():
             status = app(prog_name="wherry", standalone_mode=False) or 0
     except (InputError, TyperException) as error:
-        _print_error(str(error) if isinstance(error, InputError) else usage_error(error))
+        _print_error(str(error) if isinstance(error, InputError) else format_usage_error(error))
         status = INVALID_INPUT
     except (KeyboardInterrupt, typer.Abort):
         status = STOPPED
@@ -71,8 +71,8 @@ def main() -> None:
     sys.exit(status)
 
 
-def usage_error(error: TyperException) -> str:
-    """The error in a command line, as one line that begins with the option or argument."""
+def format_usage_error(error: TyperException) -> str:
+    """A usage error as one line that begins with the option or argument."""
     parameter = getattr(error, "param", None)
     if parameter is None:
         name = getattr(error, "option_name", "")
@@ -86,7 +86,7 @@ def usage_error(error: TyperException) -> str:
 
 
 def _print_error(line: str) -> None:
-    print(f"wherry: {line}", file=sys.stderr)  # noqa: T201 - the one place that prints errors
+    print(f"wherry: {line}", file=sys.stderr)  # noqa: T201 - errors are printed here only
 
 
 def _show_version(is_requested: bool) -> None:

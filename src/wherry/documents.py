@@ -1,7 +1,7 @@
-"""YAML and JSON documents checked against pydantic models; every fault becomes one `InputError`.
+"""YAML and JSON documents, validated with pydantic models; an invalid one raises `InputError`.
 
-A document is described by a subclass of `Document`. Where plain numbers have bounds, annotate them with
-`pydantic.Field` (``Annotated[float, Field(gt=0, le=10)]``); the error then names file, field, value and bound.
+A subclass of `Document` describes a document. Bounds of numbers are annotated with `pydantic.Field`, as in
+``Annotated[float, Field(gt=0, le=10)]``; the error then names file, field, value and bound.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from pydantic_core import ErrorDetails
 from wherry.errors import InputError
 from wherry.files import read_text
 
-MAX_YAML_BYTES = 64_000  # of a file that people write by hand
-MAX_VALUE_CHARACTERS = 40  # of a faulty value that an error quotes
-MAX_REASON_CHARACTERS = 200  # of an error's reason, so that the line stays below 300
+MAX_YAML_BYTES = 64_000  # size of a file that is written by hand
+MAX_VALUE_CHARACTERS = 40  # length of an invalid value as quoted in an error
+MAX_REASON_CHARACTERS = 200  # length of an error's reason; with file and field the line stays below 300
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
 class Document(BaseModel):
-    """A document, or a part of one: no unknown fields, no conversions between types, no infinities."""
+    """Base of the models: unknown fields, values of other types, infinities and NaN are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, populate_by_name=True)
 
@@ -36,8 +36,8 @@ def load_yaml(path: str | Path, model: type[_Model], *, max_bytes: int = MAX_YAM
 
     Args:
         path: The file.
-        model: What it has to contain.
-        max_bytes: Size above which the file is refused.
+        model: Model that the content has to fit.
+        max_bytes: Largest permitted size of the file, bytes.
 
     Raises:
         InputError: The file cannot be read, is not a YAML mapping, or does not fit the model.
@@ -46,16 +46,20 @@ def load_yaml(path: str | Path, model: type[_Model], *, max_bytes: int = MAX_YAM
 
 
 def read_yaml(path: str | Path, *, max_bytes: int = MAX_YAML_BYTES) -> dict[Any, Any]:
-    """Read a YAML file as a mapping, without checking its fields; an empty file is an empty mapping.
+    """Read a YAML file as a mapping without validation; an empty file is an empty mapping.
+
+    Args:
+        path: The file.
+        max_bytes: Largest permitted size of the file, bytes.
 
     Raises:
         InputError: The file cannot be read, or is not a YAML mapping.
     """
-    return parse_yaml(read_text(path, limit=max_bytes), path)
+    return parse_yaml(read_text(path, max_bytes=max_bytes), path)
 
 
 def parse_yaml(text: str, source: str | Path) -> dict[Any, Any]:
-    """Parse YAML text as a mapping, without checking its fields; an empty text is an empty mapping.
+    """Parse YAML text as a mapping without validation; an empty text is an empty mapping.
 
     Args:
         text: The document.
@@ -84,13 +88,13 @@ def load_json(path: str | Path, model: type[_Model], *, max_bytes: int) -> _Mode
 
     Args:
         path: The file.
-        model: What it has to contain.
-        max_bytes: Size above which the file is refused.
+        model: Model that the content has to fit.
+        max_bytes: Largest permitted size of the file, bytes.
 
     Raises:
         InputError: The file cannot be read, is not JSON, or does not fit the model.
     """
-    text = read_text(path, limit=max_bytes)
+    text = read_text(path, max_bytes=max_bytes)
     try:
         return model.model_validate_json(text)
     except ValidationError as error:
@@ -98,10 +102,10 @@ def load_json(path: str | Path, model: type[_Model], *, max_bytes: int) -> _Mode
 
 
 def validate(model: type[_Model], document: Mapping[Any, Any], source: str | Path) -> _Model:
-    """Check a mapping against a model.
+    """Validate a mapping with a model.
 
     Args:
-        model: What the mapping has to contain.
+        model: Model that the mapping has to fit.
         document: The mapping.
         source: File or option that errors name.
 
@@ -115,32 +119,34 @@ def validate(model: type[_Model], document: Mapping[Any, Any], source: str | Pat
 
 
 def _input_error(error: ValidationError, source: str | Path) -> InputError:
-    """Turn the first fault of a validation into the one line that people see."""
+    """Convert the first validation error into a one-line `InputError`."""
     first = error.errors(include_url=False)[0]
     field = ".".join(str(part) for part in first["loc"])
     return InputError(source, field, _reason(first)[:MAX_REASON_CHARACTERS])
 
 
-def _reason(fault: ErrorDetails) -> str:
-    if fault["type"] == "missing":
+def _reason(details: ErrorDetails) -> str:
+    """The reason of an `InputError`, as a predicate that follows the field."""
+    if details["type"] == "missing":
         return "is missing"
-    if fault["type"] == "extra_forbidden":
+    if details["type"] == "extra_forbidden":
         return "is not a known field"
-    if fault["type"] == "value_error":  # raised by a model's own validator, in words that need no prefix
-        return fault["msg"].removeprefix("Value error, ")
-    message = fault["msg"][0].lower() + fault["msg"][1:]
-    if fault["type"].startswith("json") or fault["type"] == "recursion_loop":
+    if details["type"] == "value_error":  # from a model's own validator, whose message is complete
+        return details["msg"].removeprefix("Value error, ")
+    message = details["msg"][0].lower() + details["msg"][1:]
+    if details["type"].startswith("json") or details["type"] == "recursion_loop":
         return message
-    return f"{_quoted(fault['input'])} is refused: {message}"
+    return f"{_quoted(details['input'])} is invalid: {message}"
 
 
 def _quoted(value: object) -> str:
+    """The value as Python writes it, shortened to `MAX_VALUE_CHARACTERS`."""
     text = repr(value)
     return text if len(text) <= MAX_VALUE_CHARACTERS else f"{text[: MAX_VALUE_CHARACTERS - 1]}…"
 
 
 class _Loader(yaml.SafeLoader):
-    """A safe loader that reads 1e-3 as a number, as YAML 1.2 and ROS do and YAML 1.1 does not."""
+    """A safe loader that parses 1e-3 as a number, like YAML 1.2 and ROS but unlike YAML 1.1."""
 
 
 _Loader.add_implicit_resolver(

@@ -1,4 +1,4 @@
-"""The one error that a user's input can cause, always naming where, what and why."""
+"""The error that invalid input raises; it names the source, the field and the reason."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from pathlib import Path
 
 
 class InputError(Exception):
-    """Input that cannot be used; the command line prints it as one line and exits with status 2.
+    """Invalid input from a user; the command line prints it as one line and exits with status 2.
 
     Args:
-        source: The file, or the command-line option, that the input came from.
-        field: The field, key or line in it that is wrong.
-        reason: What is wrong with it, in words that say how to put it right.
+        source: File or command-line option that the input came from.
+        field: Field, key or line of the source that is invalid; empty if the whole source is.
+        reason: Why it is invalid, as a predicate that follows the field, such as "is missing".
     """
 
     def __init__(self, source: str | Path, field: str, reason: str) -> None:

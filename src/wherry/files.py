@@ -1,4 +1,4 @@
-"""Reading files with a size limit, making folders, and writing files so that a crash never leaves half of one."""
+"""Reading files with a size limit, creating folders, and writing files atomically."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from pathlib import Path
 from wherry.errors import InputError
 
 
-def read_bytes(path: str | Path, *, limit: int) -> bytes:
-    """Read a whole file of at most ``limit`` bytes.
+def read_bytes(path: str | Path, *, max_bytes: int) -> bytes:
+    """Read a whole file of at most ``max_bytes`` bytes.
 
     Raises:
-        InputError: The file is missing, unreadable, not a file, or larger than ``limit``.
+        InputError: The file is missing, unreadable, not a file, or larger than ``max_bytes``.
     """
     path = Path(path)
     try:
         with path.open("rb") as file:
-            data = file.read(limit + 1)
+            data = file.read(max_bytes + 1)
     except OSError as error:
         raise InputError(path, "", error.strerror or str(error)) from error
-    if len(data) > limit:
-        raise InputError(path, "", f"is larger than the {limit:,} bytes that such a file may have")
+    if len(data) > max_bytes:
+        raise InputError(path, "", f"is larger than {max_bytes:,} bytes")
     return data
 
 
-def read_text(path: str | Path, *, limit: int) -> str:
-    """Read a whole UTF-8 file of at most ``limit`` bytes.
+def read_text(path: str | Path, *, max_bytes: int) -> str:
+    """Read a whole UTF-8 file of at most ``max_bytes`` bytes.
 
     Raises:
-        InputError: As `read_bytes`, or the file is not UTF-8 text.
+        InputError: The file cannot be read, is larger than ``max_bytes``, or is not UTF-8 text.
     """
     try:
-        return read_bytes(path, limit=limit).decode("utf-8")
+        return read_bytes(path, max_bytes=max_bytes).decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(path, f"byte {error.start}", "is not UTF-8 text") from error
 
 
 def write_atomically(path: str | Path, data: str | bytes) -> None:
-    """Write a file so that a reader, or a crash, sees either the old content or the whole new one.
+    """Replace a file's content in one step: a reader, also after a crash, finds either the old or the new content.
 
     Raises:
         InputError: The folder does not exist or cannot be written to.
@@ -67,38 +67,38 @@ def write_atomically(path: str | Path, data: str | bytes) -> None:
         raise
 
 
-def make_folder(folder: str | Path) -> None:
-    """Make a folder, and those that it lies in, and see that it can be written to.
+def ensure_writable_folder(folder: str | Path) -> None:
+    """Create a folder and its parents where they are missing, and check that it is writable.
 
     Raises:
-        InputError: It cannot be made, or written to.
+        InputError: The folder cannot be created or is not writable.
     """
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(folder, "", f"cannot be made: {error.strerror or error}") from error
+        raise InputError(folder, "", f"cannot be created: {error.strerror or error}") from error
     probe = folder / ".probe"
     write_atomically(probe, "")
     probe.unlink()
 
 
 @contextmanager
-def growing_file(path: str | Path) -> Iterator[Path]:
-    """A place to write a file to bit by bit; it gets its name when the block ends, however it ends.
+def partial_file(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path to write to, and rename it to ``path`` when the block ends, also by an exception.
 
-    Until then it is called ``NAME.part`` with the file's own ending behind; that is what a killed process leaves.
+    Until then ``film.mp4`` is called ``film.part.mp4``; a killed process leaves a file of that name.
 
     Raises:
         InputError: The folder does not exist or cannot be written to.
     """
     path = Path(path)
-    unfinished = path.with_name(f"{path.stem}.part{path.suffix}")
+    partial = path.with_name(f"{path.stem}.part{path.suffix}")
     try:
-        unfinished.touch()
+        partial.touch()
     except OSError as error:
         raise InputError(path, "", f"cannot be written: {error.strerror}") from error
     try:
-        yield unfinished
+        yield partial
     finally:
-        unfinished.replace(path)
+        partial.replace(path)

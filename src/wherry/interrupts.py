@@ -1,4 +1,4 @@
-"""Ctrl-C that is not lost."""
+"""Delivery of Ctrl-C where Python would ignore it."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-AGAIN = 0.05  # s
+RESEND_DELAY = 0.05  # s from a dropped interrupt until it is sent again
 
 
 @contextmanager
-def interrupts_are_kept() -> Iterator[None]:
-    """Send Ctrl-C again where Python drops it.
+def resend_dropped_interrupts() -> Iterator[None]:
+    """Send SIGINT again whenever Python drops a `KeyboardInterrupt`.
 
-    A `KeyboardInterrupt` that comes while an object is being deleted, or a library in C calls back, is only printed as
-    "ignored", and the run would go on as if nobody had pressed a key.
+    Python cannot propagate an exception that is raised in ``__del__`` or in a callback from C: it prints "Exception
+    ignored" and continues, so that Ctrl-C would have no effect.
     """
-    usual = sys.unraisablehook
+    original_hook = sys.unraisablehook
 
     def hook(dropped: sys.UnraisableHookArgs) -> None:
         if issubclass(dropped.exc_type, KeyboardInterrupt):
-            threading.Timer(AGAIN, signal.pthread_kill, (threading.get_ident(), signal.SIGINT)).start()
+            threading.Timer(RESEND_DELAY, signal.pthread_kill, (threading.get_ident(), signal.SIGINT)).start()
         else:
-            usual(dropped)
+            original_hook(dropped)
 
     sys.unraisablehook = hook
     try:
         yield
     finally:
-        sys.unraisablehook = usual
+        sys.unraisablehook = original_hook

@@ -1,7 +1,7 @@
-"""The one decorator for compiled inner loops.
+"""Decorators that compile inner loops with numba.
 
-A kernel takes and returns arrays, draws no random numbers, and lives beside the function that explains it. Importing
-this module imports numba (0.4 s), so nothing that must answer at once may import it.
+A kernel takes and returns arrays, draws no random numbers, and is next to the function that documents it. Importing
+this module imports numba (0.4 s), so ``wherry --help`` must not import it.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 def kernel(function: Kernel) -> Kernel:
-    """Compile a function with numba on its first call, and keep the machine code on disk for later processes.
+    """Compile a function with numba on its first call, and cache the machine code on disk for later processes.
 
-    ``error_model="numpy"``: dividing by zero gives an infinity, as in numpy, which spares a check at every division.
+    Division by zero gives an infinity, as in numpy, which saves a check at every division.
     """
     return cast("Kernel", numba.njit(cache=True, error_model="numpy")(function))
 
 
-def reordering_kernel(function: Kernel) -> Kernel:
-    """As `kernel`, and sums may be added up in any order: on vector units, but always in the same one on a machine.
+def fastmath_kernel(function: Kernel) -> Kernel:
+    """Compile as `kernel` does, but allow sums to be reordered and vectorized; NaN and infinities keep their meaning.
 
-    NaN and infinities keep their meaning.
+    The order depends on the processor only, so results repeat bit for bit on the same machine.
     """
-    fast = {"reassoc", "nsz", "contract"}
-    return cast("Kernel", numba.njit(cache=True, error_model="numpy", fastmath=fast)(function))
+    flags = {"reassoc", "nsz", "contract"}  # LLVM's fast-math flags, without those that assume finite values
+    return cast("Kernel", numba.njit(cache=True, error_model="numpy", fastmath=flags)(function))
 
 
-def stepper(function: Kernel) -> Kernel:
-    """Compile a generator that kernels loop over; it is compiled into each of them.
+def generator_kernel(function: Kernel) -> Kernel:
+    """Compile a generator that kernels loop over.
 
-    It is not kept on disk by itself: numba 0.68 forgets a generator's body when it is loaded from there.
+    It is inlined into the cached kernels and not cached itself, since numba 0.68 loses a generator's body in its cache.
     """
     return cast("Kernel", numba.njit(error_model="numpy")(function))
 
 
-def are_compiled() -> bool:
-    """Whether an earlier process has left compiled kernels beside their sources."""
+def are_kernels_cached() -> bool:
+    """Whether an earlier process has cached compiled kernels next to their sources."""
     return next(Path(__file__).parent.rglob("__pycache__/*.nbi"), None) is not None

@@ -1,6 +1,6 @@
-"""The robot's interface: scans and odometry come in, velocities go out (paper, section 7).
+"""The robot's interface: it provides scans and odometry and takes velocity commands (paper, section 7).
 
-The simulator and a ROS robot are both a `Robot`; mapping, localization and delivery do not know which one they drive.
+The simulator and a ROS robot both implement `Robot`; mapping, localization and delivery depend only on the protocol.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from wherry.space.pose import Pose
 
-LOAD_RADIUS_RATIO = 1.5  # radius of `Body.load_radius` ÷ radius of a box; the rest is for pose errors of the load
+LOAD_RADIUS_RATIO = 1.5  # `Body.load_radius` ÷ radius of a box; a box in the fork may be off-centre
 
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """One turn of a 2D lidar (sensor_msgs/LaserScan).
+    """A scan of a 2D lidar (sensor_msgs/LaserScan).
 
     Attributes:
         time: Time of the scan, s, robot's clock.
-        ranges: [R] m, counter-clockwise; beam i points along ``angle_min + i * angle_increment`` in the lidar frame.
-            ``inf`` is a beam without a return within ``range_max``; NaN and values outside the limits are invalid.
+        ranges: [R] ranges, m, counter-clockwise; beam i points along ``angle_min + i * angle_increment`` in the lidar
+            frame. ``inf`` means no return within ``range_max``; NaN and values outside the limits are invalid.
         angle_min: Direction of beam 0, rad, lidar frame.
         angle_increment: Angle from one beam to the next, rad.
         range_min: Shortest valid range, m.
@@ -56,12 +56,12 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """The robot's motion as measured by its wheels (nav_msgs/Odometry).
+    """Pose and velocity measured by the robot's wheel encoders (nav_msgs/Odometry).
 
     Attributes:
         time: Time of the measurement, s, robot's clock.
-        pose: base_link in the odom frame; its error grows without bound.
-        velocity: Velocity measured by the wheels.
+        pose: base_link in the odom frame; it drifts.
+        velocity: Measured velocity.
     """
 
     time: float
@@ -106,7 +106,7 @@ class Body:
 
     @property
     def load_radius(self) -> float:
-        """Radius around base_link within which a lidar reading is of a box in the fork, m."""
+        """Radius around base_link within which a lidar reading is attributed to a box in the fork, m."""
         return LOAD_RADIUS_RATIO * self.box_radius
 
 
@@ -121,12 +121,12 @@ class Robot(Protocol):
     def receive(self) -> Scan | Odometry:
         """Wait for the next measurement and return it; times never decrease.
 
-        Odometry comes at least as often as scans, and a scan follows the odometry of the same time.
+        Odometry comes at least as often as scans; a scan comes after odometry of the same or a later time.
         """
         ...
 
     def command(self, velocity: Velocity) -> None:
-        """Drive with a velocity until the next command; the robot stands still 0.5 s after the last one."""
+        """Drive with a velocity until the next command; without one the robot stands still 0.5 s later."""
         ...
 
     def close_latch(self) -> bool:
@@ -134,8 +134,8 @@ class Robot(Protocol):
         ...
 
     def open_latch(self) -> bool:
-        """Request to release the load; return whether the fork is empty now.
+        """Request to release the load; return whether the latch holds no box now.
 
-        The latch is interlocked: it opens only over a warehouse's conveyor, so that no box is dropped on the way.
+        An interlock opens the latch only over a warehouse's conveyor, so that no box is dropped on the way.
         """
         ...

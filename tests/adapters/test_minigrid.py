@@ -116,8 +116,8 @@ def test_states_determine_transitions(name: str) -> None:
     state = adapter.reset(rng)
     for _ in range(1500):
         transition = adapter.step(Action(ACTIONS[rng.integers(len(ACTIONS))]))
-        first_result = results.setdefault((transition.state, transition.action), (transition.next_state, transition.reward, transition.terminated))
-        assert first_result == (transition.next_state, transition.reward, transition.terminated)
+        result = transition.next_state, transition.reward, transition.terminated
+        assert results.setdefault((transition.state, transition.action), result) == result
         for item in state.objects:
             after = transition.next_state[item.name]
             for attribute, old, new in zip(item.object_class.attributes, item.values, after.values, strict=True):

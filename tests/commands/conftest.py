@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 
 import pytest
 
 from wherry import cli
-
-Call = Callable[..., tuple[int, str, str]]
+from wherry_testing.command_line import CommandResult, RunCommand
 
 
 @pytest.fixture
-def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Call:
-    """A function that runs ``wherry`` with arguments; exit status, standard output and standard error."""
+def run_command(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> RunCommand:
+    """A function that runs ``wherry`` with the given arguments."""
 
-    def called(*arguments: object) -> tuple[int, str, str]:
+    def run(*arguments: object) -> CommandResult:
         monkeypatch.setattr(sys, "argv", ["wherry", *map(str, arguments)])
         with pytest.raises(SystemExit) as stop:
             cli.main()
         out, err = capsys.readouterr()
-        return int(stop.value.code or 0), out, err
+        return CommandResult(int(stop.value.code or 0), out, err)
 
-    return called
+    return run

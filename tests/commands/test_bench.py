@@ -14,8 +14,7 @@ from wherry.commands import bench as command
 from wherry.experiments import bench
 from wherry.experiments.bench import BENCHES, BenchResult, BenchSettings, Timing, TimingSource
 from wherry.pipelines.grids.learning import LearningResult, LearningSettings, Repetition
-
-Call = Callable[..., tuple[int, str, str]]
+from wherry_testing.command_line import RunCommand
 
 
 def test_ratios_are_relative_to_wherrys_first_timing_of_the_same_task() -> None:
@@ -29,13 +28,13 @@ def test_ratios_are_relative_to_wherrys_first_timing_of_the_same_task() -> None:
     assert [result.ratio(row) for row in rows] == [None, None, 15.0, None]
 
 
-def test_timings_are_printed_as_table_and_json(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_timings_are_printed_as_table_and_json(run_command: RunCommand, monkeypatch: pytest.MonkeyPatch) -> None:
     def quick(settings: BenchSettings, progress: Callable[[str], None]) -> list[Timing]:
         progress("something")
         return [Timing.own("a step", 0.5), Timing.published("a step", "another", 100.0)]
 
     monkeypatch.setattr(bench, "BENCHES", {"learning": quick})
-    status, out, err = call("bench", "learning", "--json")
+    status, out, err = run_command("bench", "learning", "--json")
     assert status == 0
     assert json.loads(out)["times"][1] == {
         "task": "a step",
@@ -55,8 +54,8 @@ def test_a_localization_update_takes_less_than_20_ms(tmp_path: Path) -> None:
     assert external[-1].source is TimingSource.PUBLISHED
 
 
-def test_pypi_amcl_is_given_the_same_drive(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A fake amcl module records its updates, as the real one is not installed for tests."""
+def test_pypi_amcl_is_timed_on_the_same_drive(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A fake amcl module records its updates; the real one is not a dependency."""
     updates: list[tuple[int, float]] = []
 
     class Vector:
@@ -132,21 +131,21 @@ def test_without_efficient_rl_its_published_times_are_used(tmp_path: Path) -> No
 
 
 @pytest.mark.usefixtures("stubbed_learning")
-def test_an_environment_without_efficient_rl_is_reported_in_one_line(call: Call, tmp_path: Path) -> None:
-    missing = call("bench", "learning", "--efficient-rl", tmp_path / "nothing", "--quiet")
+def test_an_environment_without_efficient_rl_is_reported_in_one_line(run_command: RunCommand, tmp_path: Path) -> None:
+    missing = run_command("bench", "learning", "--efficient-rl", tmp_path / "nothing", "--quiet")
     assert missing == (2, "", f"wherry: {tmp_path / 'nothing'}: efficient_rl: No such file or directory\n")
-    status, _, err = call("bench", "learning", "--efficient-rl", sys.executable, "--quiet")
+    status, _, err = run_command("bench", "learning", "--efficient-rl", sys.executable, "--quiet")
     assert status == 2
     assert err == f"wherry: {sys.executable}: efficient_rl: ModuleNotFoundError: No module named 'efficient_rl'\n"
 
 
-def test_an_unknown_bench_is_rejected(call: Call) -> None:
+def test_an_unknown_bench_is_rejected(run_command: RunCommand) -> None:
     line = "wherry: NAME: chess: is none of learning, slam, localization, planning\n"
-    assert call("bench", "chess") == (2, "", line)
+    assert run_command("bench", "chess") == (2, "", line)
     assert tuple(BENCHES) == command.NAMES
 
 
-def test_a_missing_log_is_reported_in_one_line(call: Call, tmp_path: Path) -> None:
-    status, _, err = call("bench", "slam", "--data", tmp_path, "--quiet")
+def test_a_missing_log_is_reported_in_one_line(run_command: RunCommand, tmp_path: Path) -> None:
+    status, _, err = run_command("bench", "slam", "--data", tmp_path, "--quiet")
     assert status == 2
     assert err.count("\n") == 1

@@ -13,16 +13,15 @@ from wherry.errors import InputError
 from wherry.pipelines import installation
 from wherry.pipelines.installation import CHECKS, CheckResult, failed_check
 from wherry.ros.transports import ros1_messages
+from wherry_testing.command_line import RunCommand
 
-Call = Callable[..., tuple[int, str, str]]
 
-
-def only(monkeypatch: pytest.MonkeyPatch, checks: Mapping[str, Callable[[], CheckResult]]) -> None:
+def replace_checks(monkeypatch: pytest.MonkeyPatch, checks: Mapping[str, Callable[[], CheckResult]]) -> None:
     monkeypatch.setattr(installation, "CHECKS", checks)
 
 
-def test_every_check_is_printed(call: Call) -> None:
-    status, out, err = call("doctor", "--json")
+def test_every_check_is_printed(run_command: RunCommand) -> None:
+    status, out, err = run_command("doctor", "--json")
     assert status == 0
     found = json.loads(out)
     assert list(found) == list(CHECKS)
@@ -33,19 +32,21 @@ def test_every_check_is_printed(call: Call) -> None:
         assert name in err
 
 
-def test_a_broken_required_dependency_sets_the_exit_status(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_broken_required_dependency_sets_the_exit_status(
+    run_command: RunCommand, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken() -> CheckResult:
         raise OSError("gone")
 
     fine = CheckResult("fine", works=True, detail="1.0", advice="never printed")
     missing = CheckResult("extra", works=False, detail="not installed", advice="pip install extra")
-    only(monkeypatch, {"fine": lambda: fine, "extra": lambda: missing})
-    status, out, _ = call("doctor")
+    replace_checks(monkeypatch, {"fine": lambda: fine, "extra": lambda: missing})
+    status, out, _ = run_command("doctor")
     assert status == 0
     assert "never printed" not in out
     assert "pip install extra" in out
-    only(monkeypatch, {"packages": broken})
-    status, out, _ = call("doctor")
+    replace_checks(monkeypatch, {"packages": broken})
+    status, out, _ = run_command("doctor")
     assert status == 1
     assert "Broken: packages" in out
     assert "OSError: gone" in out
@@ -71,7 +72,7 @@ def test_missing_modules_programs_and_data_are_reported(monkeypatch: pytest.Monk
     monkeypatch.setenv("WHERRY_DATA", str(tmp_path))
     assert not CHECKS["RViz"]().works
     assert not CHECKS["recorded logs"]().works
-    assert not installation._module("nothing", "no_such.module", "none").works
+    assert not installation._check_module("nothing", "no_such.module", "none").works
     (tmp_path / "intel").mkdir()
     (tmp_path / "rviz2").touch(mode=0o755)
     assert CHECKS["RViz"]() == CheckResult(

@@ -1,3 +1,5 @@
+"""wherry export: the files for Gazebo."""
+
 from __future__ import annotations
 
 import json
@@ -16,7 +18,7 @@ from wherry.realization.mission import order_from_plan
 from wherry.simulation import build
 
 
-def test_command_writes_the_world_of_deliver_with_the_same_seed(tmp_path: Path) -> None:
+def test_the_world_equals_that_of_deliver_with_the_same_seed(tmp_path: Path) -> None:
     folder = tmp_path / "a" / "b"
     result = CliRunner().invoke(
         app, ["export", "gazebo", "rooms", str(folder), "--boxes", "3", "--seed", "4", "--json"]
@@ -24,8 +26,8 @@ def test_command_writes_the_world_of_deliver_with_the_same_seed(tmp_path: Path) 
     assert result.exit_code == 0
     names = json.loads(result.stdout.splitlines()[-1])["files"]
     assert sorted(names) == sorted(path.name for path in folder.iterdir())
-    places, physics, _ = np.random.default_rng(4).spawn(3)
-    simulation = build(place_boxes(find_world("rooms"), 3, places), physics)
+    box_rng, physics_rng, _ = np.random.default_rng(4).spawn(3)
+    simulation = build(place_boxes(find_world("rooms"), 3, box_rng), physics_rng)
     world = ElementTree.fromstring((folder / "world.sdf").read_text())  # noqa: S314 - just written
     for index in range(3):
         pose = [float(word) for word in world.findtext(f"world/model[@name='box_{index}']/pose", "").split()]

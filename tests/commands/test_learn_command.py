@@ -1,9 +1,8 @@
-"""wherry learn: its JSON, its picture of the learning curve, and the input that it refuses."""
+"""wherry learn: its JSON, learning curves, and rejected input."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,15 +11,14 @@ from PIL import Image
 from wherry.commands import learn as command
 from wherry.pipelines.grids.arenas import ARENAS
 from wherry.pipelines.grids.learners import LEARNERS
-
-Call = Callable[..., tuple[int, str, str]]
+from wherry_testing.command_line import RunCommand
 
 DOCUMENTED_KEYS = {"steps_mean", "steps_sd", "steps_p95", "converged", "repetitions", "ms_per_step"}
 
 
-def test_the_last_line_is_json_and_the_curve_is_an_image(call: Call, tmp_path: Path) -> None:
-    files = ["--out", tmp_path / "curve.png", "--rules-out", tmp_path / "rules.json"]
-    status, out, err = call("learn", "taxi", "--inference", "near-miss", "--repetitions", 2, "--json", *files)
+def test_the_last_line_is_json_and_the_curve_is_an_image(run_command: RunCommand, tmp_path: Path) -> None:
+    files = ("--out", tmp_path / "curve.png", "--rules-out", tmp_path / "rules.json")
+    status, out, err = run_command("learn", "taxi", "--inference", "near-miss", "--repetitions", 2, "--json", *files)
     assert status == 0
     result = json.loads(out)
     assert set(result) >= DOCUMENTED_KEYS
@@ -32,17 +30,17 @@ def test_the_last_line_is_json_and_the_curve_is_an_image(call: Call, tmp_path: P
     assert json.loads((tmp_path / "rules.json").read_text())["domain"]["name"] == "taxi"
 
 
-def test_near_misses_need_fewer_steps_than_memorised_failures(call: Call) -> None:
+def test_near_misses_need_fewer_steps_than_memorised_failures(run_command: RunCommand) -> None:
     def steps(inference: str) -> float:
-        _, out, _ = call("learn", "taxi", "--inference", inference, "--repetitions", 3, "--json", "--quiet")
+        _, out, _ = run_command("learn", "taxi", "--inference", inference, "--repetitions", 3, "--json", "--quiet")
         mean: float = json.loads(out)["steps_mean"]
         return mean
 
     assert steps("near-miss") < steps("memorise")
 
 
-def test_other_domains_can_be_learnt(call: Call) -> None:
-    status, out, err = call("learn", "delivery", "--learner", "bayes", "--repetitions", 1, "--quiet", "--json")
+def test_the_delivery_domain_can_be_learnt(run_command: RunCommand) -> None:
+    status, out, err = run_command("learn", "delivery", "--learner", "bayes", "--repetitions", 1, "--quiet", "--json")
     assert (status, err) == (0, "")
     assert json.loads(out)["domain"] == "delivery"
 
@@ -66,8 +64,8 @@ def test_other_domains_can_be_learnt(call: Call) -> None:
         (["delivery", "--world", "nowhere"], "wherry: nowhere: is neither a file nor one of the worlds"),
     ],
 )
-def test_invalid_input_is_refused_in_one_line(call: Call, arguments: list[str], line: str) -> None:
-    status, out, err = call("learn", *arguments)
+def test_invalid_input_is_rejected_in_one_line(run_command: RunCommand, arguments: list[str], line: str) -> None:
+    status, out, err = run_command("learn", *arguments)
     assert (status, out) == (2, "")
     assert err.startswith(line)
     assert err.count("\n") == 1

@@ -1,9 +1,8 @@
-"""wherry localize: its table, its JSON, and its warning about a start off the map."""
+"""wherry localize: table, JSON, and the warning about a start pose outside the free space."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,7 @@ import pytest
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-
-Call = Callable[..., tuple[int, str, str]]
+from wherry_testing.command_line import RunCommand
 
 OFF_THE_MAP = "The map has no free space at the start pose of the log; --global searches the whole map.\n"
 
@@ -37,8 +35,8 @@ def map_at(folder: Path, x: float) -> Path:
     return save_map(OccupancyGrid(probability, 0.05, Pose(x - 2.05, -2.05)), folder / "map.yaml")
 
 
-def test_table_has_words_and_json_has_names(call: Call, log: Path, tmp_path: Path) -> None:
-    status, out, err = call("localize", log, "--map", map_at(tmp_path, 0.0), "--json")
+def test_the_table_has_labels_and_json_has_field_names(run_command: RunCommand, log: Path, tmp_path: Path) -> None:
+    status, out, err = run_command("localize", log, "--map", map_at(tmp_path, 0.0), "--json")
     assert status == 0
     metrics = json.loads(out)
     assert metrics["scans"] == 6
@@ -50,7 +48,7 @@ def test_table_has_words_and_json_has_names(call: Call, log: Path, tmp_path: Pat
     assert OFF_THE_MAP not in err
 
 
-def test_start_off_the_map_is_reported(call: Call, log: Path, tmp_path: Path) -> None:
-    status, out, _ = call("localize", log, "--map", map_at(tmp_path, 30.0))
+def test_a_start_off_the_map_is_reported(run_command: RunCommand, log: Path, tmp_path: Path) -> None:
+    status, out, _ = run_command("localize", log, "--map", map_at(tmp_path, 30.0))
     assert status == 0
     assert OFF_THE_MAP in out

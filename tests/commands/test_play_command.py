@@ -1,4 +1,4 @@
-"""wherry play on a pipe and on a terminal: its screens and its keys."""
+"""wherry play on a pipe and on a terminal."""
 
 from __future__ import annotations
 
@@ -10,28 +10,26 @@ import select
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 
 import pytest
 
 from wherry.commands import play as command
 from wherry.pipelines.grids.game_setups import GAME_SETUPS, PLAY_LEARNERS
-
-Call = Callable[..., tuple[int, str, str]]
+from wherry_testing.command_line import CommandResult, RunCommand
 
 
 @pytest.fixture
-def play(call: Call, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, str, str]]:
-    """Play with some typed lines."""
+def play(run_command: RunCommand, monkeypatch: pytest.MonkeyPatch) -> RunCommand:
+    """A function that runs ``wherry play`` with text on standard input."""
 
-    def played(typed: str, *arguments: object) -> tuple[int, str, str]:
+    def played(typed: str, *arguments: object) -> CommandResult:
         monkeypatch.setattr(sys, "stdin", io.StringIO(typed))
-        return call("play", *arguments)
+        return run_command("play", *arguments)
 
     return played
 
 
-def test_a_pipe_is_read_line_by_line(play: Call) -> None:
+def test_a_pipe_is_read_line_by_line(play: RunCommand) -> None:
     status, out, _ = play("N\npickup\nss\nq\nn\n", "taxi", "--seed", 1)
     assert status == 0
     screens = out.split("Taxi 5×5, learner bayes: ")[1:]
@@ -43,7 +41,7 @@ def test_a_pipe_is_read_line_by_line(play: Call) -> None:
     assert "\x1b" not in out
 
 
-def test_the_learner_completes_an_episode_when_asked(play: Call) -> None:
+def test_the_learner_completes_an_episode_when_asked(play: RunCommand) -> None:
     status, out, err = play("l" * 200, "delivery", "--boxes", 1, "--json")
     assert status == 0
     result = json.loads(out)
@@ -53,7 +51,7 @@ def test_the_learner_completes_an_episode_when_asked(play: Call) -> None:
     assert "This episode is over" in err
 
 
-def test_unknown_keys_are_reported_and_do_nothing(play: Call) -> None:
+def test_unknown_keys_are_reported_and_take_no_step(play: RunCommand) -> None:
     _, out, _ = play("north\nr\nx\n", "taxi")
     assert "'north' is not a key" in out
     assert "'x' is not a key" in out
@@ -61,47 +59,47 @@ def test_unknown_keys_are_reported_and_do_nothing(play: Call) -> None:
 
 
 def test_keys_act_at_once_on_a_terminal() -> None:
-    master, slave = pty.openpty()
+    terminal, child_side = pty.openpty()
     process = subprocess.Popen(
         [sys.executable, "-m", "wherry", "play", "taxi"],
-        stdin=slave,
-        stdout=slave,
-        stderr=slave,
+        stdin=child_side,
+        stdout=child_side,
+        stderr=child_side,
         env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
     )
-    os.close(slave)
+    os.close(child_side)
     try:
-        output = read_until(master, "step 0")
-        os.write(master, b"\x1b[A")
-        output += read_until(master, "step 1")
-        os.write(master, b"p")
-        output += read_until(master, "step 2")
-        os.write(master, b"q")
-        output += read_until(master, None)
+        shown = read_until(terminal, "step 0")
+        os.write(terminal, b"\x1b[A")
+        shown += read_until(terminal, "step 1")
+        os.write(terminal, b"p")
+        shown += read_until(terminal, "step 2")
+        os.write(terminal, b"q")
+        shown += read_until(terminal, None)
         assert process.wait(timeout=30) == 0
     finally:
         process.kill()
         process.wait()
-        os.close(master)
-    assert "PICKUP: nothing changes" in output
+        os.close(terminal)
+    assert "PICKUP: nothing changes" in shown
 
 
-def read_until(terminal: int, expected: str | None) -> str:
-    """Return a terminal's output up to an expected text; None to read until the program closes the terminal."""
+def read_until(terminal: int, words: str | None) -> str:
+    """The output of a terminal until it contains some words, or until the terminal is closed."""
     output, deadline = "", time.monotonic() + 60
-    while expected is None or expected not in output:
+    while words is None or words not in output:
         assert time.monotonic() < deadline, output
         if select.select([terminal], [], [], 1.0)[0]:
             try:
                 output += os.read(terminal, 65536).decode("utf-8", errors="replace")
-            except OSError:  # the program has closed the terminal
+            except OSError:  # the other side is closed
                 break
     return output
 
 
 @pytest.mark.parametrize("arguments", [["chess"], ["taxi", "--learner", "oracle"], ["delivery", "--boxes", "900"]])
-def test_invalid_input_is_refused_in_one_line(call: Call, arguments: list[str]) -> None:
-    status, out, err = call("play", *arguments)
+def test_invalid_input_is_rejected_in_one_line(run_command: RunCommand, arguments: list[str]) -> None:
+    status, out, err = run_command("play", *arguments)
     assert (status, out) == (2, "")
     assert err.count("\n") == 1
 

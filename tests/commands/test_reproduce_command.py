@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from wherry.commands import reproduce as command
 from wherry.commands.reproduce import Progress
-
-Call = Callable[..., tuple[int, str, str]]
+from wherry_testing.command_line import RunCommand
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Replace the experiments by a fake one; the folders for pictures that it is called with."""
+    """Replace the experiments by a fake one; returns the image folders that it is called with."""
     folders = []
 
     def run(data: Path, images: Path, progress: Progress) -> str:
@@ -27,29 +25,31 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     return folders
 
 
-def test_in_a_checkout_results_are_written_to_the_docs(
-    call: Call, quick: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_in_a_checkout_results_are_written_to_docs_results_md(
+    run_command: RunCommand, quick: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "results.md").write_text("# Results\n")
     (tmp_path / "pyproject.toml").touch()
-    assert call("reproduce", "taxi")[0] == 0
+    assert run_command("reproduce", "taxi")[0] == 0
     assert "## Quick" in (tmp_path / "docs" / "results.md").read_text()
     assert quick == [Path("docs/images")]
 
 
-def test_elsewhere_results_are_written_to_the_current_folder(
-    call: Call, quick: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_outside_a_checkout_results_are_written_to_the_current_folder(
+    run_command: RunCommand, quick: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert call("reproduce", "taxi", "--quiet")[1:] == ("", "")
+    assert run_command("reproduce", "taxi", "--quiet")[1:] == ("", "")
     assert "`wherry reproduce taxi` wrote this section." in (tmp_path / "results.md").read_text()
     assert quick == [Path("images")]
 
 
-def test_pictures_are_written_beside_the_chosen_file(call: Call, quick: list[Path], tmp_path: Path) -> None:
-    call("reproduce", "all", "--out", tmp_path / "mine.md")
+def test_pictures_are_written_beside_the_chosen_file(
+    run_command: RunCommand, quick: list[Path], tmp_path: Path
+) -> None:
+    run_command("reproduce", "all", "--out", tmp_path / "mine.md")
     assert (tmp_path / "mine.md").exists()
     assert quick == [tmp_path / "images"]
 
@@ -61,6 +61,6 @@ def test_pictures_are_written_beside_the_chosen_file(call: Call, quick: list[Pat
         (["taxi", "--out", "gone/results.md"], "wherry: --out: gone/results.md: is in a folder that does not exist\n"),
     ],
 )
-def test_unknown_names_and_folders_are_rejected(call: Call, arguments: list[str], line: str) -> None:
-    status, out, err = call("reproduce", *arguments)
+def test_unknown_names_and_folders_are_rejected(run_command: RunCommand, arguments: list[str], line: str) -> None:
+    status, out, err = run_command("reproduce", *arguments)
     assert (status, out, err) == (2, "", line)

@@ -1,4 +1,4 @@
-"""How long the page of a finished run is served."""
+"""How long the page is served after its run."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from wherry.commands import watching
 from wherry.trace.records import Narration, Phase
 
 
-@pytest.mark.parametrize(("opened", "constant"), [(True, "OPENED_PAGE_TIMEOUT"), (False, "FIRST_PAGE_TIMEOUT")])
+@pytest.mark.parametrize(("has_browser", "constant"), [(True, "BROWSER_OPEN_TIMEOUT"), (False, "MANUAL_OPEN_TIMEOUT")])
 def test_an_unopened_page_is_served_for_the_announced_timeout(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], opened: bool, constant: str
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], has_browser: bool, constant: str
 ) -> None:
     opened_urls: list[str] = []
 
     def open_url(url: str) -> bool:
         opened_urls.append(url)
-        return opened
+        return has_browser
 
     monkeypatch.setenv("BROWSER", "a browser that never loads the page")
     monkeypatch.setattr(webbrowser, "open", open_url)

@@ -25,7 +25,7 @@ from wherry.gazebo.export import MARKER_FILE, GazeboExportSettings, bridge_confi
 from wherry.gazebo.robot_model import TREAD_WIDTH
 from wherry.gazebo.sdf import FORTRESS, GENERATIONS
 from wherry.simulation import build
-from wherry.simulation.drive import TRACK, WHEEL_RADIUS
+from wherry.simulation.drive import TRACK_WIDTH, WHEEL_RADIUS
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.model import BODY
 
@@ -273,7 +273,7 @@ def plugin(world: ET.Element, name: str) -> ET.Element:
 def test_drive_of_gazebo_sim_has_the_robots_parameters(exported: tuple[dict[str, ET.Element], Any]) -> None:
     drive = plugin(exported[0]["world.sdf"], "ignition-gazebo-diff-drive-system")
     assert drive.get("name") == "ignition::gazebo::systems::DiffDrive"
-    wheels = {"wheel_separation": TRACK, "wheel_radius": WHEEL_RADIUS, "odom_publish_frequency": 20}
+    wheels = {"wheel_separation": TRACK_WIDTH, "wheel_radius": WHEEL_RADIUS, "odom_publish_frequency": 20}
     limits = {
         "max_linear_velocity": BODY.max_linear,
         "max_angular_velocity": BODY.max_angular,
@@ -296,7 +296,7 @@ def test_drive_of_gazebo_sim_has_the_robots_parameters(exported: tuple[dict[str,
 
 def test_drive_of_classic_gazebo_has_the_robots_parameters(exported: tuple[dict[str, ET.Element], Any]) -> None:
     drive = plugin(exported[0]["classic.world"], "libgazebo_ros_diff_drive.so")
-    assert float(drive.findtext("wheelSeparation")) == TRACK
+    assert float(drive.findtext("wheelSeparation")) == TRACK_WIDTH
     assert float(drive.findtext("wheelDiameter")) == 2 * WHEEL_RADIUS
     names = {
         "commandTopic": "/cmd_vel",

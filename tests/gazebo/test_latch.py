@@ -189,7 +189,7 @@ def test_invalid_messages_are_rejected(stage: Stage) -> None:
     assert stage.request_and_wait(close=True)
 
 
-# ---- the file that an export contains along
+# ---- the settings file of an export
 
 
 def test_export_contains_the_latchs_settings(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
-"""The launcher in a temporary clone, with a PATH on which only stand-ins for Python's installers are found.
+"""The launcher in a temporary clone, with fake installers on its PATH.
 
-Environments are real, made by the running Python without pip; what would come over the network, pip and uv, only notes
-how it was called and leaves behind what an editable installation leaves.
+Virtual environments are real, created by the running Python without pip. Fake pip and uv record their calls and write
+the files of an editable installation, without a network.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ INSTALLER = f"""
 import os, sys, time
 from pathlib import Path
 
-assert sys.prefix != sys.base_prefix, "would install into the machine's own Python"
+assert sys.prefix != sys.base_prefix, "would install into the system's Python"
 with open(os.environ["CALLS"], "a") as calls:
     calls.write("install " + sys.argv[-1] + chr(10))
 time.sleep(float(os.environ.get("INSTALL_SECONDS", "0")))
@@ -36,9 +36,9 @@ site_packages = Path(sys.prefix, "{SITE_PACKAGES}")
 (site_packages / "wherry.pth").write_text(str(Path.cwd() / "src"))
 if sys.argv[-1] == ".[dev]":
     for module in ("pytest", "sphinx"):
-        said = f"import os, sys; print({{module!r}}, sys.argv[1:], 'in', os.getcwd()); sys.stdout.flush()"
-        said += "; sys.exit(int(os.environ.get('REALTIME_STATUS' if sys.argv[-1] == 'realtime' else 'STATUS', '0')))"
-        (site_packages / f"{{module}}.py").write_text(said)
+        program = f"import os, sys; print({{module!r}}, sys.argv[1:], 'in', os.getcwd()); sys.stdout.flush()"
+        program += "; sys.exit(int(os.environ.get('REALTIME_STATUS' if sys.argv[-1] == 'realtime' else 'STATUS', '0')))"
+        (site_packages / f"{{module}}.py").write_text(program)
 cli = Path(sys.prefix, "bin", "wherry")
 cli.write_text('#!/bin/sh' + chr(10) + 'printf "<%s>" "$@"; exit "${{CLI_STATUS-0}}"')
 cli.chmod(0o755)
@@ -73,7 +73,7 @@ esac
 
 
 class Clone:
-    """A clone of the project, and all that its launcher finds of the machine."""
+    """A clone of the project, and the programs that its launcher finds."""
 
     def __init__(self, folder: Path) -> None:
         self.root = folder / "a clone"
@@ -109,7 +109,7 @@ class Clone:
     def start(
         self, *arguments: str, launcher: str | None = None, cwd: Path | None = None, **variables: str
     ) -> subprocess.Popen[str]:
-        """Start the launcher with further environment variables."""
+        """Start the launcher, with additional environment variables."""
         return subprocess.Popen(
             [launcher or self.root / "wherry", *arguments],
             env=self.environment | variables,
@@ -124,30 +124,30 @@ class Clone:
     def run(
         self, *arguments: str, launcher: str | None = None, cwd: Path | None = None, **variables: str
     ) -> tuple[int, str, str]:
-        """Run the launcher to its end: exit status, standard output, standard error."""
+        """Run the launcher; returns exit status, standard output and standard error."""
         process = self.start(*arguments, launcher=launcher, cwd=cwd, **variables)
         output, errors = process.communicate(timeout=60)
         return process.returncode, output, errors
 
     def calls(self) -> list[str]:
-        """What was made and installed since the last time that this was asked."""
+        """The recorded calls of installers since the previous call of this method."""
         calls = self.calls_file.read_text().splitlines()
         self.calls_file.write_text("")
         return calls
 
 
 @pytest.fixture
-def bare(tmp_path: Path) -> Clone:
+def clone_without_python(tmp_path: Path) -> Clone:
     return Clone(tmp_path)
 
 
 @pytest.fixture
-def clone(bare: Clone) -> Clone:
-    bare.provide("python3", PYTHON)
-    return bare
+def clone(clone_without_python: Clone) -> Clone:
+    clone_without_python.provide("python3", PYTHON)
+    return clone_without_python
 
 
-def test_sets_itself_up_and_hands_over(clone: Clone) -> None:
+def test_the_first_call_sets_up_the_environment_and_runs_the_command(clone: Clone) -> None:
     status, output, errors = clone.run("deliver", "--world", "my world", "")
     assert (status, output) == (0, "<deliver><--world><my world><>")
     assert clone.calls() == ["venv", "install ."]
@@ -158,18 +158,18 @@ def test_sets_itself_up_and_hands_over(clone: Clone) -> None:
     ]
 
 
-def test_installs_once(clone: Clone) -> None:
+def test_the_second_call_installs_nothing(clone: Clone) -> None:
     clone.run()
     clone.calls()
     assert clone.run("deliver") == (0, "<deliver>", "")
     assert clone.calls() == []
 
 
-def test_passes_the_exit_status_on(clone: Clone) -> None:
+def test_the_exit_status_is_that_of_the_command(clone: Clone) -> None:
     assert clone.run("deliver", CLI_STATUS="2")[0] == 2
 
 
-def test_installs_again_when_the_metadata_changed(clone: Clone) -> None:
+def test_changed_metadata_is_installed_again(clone: Clone) -> None:
     clone.run()
     clone.calls()
     (clone.root / "pyproject.toml").write_text('name = "wherry"\nversion = "2"\n')
@@ -178,7 +178,7 @@ def test_installs_again_when_the_metadata_changed(clone: Clone) -> None:
 
 
 @pytest.mark.parametrize("original_stays", [True, False], ids=["copied", "moved"])
-def test_a_clone_from_elsewhere_gets_its_own_environment(clone: Clone, original_stays: bool) -> None:
+def test_a_copied_or_moved_clone_gets_its_own_environment(clone: Clone, original_stays: bool) -> None:
     clone.run()
     clone.calls()
     elsewhere = clone.root.with_name("elsewhere")
@@ -192,7 +192,7 @@ def test_a_clone_from_elsewhere_gets_its_own_environment(clone: Clone, original_
     assert (clone.root / f".venv/{SITE_PACKAGES}/wherry.pth").read_text() == str(clone.root / "src")
 
 
-def test_a_failed_installation_is_said_and_tried_again(clone: Clone) -> None:
+def test_a_failed_installation_is_reported_and_repeated(clone: Clone) -> None:
     status, output, errors = clone.run("deliver", INSTALL_FAILS="1")
     assert (status, output) == (1, "")
     assert "no network" in errors
@@ -201,7 +201,7 @@ def test_a_failed_installation_is_said_and_tried_again(clone: Clone) -> None:
     assert clone.calls() == ["venv", "install .", "install ."]
 
 
-def test_an_interrupted_installation_is_done_again(clone: Clone) -> None:
+def test_an_interrupted_installation_is_repeated(clone: Clone) -> None:
     process = clone.start("deliver", INSTALL_SECONDS="60")
     while "install ." not in clone.calls_file.read_text():
         assert process.poll() is None
@@ -213,7 +213,7 @@ def test_an_interrupted_installation_is_done_again(clone: Clone) -> None:
     assert clone.calls() == ["install ."]
 
 
-def test_two_launches_at_once_install_once(clone: Clone) -> None:
+def test_simultaneous_calls_install_once(clone: Clone) -> None:
     processes = [clone.start(name, INSTALL_SECONDS="0.5") for name in ("first", "second")]
     results = [process.communicate(timeout=60) for process in processes]
     assert [process.returncode for process in processes] == [0, 0]
@@ -222,7 +222,7 @@ def test_two_launches_at_once_install_once(clone: Clone) -> None:
     assert sum("waiting for another" in errors for _, errors in results) == 1
 
 
-def test_runs_through_symbolic_links_from_anywhere(clone: Clone, tmp_path: Path) -> None:
+def test_the_launcher_runs_through_symbolic_links(clone: Clone, tmp_path: Path) -> None:
     folder = tmp_path / "some bin"
     folder.mkdir()
     (folder / "wherry").symlink_to("../a clone/wherry")
@@ -231,21 +231,21 @@ def test_runs_through_symbolic_links_from_anywhere(clone: Clone, tmp_path: Path)
     assert (clone.root / ".venv").is_dir()
 
 
-def _dangling(venv: Path) -> None:
+def _break_link(venv: Path) -> None:
     (venv / "bin/python").unlink()
     (venv / "bin/python").symlink_to("/nonexistent/python3")
 
 
-def _without_pip(venv: Path) -> None:
+def _remove_pip(venv: Path) -> None:
     shutil.rmtree(venv / SITE_PACKAGES)
 
 
-def _without_settings(venv: Path) -> None:
+def _remove_settings(venv: Path) -> None:
     (venv / "pyvenv.cfg").unlink()
 
 
-@pytest.mark.parametrize("damage", [_dangling, _without_pip, _without_settings])
-def test_makes_a_broken_environment_anew(clone: Clone, damage: Callable[[Path], None]) -> None:
+@pytest.mark.parametrize("damage", [_break_link, _remove_pip, _remove_settings])
+def test_a_broken_environment_is_replaced(clone: Clone, damage: Callable[[Path], None]) -> None:
     clone.run()
     clone.calls()
     damage(clone.root / ".venv")
@@ -253,14 +253,14 @@ def test_makes_a_broken_environment_anew(clone: Clone, damage: Callable[[Path], 
     assert clone.calls() == ["venv", "install ."]
 
 
-def test_uses_an_environment_that_is_there(clone: Clone) -> None:
+def test_an_existing_environment_is_used(clone: Clone) -> None:
     subprocess.run([clone.tools / "python3", "-m", "venv", clone.root / ".venv"], env=clone.environment, check=True)
     clone.calls()
     assert clone.run("deliver")[:2] == (0, "<deliver>")
     assert clone.calls() == ["install ."]
 
 
-def test_tests_have_their_own_installation(clone: Clone) -> None:
+def test_the_first_test_run_installs_development_dependencies(clone: Clone) -> None:
     clone.run("deliver")
     assert clone.calls() == ["venv", "install ."]
     for expected in (["install .[dev]"], []):
@@ -273,7 +273,7 @@ def test_tests_have_their_own_installation(clone: Clone) -> None:
 ALL_CORES = ["--numprocesses", "auto", "--maxprocesses", "8", "-m", "not realtime"]
 
 
-def test_all_tests_run_on_all_cores_and_real_time_ones_alone_at_the_end(clone: Clone) -> None:
+def test_tests_run_on_all_cores_and_real_time_ones_alone_afterwards(clone: Clone) -> None:
     status, output, _ = clone.run("test")
     assert output == f"pytest {ALL_CORES} in {clone.root}\npytest ['-m', 'realtime'] in {clone.root}\n"
     assert status == 0
@@ -285,18 +285,18 @@ def test_a_failure_in_either_group_of_tests_is_reported(clone: Clone, first: int
     assert (status, output.count("pytest [")) == (1, 2)
 
 
-def test_an_interrupted_first_group_ends_the_tests(clone: Clone) -> None:
+def test_interrupting_the_first_group_skips_the_second(clone: Clone) -> None:
     status, output, _ = clone.run("test", STATUS="2")
     assert (status, output.count("pytest [")) == (2, 1)
 
 
-def test_builds_the_site(clone: Clone) -> None:
+def test_docs_builds_the_site(clone: Clone) -> None:
     status, output, _ = clone.run("docs", "--quiet")
     arguments = ["--fail-on-warning", "--keep-going", "--quiet", "docs", "site"]
     assert (status, output) == (0, f"sphinx {arguments} in {clone.root}\n")
 
 
-def test_prefers_uv(clone: Clone) -> None:
+def test_uv_is_preferred_to_pip(clone: Clone) -> None:
     clone.provide("uv", UV)
     assert clone.run("deliver")[:2] == (0, "<deliver>")
     assert clone.calls() == ["uv venv", "uv", "install ."]
@@ -304,13 +304,13 @@ def test_prefers_uv(clone: Clone) -> None:
     assert clone.calls() == ["uv", "install .[dev]"]
 
 
-def test_uv_needs_no_venv_module(bare: Clone) -> None:
-    bare.provide("python3", PYTHON_WITHOUT_VENV)
-    bare.provide("uv", UV)
-    assert bare.run("deliver")[:2] == (0, "<deliver>")
+def test_uv_needs_no_venv_module(clone_without_python: Clone) -> None:
+    clone_without_python.provide("python3", PYTHON_WITHOUT_VENV)
+    clone_without_python.provide("uv", UV)
+    assert clone_without_python.run("deliver")[:2] == (0, "<deliver>")
 
 
-def test_takes_a_python_that_works(clone: Clone) -> None:
+def test_pythons_that_do_not_work_are_skipped(clone: Clone) -> None:
     clone.provide("python3.13", "#!/bin/sh\necho 'python3.13: command not found' >&2\nexit 127\n")
     clone.provide("python3.12", PYTHON_WITHOUT_VENV)
     status, output, errors = clone.run("deliver")
@@ -319,22 +319,22 @@ def test_takes_a_python_that_works(clone: Clone) -> None:
 
 
 @pytest.mark.parametrize("python", [None, "#!/bin/sh\nexit 1\n"], ids=["none", "too old"])
-def test_says_what_to_install_without_python(bare: Clone, python: str | None) -> None:
+def test_a_missing_python_is_reported_with_install_commands(clone_without_python: Clone, python: str | None) -> None:
     if python is not None:
-        bare.provide("python3", python)
-    status, output, errors = bare.run("deliver")
+        clone_without_python.provide("python3", python)
+    status, output, errors = clone_without_python.run("deliver")
     assert (status, output) == (2, "")
     assert len(errors.splitlines()) == 2
     for words in ("Python 3.11 or newer", "apt install", "dnf install", "brew install"):
         assert words in errors
-    assert not (bare.root / ".venv").exists()
+    assert not (clone_without_python.root / ".venv").exists()
 
 
-def test_says_what_to_install_without_venv(bare: Clone) -> None:
-    bare.provide("python3", PYTHON_WITHOUT_VENV)
-    status, output, errors = bare.run("deliver")
+def test_a_missing_venv_module_is_reported_with_install_commands(clone_without_python: Clone) -> None:
+    clone_without_python.provide("python3", PYTHON_WITHOUT_VENV)
+    status, output, errors = clone_without_python.run("deliver")
     assert (status, output) == (2, "")
     assert len(errors.splitlines()) == 2
     assert "venv module" in errors
     assert "apt install python3-venv" in errors
-    assert not (bare.root / ".venv").exists()
+    assert not (clone_without_python.root / ".venv").exists()

@@ -68,7 +68,7 @@ def test_the_search_finds_all_modes_of_an_exhaustive_search() -> None:
             for row, column in np.argwhere(free).tolist()
         }
         open_windows = np.ascontiguousarray(window_maxima(free.astype(np.uint8), 4)[:, 8:, 8:])
-        found, is_complete = branch_and_bound(levels, open_windows, flat, np.array([0.8, 3.0, 0.0]))
+        found, is_complete = branch_and_bound(levels, open_windows, flat, 0.8, 3.0, 0.0)
         best = max(scores.values())
         assert is_complete
         assert scores[tuple(found[0].tolist())] == best

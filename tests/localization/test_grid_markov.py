@@ -24,12 +24,12 @@ def run(filter_: GridMarkov, steps: int) -> np.ndarray:
 
 
 def test_global_localization_converges() -> None:
-    found = run(GridMarkov(Building().grid(), LIDAR, PARAMETERS, cell=0.3, headings=36), 250)
+    found = run(GridMarkov(Building().grid(), LIDAR, PARAMETERS, cell_size=0.3, headings=36), 250)
     assert np.median(found[-50:]) < 0.2
 
 
 def test_tracking_is_precise_to_a_cell() -> None:
-    markov = GridMarkov(Building().grid(), LIDAR, PARAMETERS, cell=0.3, headings=36)
+    markov = GridMarkov(Building().grid(), LIDAR, PARAMETERS, cell_size=0.3, headings=36)
     markov.initialize(next(iter(drive())), np.diag([0.01, 0.01, 0.01]))
     found = run(markov, 250)
     assert np.median(found) < 0.2
@@ -38,7 +38,7 @@ def test_tracking_is_precise_to_a_cell() -> None:
 
 def test_motion_of_whole_cells_shifts_the_histogram_exactly() -> None:
     exact = replace(PARAMETERS, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
-    markov = GridMarkov(Building().grid(origin=Pose()), LIDAR, exact, cell=0.3, headings=36)
+    markov = GridMarkov(Building().grid(origin=Pose()), LIDAR, exact, cell_size=0.3, headings=36)
     markov._belief[:] = 0.0
     markov._belief[9, 5, 7] = 1.0  # heading 90°
     markov._predict(Pose(0.6, 0.0, 0.0))

@@ -19,6 +19,7 @@ from wherry.localization.resampling import (
     low_variance_resample,
     normalize,
 )
+from wherry.space.pose import wrap_angles
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50))
@@ -54,8 +55,8 @@ def test_kld_sample_size_is_the_chi_square_bound() -> None:
 
 
 def count_for(particles: np.ndarray, weights: np.ndarray, min_count: int = 10, max_count: int = 5000) -> int:
-    limits = np.array([0.05, 0.99, min_count, max_count])
-    return adaptive_sample_size(particles, weights, hash_table(max_count), np.array(BIN_SIZE), limits, 0.3)
+    table = hash_table(max_count)
+    return adaptive_sample_size(particles, weights, table, np.array(BIN_SIZE), 0.05, 0.99, min_count, max_count, 0.3)
 
 
 def test_posterior_in_one_bin_needs_the_minimum() -> None:
@@ -85,7 +86,7 @@ def test_sample_size_is_that_of_the_occupied_bins() -> None:
 def test_dominant_cluster_is_not_averaged_with_another() -> None:
     rng = np.random.default_rng(3)
     here = rng.normal([1.0, 2.0, math.pi], [0.1, 0.05, 0.02], (600, 3))
-    here[:, 2] = np.remainder(here[:, 2] + math.pi, math.tau) - math.pi  # around ±π
+    here[:, 2] = wrap_angles(here[:, 2])  # around ±π
     there = rng.normal([8.0, 2.0, 0.0], [0.1, 0.05, 0.02], (400, 3))
     cluster = dominant_cluster(np.vstack([here, there]), np.full(1000, 1e-3), hash_table(1000))
     assert cluster.weight == pytest.approx(0.6)

@@ -36,8 +36,8 @@ def test_full_window_drops_the_oldest_scan() -> None:
 def test_lost_probability_must_be_exceeded_at_every_scan() -> None:
     window = ScanWindow()
     window.add(window_scan(0))
-    assert window.has_lost_probability_above(0.5)
+    assert window.is_lost_throughout(0.5)
     window.add(window_scan(1, lost_probability=0.4))
-    assert not window.has_lost_probability_above(0.5)
+    assert not window.is_lost_throughout(0.5)
     window.clear()
     assert len(window) == 0

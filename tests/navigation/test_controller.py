@@ -1,4 +1,4 @@
-"""The controllers drive an ideal differential drive; what it does is integrated exactly."""
+"""The controllers reach their goals with an ideal differential drive, whose motion is integrated exactly."""
 
 from __future__ import annotations
 
@@ -26,34 +26,34 @@ from wherry.robot import Body, Scan, Velocity
 from wherry.space.pose import Pose, wrap
 
 BODY = Body(0.2, Pose(-0.15, 0.0, 0.0), 0.1, 0.5, 2.0, 1.0, 6.0)
-PERIOD = 0.05
+PERIOD = 0.05  # s, control period
 
 
-def limit_acceleration(wanted: Velocity, present: Velocity) -> Velocity:
-    """The velocity nearest to the wanted one that the robot's accelerations allow a period later."""
+def limit_acceleration(commanded: Velocity, present: Velocity) -> Velocity:
+    """The velocity after one period within the limits of acceleration."""
     linear, angular = BODY.max_linear_acceleration * PERIOD, BODY.max_angular_acceleration * PERIOD
     return Velocity(
-        float(np.clip(wanted.linear, present.linear - linear, present.linear + linear)),
-        float(np.clip(wanted.angular, present.angular - angular, present.angular + angular)),
+        float(np.clip(commanded.linear, present.linear - linear, present.linear + linear)),
+        float(np.clip(commanded.angular, present.angular - angular, present.angular + angular)),
     )
 
 
 def drive(pose: Pose, control: Callable[[Pose], Velocity | None], seconds: float = 60.0) -> list[Pose]:
-    """The poses until the controller returns None."""
+    """The poses until the controller returns None; fails after a time, s."""
     velocity = Velocity()
     poses = [pose]
     for _ in range(round(seconds / PERIOD)):
-        wanted = control(pose)
-        if wanted is None:
+        commanded = control(pose)
+        if commanded is None:
             return poses
-        assert abs(wanted.linear) <= BODY.max_linear + 1e-9
-        assert abs(wanted.angular) <= BODY.max_angular + 1e-9
-        velocity = limit_acceleration(wanted, velocity)
+        assert abs(commanded.linear) <= BODY.max_linear + 1e-9
+        assert abs(commanded.angular) <= BODY.max_angular + 1e-9
+        velocity = limit_acceleration(commanded, velocity)
         turned = velocity.angular * PERIOD
-        chord = velocity.linear * PERIOD * float(np.sinc(turned / math.tau))  # of the arc; sinc is 1 at 0
+        chord = velocity.linear * PERIOD * float(np.sinc(turned / math.tau))  # sinc is 1 at 0
         pose = pose @ Pose(chord * math.cos(turned / 2), chord * math.sin(turned / 2), turned)
         poses.append(pose)
-    pytest.fail(f"did not arrive, stands at {pose}")
+    pytest.fail(f"the robot did not arrive; it stopped at {pose}")
 
 
 @pytest.mark.parametrize("reverse", [False, True])
@@ -62,14 +62,15 @@ def test_a_path_is_followed_closely_to_its_end(reverse: bool) -> None:
     poses = drive(Pose(), lambda pose: follow_path(pose, path, BODY, reverse=reverse))
     assert poses[-1].distance_to(Pose(0.5, 3.0)) <= 2 * POSITION_TOLERANCE
     for pose in poses:
-        off = min(_distance(pose, a, b) for a, b in itertools.pairwise(path))
-        assert off < 0.15
-    late = poses[len(poses) // 2]
-    leads = wrap(late.theta + (math.pi if reverse else 0.0))
-    assert abs(wrap(leads - math.pi / 2)) < 0.8
+        path_error = min(_distance(pose, a, b) for a, b in itertools.pairwise(path))
+        assert path_error < 0.15
+    halfway = poses[len(poses) // 2]
+    driving_direction = wrap(halfway.theta + (math.pi if reverse else 0.0))
+    assert abs(wrap(driving_direction - math.pi / 2)) < 0.8
 
 
 def _distance(pose: Pose, start: np.ndarray, end: np.ndarray) -> float:
+    """Distance of a pose from a line segment, m."""
     along = np.clip(np.dot([pose.x, pose.y] - start, end - start) / np.dot(end - start, end - start), 0, 1)
     return math.hypot(*(start + along * (end - start) - [pose.x, pose.y]))
 
@@ -83,7 +84,7 @@ def test_turning_ends_at_the_heading(heading: float, start: float) -> None:
 
 
 @given(x=st.floats(-1, 1), y=st.floats(-1, 1), theta=st.floats(-3.1, 3.1), reverse=st.booleans())
-@example(x=0.5, y=5e-324, theta=0.0, reverse=False)  # half of the turn that this takes rounds to 0
+@example(x=0.5, y=5e-324, theta=0.0, reverse=False)  # half of the required turn rounds to 0
 @settings(max_examples=40, deadline=None)
 def test_going_to_a_pose_ends_within_a_centimetre_and_a_degree(x: float, y: float, theta: float, reverse: bool) -> None:
     goal = Pose(x, y, theta)
@@ -107,12 +108,12 @@ def scan_of(points: list[tuple[float, float]]) -> Scan:
     """A scan with one beam at each point, m, base_link frame."""
     ranges = np.full(3600, np.inf)
     for x, y in points:
-        seen_x, seen_y = x - BODY.lidar.x, y - BODY.lidar.y
-        ranges[round(math.degrees(math.atan2(seen_y, seen_x)) * 10) % 3600] = math.hypot(seen_x, seen_y)
+        local_x, local_y = x - BODY.lidar.x, y - BODY.lidar.y
+        ranges[round(math.degrees(math.atan2(local_y, local_x)) * 10) % 3600] = math.hypot(local_x, local_y)
     return Scan(0.0, ranges, 0.0, math.radians(0.1), 0.05, 12.0)
 
 
-def test_clear_distance_is_that_of_the_round_footprint() -> None:
+def test_clear_distance_accounts_for_the_round_footprint() -> None:
     assert clear_distance(scan_of([(1.0, 0.0)]), BODY) == pytest.approx(0.8, abs=1e-3)
     assert clear_distance(scan_of([(1.0, 0.12)]), BODY) == pytest.approx(1.0 - 0.16, abs=2e-3)
     assert clear_distance(scan_of([(1.0, 0.21), (-1.0, 0.0)]), BODY) == math.inf
@@ -122,8 +123,8 @@ def test_clear_distance_is_that_of_the_round_footprint() -> None:
 
 
 def test_clear_distance_along_an_arc() -> None:
-    # A quarter circle of 1 m to the left ends at (1, 1); the disc touches a point there a little earlier, by a chord of
-    # its radius. Straight on, or bending to the right, the point is not in the way.
+    # A quarter circle of radius 1 m to the left ends at (1, 1). The footprint touches a point there when the chord to
+    # it is as long as the footprint's radius. On a straight line or an arc to the right it is not in the way.
     corner = scan_of([(1.0, 1.0)])
     expected = math.pi / 2 - 2 * math.asin(BODY.radius / 2)
     assert clear_distance(corner, BODY, curvature=1.0) == pytest.approx(expected, abs=3e-3)

@@ -1,4 +1,4 @@
-"""Frontier exploration on small maps, and of a whole building by ray casting."""
+"""Frontier exploration of small maps, and of a building with a lidar simulated by ray casting."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.space.raycast import cast_rays
 
-RADIUS = 0.2
+RADIUS = 0.2  # m, of the robot
 
 
 def half_known() -> OccupancyGrid:
@@ -36,7 +36,7 @@ def test_each_visible_unknown_cell_counts_once() -> None:
     assert visible_unknown_area(half_known(), np.array([-5.0, 1.0])) == 0.0
 
 
-def test_the_next_viewpoint_is_at_the_frontier_and_was_not_visited_before() -> None:
+def test_the_next_viewpoint_is_an_unvisited_one_at_the_frontier() -> None:
     grid = half_known()
     costmap = Costmap.from_grid(grid, RADIUS)
     viewpoint = next_viewpoint(grid, costmap, Pose(0.5, 1.0, 0.0), np.zeros((0, 2)))

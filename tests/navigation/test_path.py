@@ -1,4 +1,4 @@
-"""Shortest paths on small maps with known solutions."""
+"""Shortest paths and costmaps on small maps with known solutions."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from wherry.navigation.path import Costmap, shortest_path, travel_costs
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Pose
 
-RADIUS = 0.2
+RADIUS = 0.2  # m, of the robot
 
 
 def room(*walls: tuple[float, float, float, float], origin: Pose = IDENTITY, unknown: bool = False) -> OccupancyGrid:
-    """A free 4 × 4 m room at 5 cm, walled, with walls (x0, y0, x1, y1) inside."""
+    """A 4 × 4 m room at a resolution of 0.05 m with inner walls (x0, y0, x1, y1), m, or unknown areas instead."""
     probability = np.zeros((80, 80), np.float32)
     probability[[0, -1]] = probability[:, [0, -1]] = 1.0
     for x0, y0, x1, y1 in walls:
@@ -37,12 +37,12 @@ def test_a_free_path_is_a_straight_line() -> None:
     np.testing.assert_allclose(path, [[1.0, 1.0], [3.0, 2.6]])
 
 
-def test_a_path_around_a_wall_keeps_its_clearance() -> None:
+def test_a_path_around_a_wall_is_short_and_collision_free() -> None:
     costmap = Costmap.from_grid(room((1.9, 0.0, 2.1, 3.0)), RADIUS)
     path = shortest_path(costmap, np.array([1.0, 1.0]), np.array([3.0, 1.0]))
     assert path is not None
-    around = 2 * math.hypot(0.9, 2.2) + 0.2
-    assert around < np.hypot(*np.diff(path, axis=0).T).sum() < 1.1 * around
+    shortest = 2 * math.hypot(0.9, 2.2) + 0.2
+    assert shortest < np.hypot(*np.diff(path, axis=0).T).sum() < 1.1 * shortest
     for start, end in itertools.pairwise(path):
         for fraction in np.linspace(0, 1, 50):
             assert costmap.is_passable(start + fraction * (end - start))
@@ -96,7 +96,7 @@ def test_a_goal_in_a_wall_is_replaced_by_the_nearest_passable_cell() -> None:
 
 
 def test_a_start_in_collision_is_left_by_the_shortest_way() -> None:
-    # Beside the end of a wall, a straight line to the goal would lead through its corner.
+    # From beside a wall's end, a straight line to the goal would cross the wall's corner.
     costmap = Costmap.from_grid(room((1.9, 0.0, 2.0, 1.5)), RADIUS)
     start, goal = np.array([1.78, 1.56]), np.array([3.0, 1.2])
     assert not costmap.is_passable(start)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wherry.pipelines.delivery.score import DeliveryResult
+from wherry.pipelines.delivery.result import DeliveryResult
 from wherry.pipelines.delivery.simulated import DeliverySettings, prepare_delivery
 from wherry.trace.records import CellLayout, PerceivedState, Record
 
@@ -24,7 +24,7 @@ name: behind
 """
 WAREHOUSE_BEHIND_A_BOX = """\
 wherry-world: 1
-name: shut in
+name: enclosed
 
 +---+---+---+---+---+---+---+
 |            ###            |

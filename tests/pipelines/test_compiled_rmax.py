@@ -71,7 +71,7 @@ def random_arena(seed: int) -> Arena:
     successor, reward, ends = rng.integers(20, size=(20, 2)), rng.uniform(-9, 20, (20, 2)), rng.random((20, 2)) < 0.1
 
     def transition(state: State, action: Action) -> Transition:
-        step = state["walker"].at, int(action.name == "right")
+        step = state["walker"].x, int(action.name == "right")
         return Transition(state, action, state_at(int(successor[step])), float(reward[step]), bool(ends[step]))
 
     starts = tuple(state_at(number) for number in range(20))

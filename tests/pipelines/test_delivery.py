@@ -1,4 +1,4 @@
-"""Simulated deliveries in the two smallest worlds: the result, its files, and their use in later runs."""
+"""Simulated deliveries in two small worlds: results, files, and their use in later runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world, format_world
-from wherry.pipelines.delivery.score import DeliveryResult
+from wherry.pipelines.delivery.result import DeliveryResult
 from wherry.pipelines.delivery.simulated import DeliveryRun, DeliverySettings, prepare_delivery
 from wherry.realization.mission import order_from_plan
 from wherry.trace.records import Record, RobotSnapshot, StepTaken, null_sink
@@ -21,12 +21,12 @@ TIMINGS = {"wall_seconds", "real_time_factor"}
 
 def deliver(world: str, out: Path, **changes: object) -> tuple[DeliveryResult, DeliveryRun]:
     """Run a delivery."""
-    run = prepare_delivery(replace(DeliverySettings(world=world, out=out), **changes))  # type: null_sink[arg-type]
+    run = prepare_delivery(replace(DeliverySettings(world=world, out=out), **changes))  # type: ignore[arg-type]
     return run(null_sink), run
 
 
 def without_timings(result: DeliveryResult) -> dict[str, object]:
-    """The result without what depends on the computer's speed."""
+    """The result without the metrics that depend on the computer's speed."""
     return {name: value for name, value in result.as_json().items() if name not in TIMINGS}
 
 
@@ -78,7 +78,7 @@ def test_all_files_are_written(run: tuple[DeliveryResult, Path]) -> None:
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_run_byte_by_byte(taxi: tuple[DeliveryResult, Path], tmp_path: Path) -> None:
+def test_the_same_seed_gives_the_same_bytes(taxi: tuple[DeliveryResult, Path], tmp_path: Path) -> None:
     first, out = taxi
     again, _ = deliver("taxi", tmp_path)
     assert without_timings(again) == without_timings(first)
@@ -104,7 +104,7 @@ def test_rules_learnt_in_one_world_need_no_learning_in_another(
         assert 1.0 <= result.path_ratio <= 1.3
 
 
-def test_with_a_map_and_rules_nothing_is_explored_or_learnt(small: tuple[DeliveryResult, Path], tmp_path: Path) -> None:
+def test_a_map_and_rules_replace_exploring_and_learning(small: tuple[DeliveryResult, Path], tmp_path: Path) -> None:
     first, out = small
     records: list[Record] = []
     settings = DeliverySettings(
@@ -121,7 +121,7 @@ def test_with_a_map_and_rules_nothing_is_explored_or_learnt(small: tuple[Deliver
 
 @pytest.mark.slow
 def test_an_unreachable_box_is_reported_and_the_others_are_delivered(tmp_path: Path) -> None:
-    # R's cell is walled in with its box.
+    # A wall encloses the cell R with its box.
     text = format_world(find_world("taxi"))
     plan = find_world("taxi")
     lines = text.splitlines()
@@ -141,14 +141,14 @@ def test_a_world_without_boxes_counts_as_delivered(tmp_path: Path) -> None:
     assert (result.delivered, result.boxes, result.status, result.actions) == (0, 0, "delivered", 0)
 
 
-@pytest.mark.parametrize("after", ["the first look", "some actions"])
-def test_ctrl_c_ends_a_run_and_keeps_what_was_learnt(after: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("after", ["the first snapshot", "some actions"])
+def test_ctrl_c_ends_a_run_and_keeps_the_learnt_rules(after: str, tmp_path: Path) -> None:
     steps = 0
 
     def interrupt(record: Record) -> None:
         nonlocal steps
         steps += isinstance(record, StepTaken)
-        if (after == "the first look" and isinstance(record, RobotSnapshot)) or steps == 8:
+        if (after == "the first snapshot" and isinstance(record, RobotSnapshot)) or steps == 8:
             raise KeyboardInterrupt
 
     run = prepare_delivery(DeliverySettings(world="taxi", out=tmp_path))
@@ -179,9 +179,9 @@ def test_the_order_gives_the_warehouse_relative_to_the_start() -> None:
         ({"rules_file": Path("no/such.json")}, "no/such.json"),
     ],
 )
-def test_invalid_settings_are_rejected_before_any_file_is_made(
+def test_invalid_settings_are_rejected_before_any_file_is_written(
     changes: dict[str, object], where: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match=where):
-        prepare_delivery(replace(DeliverySettings(world="small", out=tmp_path / "out"), **changes))  # type: null_sink[arg-type]
+        prepare_delivery(replace(DeliverySettings(world="small", out=tmp_path / "out"), **changes))  # type: ignore[arg-type]
     assert not (tmp_path / "out").exists()

@@ -11,7 +11,7 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.floorplan.world_files import find_world
-from wherry.pipelines.delivery.film import FRAME_PERIOD, HEIGHT, WIDTH, filmed
+from wherry.pipelines.delivery.film import FRAME_PERIOD, HEIGHT, WIDTH, film_recording
 from wherry.robot import Velocity
 from wherry.simulation import Simulation, build
 from wherry.space.pose import Pose
@@ -31,7 +31,7 @@ def snapshot_at(time: float) -> RobotSnapshot:
 
 def test_frames_follow_the_robots_clock(simulation: Simulation, tmp_path: Path) -> None:
     path = tmp_path / "run.mp4"
-    with filmed(path, simulation) as sink:
+    with film_recording(path, simulation) as sink:
         sink(snapshot_at(0.0))
         for _ in range(40):
             simulation.robot.command(Velocity(0.5, 0.0))
@@ -52,11 +52,11 @@ def test_frames_follow_the_robots_clock(simulation: Simulation, tmp_path: Path) 
 
 @pytest.mark.parametrize(("name", "problem"), [("run.avi", "must end in .mp4"), ("no/run.mp4", "cannot be written")])
 def test_an_unusable_path_is_rejected(simulation: Simulation, tmp_path: Path, name: str, problem: str) -> None:
-    with pytest.raises(InputError, match=problem), filmed(tmp_path / name, simulation):
+    with pytest.raises(InputError, match=problem), film_recording(tmp_path / name, simulation):
         pass
 
 
 def test_a_missing_encoder_is_reported(simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(InputError, match=r"wherry\[video\]"), filmed(tmp_path / "run.mp4", simulation):
+    with pytest.raises(InputError, match=r"wherry\[video\]"), film_recording(tmp_path / "run.mp4", simulation):
         pass

@@ -1,4 +1,4 @@
-"""A robot that is kidnapped during a delivery recovers, and delivers all boxes."""
+"""A robot that is kidnapped during a delivery recovers and delivers all boxes."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def test_a_kidnapped_robot_is_localized_again_and_delivers_all_boxes(*, has_load
             true = simulation.referee.pose
             rng = np.random.default_rng(4)
             while (pose := random_pose(simulation, rng)).distance_to(true) < 1.0:
-                pass  # too near for the robot to be lost
+                pass  # too near to make the robot lost
             kidnap(simulation, pose)
             is_kidnapped = True
-    said = [record.text for record in records if isinstance(record, Narration) and record.phase is Phase.LOCALIZE]
+    narrated = [record.text for record in records if isinstance(record, Narration) and record.phase is Phase.LOCALIZE]
     assert is_kidnapped
     assert world.environment.pilot.times_lost >= 1
-    assert "I am localized again." in said
+    assert "I am localized again." in narrated
     assert simulation.referee.delivered == 2
     assert world.environment.remaining == 0

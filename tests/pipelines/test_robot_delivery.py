@@ -1,4 +1,4 @@
-"""The narration of a delivery episode, on a grid in place of a robot."""
+"""The narration of a delivery episode on a grid world in place of a robot."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from wherry.space.pose import IDENTITY
 from wherry.trace.records import Narration, Phase, Record
 
 
-class Grid(DeterministicMdp):
-    """A corridor of three cells with a box at its end, in place of a robot; its latch may be broken."""
+class CorridorEnvironment(DeterministicMdp):
+    """A corridor of three cells with a box at its end; the latch may be is_broken."""
 
-    def __init__(self, *, broken: bool) -> None:
+    def __init__(self, *, is_broken: bool) -> None:
         self.site = DeliverySite.of_cells([Cell(x, 0) for x in range(3)], [], [Cell(0, 0)])
         self.pilot = SimpleNamespace(time=0.0)
 
         def outcome(state: State, action: Action) -> Transition:
-            if broken and action == PICKUP:
+            if is_broken and action == PICKUP:
                 return Transition(state, action, state, -10.0, terminated=False)
             return delivery_transition(state, action)
 
@@ -46,9 +46,9 @@ class Grid(DeterministicMdp):
         return 1 - self.remaining
 
 
-def narration(*, broken: bool, blocking: tuple[str, ...] = ()) -> list[Narration]:
+def narration(*, is_broken: bool, blocking: tuple[str, ...] = ()) -> list[Narration]:
     world = SurveyedWorld(
-        Grid(broken=broken),
+        CorridorEnvironment(is_broken=is_broken),
         grid=None,
         frame=CellFrame(IDENTITY, 0.6),
         plan=None,
@@ -61,29 +61,29 @@ def narration(*, broken: bool, blocking: tuple[str, ...] = ()) -> list[Narration
     return [record for record in records if isinstance(record, Narration)]
 
 
-def final_words(*, broken: bool) -> str:
-    last = narration(broken=broken)[-1]
+def final_narration(*, is_broken: bool) -> str:
+    last = narration(is_broken=is_broken)[-1]
     assert last.phase is Phase.DONE
     return last.text
 
 
 def test_a_complete_delivery_is_announced() -> None:
-    assert final_words(broken=False) == "All boxes are delivered."
+    assert final_narration(is_broken=False) == "All boxes are delivered."
 
 
 def test_giving_up_states_the_reason() -> None:
-    assert final_words(broken=True) == (
+    assert final_narration(is_broken=True) == (
         "I give up: I cannot deliver 1 box (1 left to do, and no plan for it is known or can be learnt)."
     )
 
 
 def test_giving_up_after_too_many_actions_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(agent, "MAX_ACTIONS", 2)
-    assert final_words(broken=True) == "I give up: I cannot deliver 1 box (not within 2 actions)."
+    assert final_narration(is_broken=True) == "I give up: I cannot deliver 1 box (not within 2 actions)."
 
 
 def test_a_blocking_box_is_picked_up_before_giving_up() -> None:
-    said = [record.text for record in narration(broken=True, blocking=("box",))]
-    assert said[-2] == "I cannot deliver any box now, but box blocks my way: I pick it up."
-    assert said[-1].startswith("I give up")
-    assert not any("blocks my way" in record.text for record in narration(broken=False, blocking=("box",)))
+    narrated = [record.text for record in narration(is_broken=True, blocking=("box",))]
+    assert narrated[-2] == "I cannot deliver any box now, but box blocks my way: I pick it up."
+    assert narrated[-1].startswith("I give up")
+    assert not any("blocks my way" in record.text for record in narration(is_broken=False, blocking=("box",)))

@@ -61,13 +61,13 @@ def test_map_of_inconsistent_size_is_rejected(roscore: Roscore) -> None:
 
 
 def speed_of(odometry: dict[str, Any]) -> float:
-    """Speed from m/s and rad/s."""
+    """Norm of the linear velocity, m/s, and the angular velocity, rad/s."""
     twist = odometry["twist"]["twist"]
     return math.hypot(twist["linear"]["x"], twist["angular"]["z"])
 
 
-class Ride:
-    """An agent that explores with a simulated robot whose scans pass through a third node."""
+class MonitoredRun:
+    """An agent that explores with a simulated robot; a third node relays the scans and monitors topics."""
 
     def __init__(self, roscore: Roscore, stack: ExitStack) -> None:
         self.simulator = stack.enter_context(roscore.wherry(*SIMULATE, "--remap", "scan:=raw_scan"))
@@ -76,12 +76,12 @@ class Ride:
         for topic, kind in (("/odom", ODOMETRY), ("/cmd_vel", TWIST), ("/map", MAP), ("/diagnostics", DIAGNOSTICS)):
             self.peer.listen(topic, kind)
         self.agent = stack.enter_context(roscore.wherry(*DELIVER))
-        self.wait_until_it_drives()
+        self.wait_until_driving()
 
-    def wait_until_it_drives(self) -> None:
+    def wait_until_driving(self) -> None:
         def drives() -> bool:
             assert self.agent.process.poll() is None, self.agent.output
-            return bool(self.peer.heard["/odom"]) and self.speed() > 0.1
+            return bool(self.peer.received["/odom"]) and self.speed() > 0.1
 
         wait_until(drives, START_TIMEOUT, f"it drives\n{self.agent.output}")
 
@@ -93,98 +93,99 @@ class Ride:
 
     def commands(self, begin: float) -> list[tuple[float, float, float]]:
         """Times, s, and velocities, m/s and rad/s, commanded since a time on the monotonic clock."""
-        news = [one for one in self.peer.heard["/cmd_vel"] if one["at"] >= begin]
-        return [(one["at"], one["message"]["linear"]["x"], one["message"]["angular"]["z"]) for one in news]
+        entries = [entry for entry in self.peer.received["/cmd_vel"] if entry["at"] >= begin]
+        return [(entry["at"], entry["message"]["linear"]["x"], entry["message"]["angular"]["z"]) for entry in entries]
 
-    def stops_after(self, begin: float) -> float:
+    def time_to_stop(self, begin: float) -> float:
         """Time on the robot's clock from an instant until the robot stood, s; independent of the machine's load."""
         wait_until(lambda: self.speed() < STANDSTILL_SPEED, 10.0, "the robot stands")
-        news = list(self.peer.heard["/odom"])
+        entries = list(self.peer.received["/odom"])
         return stopping_time(
-            [ReceivedOdometry(one["at"], stamp(one["message"]), speed_of(one["message"])) for one in news], begin
+            [ReceivedOdometry(entry["at"], stamp(entry["message"]), speed_of(entry["message"])) for entry in entries],
+            begin,
         )
 
     @contextmanager
     def disturbed(self, mode: str) -> Iterator[float]:
-        """Change or withhold scans; yields the time on the monotonic clock since when, s."""
+        """Change or withhold scans; yields the time on the monotonic clock when that begins, s."""
         self.peer.relay("/raw_scan", "/scan", mode)
         try:
             yield time.monotonic()
         finally:
             self.peer.relay("/raw_scan", "/scan", "pass")
 
-    def stands_for(self, seconds: float) -> None:
-        begin, heard = self.now(), len(self.peer.heard["/odom"])
+    def check_standstill_for(self, seconds: float) -> None:
+        begin, count = self.now(), len(self.peer.received["/odom"])
         wait_until(lambda: self.now() - begin >= seconds, 30.0, "time passes")
-        assert max(speed_of(news["message"]) for news in self.peer.heard["/odom"][heard:]) < STANDSTILL_SPEED
+        assert max(speed_of(entry["message"]) for entry in self.peer.received["/odom"][count:]) < STANDSTILL_SPEED
 
     def status(self, name: str) -> dict[str, str]:
-        for news in reversed(self.peer.heard["/diagnostics"]):
-            if found := values_of(news["message"], name):
+        for entry in reversed(self.peer.received["/diagnostics"]):
+            if found := values_of(entry["message"], name):
                 return found
         return {}
 
 
 @pytest.fixture(scope="module")
-def ridden(roscore: Roscore) -> Iterator[Ride]:
+def module_run(roscore: Roscore) -> Iterator[MonitoredRun]:
     with ExitStack() as stack:
-        yield Ride(roscore, stack)
+        yield MonitoredRun(roscore, stack)
 
 
 @pytest.fixture
-def ride(ridden: Ride) -> Ride:
-    """One ride for all tests; the last test ends it."""
-    ridden.wait_until_it_drives()
-    return ridden
+def run(module_run: MonitoredRun) -> MonitoredRun:
+    """The same run for all tests; the last test ends it."""
+    module_run.wait_until_driving()
+    return module_run
 
 
 @pytest.mark.parametrize("mode", ["silent", "nan", "frame"])
-def test_agent_commands_standstill_without_valid_scans(ride: Ride, mode: str) -> None:
-    with ride.disturbed(mode) as begin:
-        check_standstill(ride, mode, begin)
-    ride.wait_until_it_drives()
+def test_agent_commands_standstill_without_valid_scans(run: MonitoredRun, mode: str) -> None:
+    with run.disturbed(mode) as begin:
+        check_standstill(run, mode, begin)
+    run.wait_until_driving()
 
 
-def check_standstill(ride: Ride, mode: str, begin: float) -> None:
-    wait_until(lambda: ride.speed() < STANDSTILL_SPEED, 10.0, "the robot stands")
-    ride.stands_for(1.0)
-    commands = ride.commands(begin)
+def check_standstill(run: MonitoredRun, mode: str, begin: float) -> None:
+    wait_until(lambda: run.speed() < STANDSTILL_SPEED, 10.0, "the robot stands")
+    run.check_standstill_for(1.0)
+    commands = run.commands(begin)
     last_motion = max((at for at, linear, angular in commands if linear or angular), default=begin)
     first_zero = min((at for at, *_ in commands if at > last_motion), default=math.inf)
     assert first_zero - begin <= STOP_TIMEOUT, "commanded, not only stopped by the watchdog"
     if mode != "silent":
         words = {"nan": "not finite", "frame": "'camera' instead of 'laser'"}[mode]
-        wait_until(lambda: words in ride.status("wherry: robot").get("last refused", ""), 5.0, "diagnostics say why")
+        wait_until(lambda: words in run.status("wherry: robot").get("last refused", ""), 5.0, "diagnostics say why")
 
 
-def test_agent_yields_to_another_publisher(roscore: Roscore, ride: Ride) -> None:
+def test_agent_yields_to_another_publisher(roscore: Roscore, run: MonitoredRun) -> None:
     with roscore.peer("joystick") as joystick:
-        begin = ride.now()
-        while ride.now() < begin + 3.0:
+        begin = run.now()
+        while run.now() < begin + 3.0:
             joystick.send("/cmd_vel", TWIST, {"angular": {"z": 0.3}})
-        late = [news["message"]["angular"]["z"] for news in ride.peer.heard["/cmd_vel"]][-20:]
+        late = [entry["message"]["angular"]["z"] for entry in run.peer.received["/cmd_vel"]][-20:]
         assert late == [0.3] * 20, "the agent sends nothing"
-        wait_until(lambda: "another node" in ride.status("wherry: robot").get("message", ""), 5.0, "a warning")
-    ride.wait_until_it_drives()
+        wait_until(lambda: "another node" in run.status("wherry: robot").get("message", ""), 5.0, "a warning")
+    run.wait_until_driving()
 
 
-def test_run_continues_without_the_master(roscore: Roscore, ride: Ride) -> None:
-    begin, heard = ride.now(), len(ride.peer.heard["/cmd_vel"])
+def test_run_continues_without_the_master(roscore: Roscore, run: MonitoredRun) -> None:
+    begin, count = run.now(), len(run.peer.received["/cmd_vel"])
     roscore.kill()
-    wait_until(lambda: ride.now() > begin + 4.0, 30.0, "time passes")
-    assert len(ride.peer.heard["/cmd_vel"]) > heard + 20, "the agent goes on"
+    wait_until(lambda: run.now() > begin + 4.0, 30.0, "time passes")
+    assert len(run.peer.received["/cmd_vel"]) > count + 20, "the agent goes on"
     roscore.start()
     with roscore.peer("newcomer") as newcomer:
         newcomer.listen("/map", MAP)
         grid = newcomer.wait_for("/map", 1, 20.0)[0]
         assert len(grid["data"]) == grid["info"]["width"] * grid["info"]["height"] > 0
         assert grid["header"]["frame_id"] == "map"
-    ride.wait_until_it_drives()
-    assert ride.agent.process.poll() is None
+    run.wait_until_driving()
+    assert run.agent.process.poll() is None
 
 
-def test_robot_stops_when_the_agent_is_killed(ride: Ride) -> None:
-    ride.agent.kill()
-    last_command = ride.peer.heard["/cmd_vel"][-1]["at"]
-    assert ride.stops_after(last_command) <= STOP_TIMEOUT + STOPPING_RESOLUTION
-    ride.stands_for(1.0)
+def test_robot_stops_when_the_agent_is_killed(run: MonitoredRun) -> None:
+    run.agent.kill()
+    last_command = run.peer.received["/cmd_vel"][-1]["at"]
+    assert run.time_to_stop(last_command) <= STOP_TIMEOUT + STOPPING_RESOLUTION
+    run.check_standstill_for(1.0)

@@ -1,24 +1,23 @@
-"""A delivery on a robot of ROS up to the first action: orders, and every combination of own and external navigation."""
+"""A delivery on a ROS robot up to the first action: orders, and every combination of own and external navigation."""
 
 from __future__ import annotations
 
 import math
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from wherry.cli import app
 from wherry.errors import InputError
 from wherry.pipelines.delivery.ros import NavigationStack, Provider, parse_order
 from wherry.realization.mission import SurveyedWorld, order_from_plan
+from wherry.robot import Odometry, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.body_files import load_body
 from wherry.ros.decoding import decode_odometry, decode_pose_estimate
-from wherry.ros.encoding import encode_occupancy_grid, encode_transform
+from wherry.ros.encoding import encode_occupancy_grid, encode_odometry, encode_transform
 from wherry.ros.names import load_names
 from wherry.ros.nodes.robot import RosRobot
 from wherry.ros.nodes.simulator import simulator_node
@@ -57,6 +56,7 @@ class ExternalStack:
         ignored_poses: Number of initial poses that it will ignore.
         initial_pose: Last initial pose accepted.
         map_frame: The map frame in the simulation's world frame.
+        true_poses: True pose of base_link in the world frame, by the time of the odometry published with it, s.
     """
 
     bus: Bus
@@ -65,6 +65,7 @@ class ExternalStack:
     ignored_poses: int = 0
     initial_pose: Pose | None = None
     map_frame: Pose = Pose()  # noqa: RUF009 - frozen
+    true_poses: dict[float, Pose] = field(default_factory=dict)
 
     def start(self) -> None:
         node = self.bus.node()
@@ -78,13 +79,14 @@ class ExternalStack:
         if self.ignored_poses > 0:
             self.ignored_poses -= 1
             return
-        self.initial_pose = decode_pose_estimate(message, "map")[1]
-        self.map_frame = self.simulation.referee.pose @ self.initial_pose.inverse
+        stamp, self.initial_pose = decode_pose_estimate(message, "map")
+        self.map_frame = self.true_poses[stamp] @ self.initial_pose.inverse  # the robot may have moved on since
         self.is_localizing = True
 
     def _on_odometry(self, message: ros.Odometry) -> None:
+        odometry = decode_odometry(message, "odom", "base_link")
+        self.true_poses[odometry.time] = self.simulation.referee.pose
         if self.is_localizing:
-            odometry = decode_odometry(message, "odom", "base_link")
             true = self.map_frame.inverse @ self.simulation.referee.pose
             link = StampedTransform("map", "odom", odometry.time, true @ odometry.pose.inverse)
             self.bus.publish(TOPICS.tf, ros.TFMessage((encode_transform(link),)))
@@ -98,8 +100,8 @@ def external() -> ExternalStack:
 @pytest.fixture
 def robot(external: ExternalStack) -> Iterator[RosRobot]:
     over = threading.Event()
+    external.start()  # before the robot, so that it knows the true pose at all odometry that the robot has received
     with RosRobot(external.bus.node(), NAMES, load_body()) as robot:
-        external.start()
         node = simulator_node(external.simulation, external.bus.node(), NAMES, 5.0)
         thread = threading.Thread(target=node.run, args=(over.is_set,))
         thread.start()
@@ -175,8 +177,19 @@ def test_stack_without_a_map_is_an_error(external: ExternalStack, robot: RosRobo
         stack.get_ready(order_from_plan(external.simulation.plan), None, null_sink, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("option", ["--mapping", "--localization"])
-def test_unknown_provider_is_an_error_before_waiting_for_the_robot(option: str) -> None:
-    result = CliRunner().invoke(app, ["ros2", "deliver", "--warehouse", "1,0", option, "theirs"])
-    assert str(result.exception) == f"{option}: theirs: is neither own nor ros"
-    assert "Waiting for the robot" not in result.output
+def test_initial_pose_includes_the_motion_that_is_not_processed_yet() -> None:
+    bus = Bus()
+    with RosRobot(bus.node(), NAMES, load_body()) as robot:
+        stack = NavigationStack(
+            robot, bus.node(), NAMES, mapping=Provider.OWN, localization=Provider.EXTERNAL, timeout=0.01
+        )
+        for seconds, x in ((10.0, 0.0), (10.25, 0.5)):
+            odometry = Odometry(seconds, Pose(x), Velocity(2.0))
+            bus.publish(TOPICS.odom, encode_odometry(odometry, "odom", "base_link", np.zeros(36)))
+        assert robot.receive().time == 10.0
+        with pytest.raises(InputError, match="has not accepted"):
+            stack.initialize_localization(perfect_map(hall().plan), Pose(1.0, 2.0, math.pi / 2))
+    (message,) = bus.published[TOPICS.initialpose.name]
+    stamp, pose = decode_pose_estimate(message, "map")
+    assert stamp == 10.25
+    assert pose.is_near(Pose(1.0, 2.5, math.pi / 2), 1e-9, 1e-9)

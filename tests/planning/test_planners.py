@@ -14,7 +14,16 @@ from wherry.planning.lookahead import Lookahead
 from wherry.planning.planner import Planner
 from wherry.planning.registry import PLANNERS
 from wherry.planning.uct import Uct
-from wherry_testing.small_worlds import CORRIDOR, LEFT, RIGHT, TableModel, state_at, optimal_values, per_state, random_world
+from wherry_testing.small_worlds import (
+    CORRIDOR,
+    LEFT,
+    RIGHT,
+    TableModel,
+    optimal_values,
+    per_state,
+    random_world,
+    state_at,
+)
 
 EXACT = ("value-iteration", "policy-iteration", "lrtdp")
 SLIPPERY = {  # half of all steps to the right slip: V(1) = ½·10 + ½(−1 + ½ V(1))
@@ -98,7 +107,8 @@ def test_uct_finds_the_better_action_in_most_random_worlds() -> None:
 def test_same_seed_gives_the_same_values(name: str) -> None:
     outcomes = random_world(12, np.random.default_rng(7))
     first, second = (make(name, TableModel(outcomes), discount=0.9, r_max=1.0) for _ in range(2))
-    assert [first.value(state_at(number)) for number in range(12)] == [second.value(state_at(number)) for number in range(12)]
+    states = [state_at(number) for number in range(12)]
+    assert [first.value(state) for state in states] == [second.value(state) for state in states]
 
 
 def test_grounding_keeps_every_outcome_with_its_probability() -> None:

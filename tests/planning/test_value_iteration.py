@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from wherry.planning.value_iteration import ValueIteration
-from wherry_testing.small_worlds import CORRIDOR, LEFT, RIGHT, TableModel, state_at, per_state
+from wherry_testing.small_worlds import CORRIDOR, LEFT, RIGHT, TableModel, per_state, state_at
 
 
 def test_unknown_outcome_is_worth_r_max_in_every_step_to_an_optimist() -> None:

@@ -1,4 +1,4 @@
-"""Boxes: detection in exact and in noisy scans, confirmation of tracks, and walls that look like cylinders."""
+"""Boxes: detection in scans, confirmation of tracks, and rejection of wall ends that look like cylinders."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ HALL = parse_world(
     source="hall",
 )
 EXACT, NOISY = MovableLidar(HALL), MovableLidar(HALL, noise=0.01)
-PLACES = [(2.1, 0.35), (2.4, 0.9), (1.9, 0.3), (2.9, 0.6), (0.3, 0.9)]
+POSITIONS = [(2.1, 0.35), (2.4, 0.9), (1.9, 0.3), (2.9, 0.6), (0.3, 0.9)]
 HEADINGS = [0.0, 1.0, 2.5, -2.0]
 
 
@@ -45,20 +45,20 @@ def detections_in(lidar: MovableLidar, base: Pose, boxes: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("heading", HEADINGS)
-@pytest.mark.parametrize("place", PLACES)
-def test_a_box_is_located_to_a_millimetre_in_an_exact_scan(place: tuple[float, float], heading: float) -> None:
-    centres = detections_in(EXACT, Pose(1.2, 0.9, heading), np.array([place]))
+@pytest.mark.parametrize("position", POSITIONS)
+def test_a_box_is_located_to_a_millimetre_in_an_exact_scan(position: tuple[float, float], heading: float) -> None:
+    centres = detections_in(EXACT, Pose(1.2, 0.9, heading), np.array([position]))
     assert centres.shape == (1, 2)
-    np.testing.assert_allclose(centres[0], place, atol=0.001)
+    np.testing.assert_allclose(centres[0], position, atol=0.001)
 
 
-@pytest.mark.parametrize("place", PLACES)
-def test_a_box_is_located_to_one_and_a_half_centimetres_in_a_noisy_scan(place: tuple[float, float]) -> None:
+@pytest.mark.parametrize("position", POSITIONS)
+def test_a_box_is_located_to_one_and_a_half_centimetres_in_a_noisy_scan(position: tuple[float, float]) -> None:
     errors = []
     for heading in np.linspace(-3.0, 3.0, 20):
-        centres = detections_in(NOISY, Pose(1.2, 0.9, heading), np.array([place]))
-        errors += np.hypot(*(centres - place).T).tolist()
-    assert len(errors) >= 12  # at the rim, noise prevents a detection now and then
+        centres = detections_in(NOISY, Pose(1.2, 0.9, heading), np.array([position]))
+        errors += np.hypot(*(centres - position).T).tolist()
+    assert len(errors) >= 12  # near the detection range, noise prevents some detections
     assert np.median(errors) < 0.007
     assert np.quantile(errors, 0.95) < 0.015
 
@@ -96,8 +96,8 @@ def test_walls_jambs_and_obstacles_never_become_isolated_boxes(name: str) -> Non
     assert isolated_boxes(boxes, grid, RADIUS) == ()
 
 
-def test_missed_opportunities_end_the_confirmation_of_a_walls_end() -> None:
-    """A wall's end may be detected as a cylinder by chance; each scan that would show a box there counts against it."""
+def test_missed_opportunities_revoke_the_confirmation_of_a_walls_end() -> None:
+    """A wall's end may be detected as a cylinder by chance; scans without a detection revoke the confirmation."""
     end = BoxTrack(0, 1.2, 1.5, MIN_DETECTIONS, MIN_DETECTIONS)
     before, far = Pose(1.0, 0.6, 0.0), Pose(3.6, 0.4, 0.0)
     assert end.is_confirmed
@@ -111,13 +111,13 @@ def test_missed_opportunities_end_the_confirmation_of_a_walls_end() -> None:
     assert not boxes[0].is_confirmed
 
 
-@pytest.mark.parametrize("place", PLACES)
-def test_an_unoccluded_box_is_detected_in_most_scans(place: tuple[float, float]) -> None:
+@pytest.mark.parametrize("position", POSITIONS)
+def test_an_unoccluded_box_is_detected_in_most_scans(position: tuple[float, float]) -> None:
     lidar, boxes = MovableLidar(HALL, noise=0.01), tuple[BoxTrack, ...]()
     for heading in np.linspace(-3.0, 3.0, 60):
         pose = Pose(1.2, 0.9, heading)
-        boxes = update_tracks(boxes, lidar.scan(pose, np.array([place])), pose, BODY)
-    (box,) = (box for box in boxes if math.hypot(box.x - place[0], box.y - place[1]) < 0.05)
+        boxes = update_tracks(boxes, lidar.scan(pose, np.array([position])), pose, BODY)
+    (box,) = (box for box in boxes if math.hypot(box.x - position[0], box.y - position[1]) < 0.05)
     assert box.detections >= 0.8 * box.opportunities
 
 
@@ -144,30 +144,30 @@ def test_a_box_out_of_range_is_not_detected() -> None:
 
 
 def tracks_after(
-    lidar: MovableLidar, base: Pose, boxes: Floats, times: int, before: tuple[BoxTrack, ...] = ()
+    lidar: MovableLidar, base: Pose, boxes: Floats, scans: int, before: tuple[BoxTrack, ...] = ()
 ) -> tuple[BoxTrack, ...]:
-    """The tracks after a number of scans."""
-    for _ in range(times):
+    """The tracks after a number of scans from one pose."""
+    for _ in range(scans):
         before = update_tracks(before, lidar.scan(base, boxes), base, BODY)
     return before
 
 
 def test_a_track_is_confirmed_after_enough_detections_and_keeps_its_id() -> None:
-    base, place = Pose(1.2, 0.9, 0.2), np.array([[2.4, 0.9]])
-    few = tracks_after(NOISY, base, place, MIN_DETECTIONS - 1)
+    base, position = Pose(1.2, 0.9, 0.2), np.array([[2.4, 0.9]])
+    few = tracks_after(NOISY, base, position, MIN_DETECTIONS - 1)
     assert [box.is_confirmed for box in few] == [False]
-    (box,) = tracks_after(NOISY, base, place, 1, few)
+    (box,) = tracks_after(NOISY, base, position, 1, few)
     assert box.is_confirmed
     assert box.track_id == few[0].track_id == 0
-    (box,) = tracks_after(NOISY, base, place, 30, (box,))
+    (box,) = tracks_after(NOISY, base, position, 30, (box,))
     assert math.hypot(box.x - 2.4, box.y - 0.9) < 0.008
     both = tracks_after(NOISY, base, np.array([[2.4, 0.9], [0.3, 0.9]]), 1, (box,))
     assert [box.track_id for box in both] == [0, 1]
 
 
-def test_a_box_that_was_removed_loses_its_confirmation() -> None:
-    base, place = Pose(1.2, 0.9, 0.2), np.array([[2.4, 0.9]])
-    (box,) = tracks_after(EXACT, base, place, MIN_DETECTIONS)
+def test_the_track_of_a_removed_box_loses_its_confirmation() -> None:
+    base, position = Pose(1.2, 0.9, 0.2), np.array([[2.4, 0.9]])
+    (box,) = tracks_after(EXACT, base, position, MIN_DETECTIONS)
     (gone,) = tracks_after(EXACT, base, np.empty((0, 2)), MIN_DETECTIONS + 1, (box,))
     assert (gone.detections, gone.opportunities) == (MIN_DETECTIONS, 2 * MIN_DETECTIONS + 1)
     assert not gone.is_confirmed
@@ -187,15 +187,15 @@ def test_a_free_standing_track_is_isolated_and_a_jamb_is_not(theta: float) -> No
     grid = perfect_map(HALL, map_from_world)
     free, jamb = (1.5, 0.9), (1.2, 1.2)  # in a cell's centre; at a wall's end
     boxes = [
-        BoxTrack(number, *map_from_world.transform(np.array([place]))[0].tolist(), MIN_DETECTIONS, MIN_DETECTIONS)
-        for number, place in enumerate((free, jamb))
+        BoxTrack(number, *map_from_world.transform(np.array([position]))[0].tolist(), MIN_DETECTIONS, MIN_DETECTIONS)
+        for number, position in enumerate((free, jamb))
     ]
     assert isolated_boxes(boxes, grid, RADIUS) == (boxes[0],)
     assert isolated_boxes([replace(boxes[0], detections=1)], grid, RADIUS) == ()
 
 
 def near_a_wall(gap: float) -> tuple[OccupancyGrid, BoxTrack]:
-    """A map with a box at a distance, m, from the face of a wall, and the box's track."""
+    """A map with a box whose centre is at a distance, m, from a wall's face, and the box's track."""
     probability = np.zeros((40, 40), np.float32)
     probability[:10] = 1.0
     grid = OccupancyGrid(probability, 0.05)
@@ -228,14 +228,14 @@ def test_unknown_space_behind_a_box_matters_only_on_a_partial_map() -> None:
 def test_a_walls_end_is_not_isolated_even_across_an_unknown_gap(turns: int) -> None:
     probability = np.zeros((40, 40), np.float32)
     probability[19:21, 18:] = 1.0
-    for unseen in (slice(0, 0), slice(21, 22)):
+    for gap in (slice(0, 0), slice(21, 22)):
         gapped = probability.copy()
-        gapped[19:21, unseen] = 0.5
+        gapped[19:21, gap] = 0.5
         grid = OccupancyGrid(np.rot90(gapped, turns).copy(), 0.05)
         x, y = np.array([-0.03, 0.0]) @ np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turns) + 1.0
-        false_tracks = BoxTrack(0, float(x), float(y), 99, 99)
-        assert isolated_boxes([false_tracks], grid, RADIUS) == ()
-        assert isolated_boxes_on_partial_map([false_tracks], grid, RADIUS) == ()
+        false_track = BoxTrack(0, float(x), float(y), 99, 99)
+        assert isolated_boxes([false_track], grid, RADIUS) == ()
+        assert isolated_boxes_on_partial_map([false_track], grid, RADIUS) == ()
 
 
 def test_erasing_boxes_restores_the_map_of_the_building() -> None:

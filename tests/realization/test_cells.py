@@ -1,4 +1,4 @@
-"""Floor plans from maps and touch relations from scans, compared with the true plan in every cell."""
+"""Floor plans from maps, and touch relations from scans, compared with the true plan in every cell."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ def cell_in(frame: CellFrame, map_from_world: Pose, plan: FloorPlan, cell: Cell)
     return Cell(*frame.cell_at(x, y))
 
 
-def assert_same_passages(read: FloorPlan, frame: CellFrame, plan: FloorPlan, map_from_world: Pose) -> None:
-    """Both plans have the same open cells and the same passages between them, up to the frame's rotation."""
-    turned = {
+def assert_same_passages(discretized: FloorPlan, frame: CellFrame, plan: FloorPlan, map_from_world: Pose) -> None:
+    """Assert that both plans have the same open cells and passages, up to the frame's rotation."""
+    rotated = {
         direction: nearest_direction(map_from_world.theta + math.atan2(direction.dy, direction.dx), frame)
         for direction in Direction
     }
     names = {cell: cell_in(frame, map_from_world, plan, cell) for cell in plan.cells()}
-    assert set(read.cells()) == set(names.values())
+    assert set(discretized.cells()) == set(names.values())
     differing = [
         (cell, direction)
         for cell, name in names.items()
         for direction in Direction
-        if read.is_blocked(name, turned[direction]) != plan.is_blocked(cell, direction)
+        if discretized.is_blocked(name, rotated[direction]) != plan.is_blocked(cell, direction)
     ]
     assert differing == []
 
@@ -61,11 +61,11 @@ def test_a_perfect_map_gives_the_true_cells_and_walls(name: str, pose: Pose) -> 
 
 @pytest.mark.parametrize("resolution", [0.025, 0.05])
 def test_an_exact_frame_gives_the_same_plan(resolution: float) -> None:
-    read = floor_plan_from_map(perfect_map(ROOMS, resolution=resolution), frame_of(ROOMS), BODY.radius, "read")
-    assert read.name == "read"
-    assert read.cell_size == ROOMS.cell_size
-    assert (read.boxes, read.warehouse, read.start) == ((), frozenset(), None)
-    assert_same_passages(read, frame_of(ROOMS), ROOMS, IDENTITY)
+    discretized = floor_plan_from_map(perfect_map(ROOMS, resolution=resolution), frame_of(ROOMS), BODY.radius, "read")
+    assert discretized.name == "read"
+    assert discretized.cell_size == ROOMS.cell_size
+    assert (discretized.boxes, discretized.warehouse, discretized.start) == ((), frozenset(), None)
+    assert_same_passages(discretized, frame_of(ROOMS), ROOMS, IDENTITY)
 
 
 def test_an_unknown_cell_is_not_open() -> None:
@@ -73,9 +73,11 @@ def test_an_unknown_cell_is_not_open() -> None:
     probability = grid.probability.copy()
     rows, columns = grid.cells_at(centre(ROOMS, Cell(2, 2))[None, :]).T
     probability[rows[0] - 5 : rows[0] + 6, columns[0] - 5 : columns[0] + 6] = UNKNOWN
-    read = floor_plan_from_map(OccupancyGrid(probability, grid.resolution, grid.origin), frame_of(ROOMS), BODY.radius)
+    discretized = floor_plan_from_map(
+        OccupancyGrid(probability, grid.resolution, grid.origin), frame_of(ROOMS), BODY.radius
+    )
     assert ROOMS.is_open(Cell(2, 2))
-    assert not read.is_open(Cell(2, 2))
+    assert not discretized.is_open(Cell(2, 2))
 
 
 def test_an_unknown_map_has_no_open_cells() -> None:

@@ -1,4 +1,4 @@
-"""The robot as an Environment on the simulator: the seven condition bits at every stage of a delivery."""
+"""The simulated robot as an `Environment`: condition bits at every stage of a delivery, and failed actions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from wherry_testing.environment_contract import EnvironmentContract
 from wherry_testing.perfect_worlds import centre
 
 N, S, E, W = (Action(name) for name in "NSEW")
-MAX_OFFSET = 0.03  # m from a cell's centre
+MAX_OFFSET = 0.03  # m, largest distance from a cell's centre or from an earlier position
 
 
 def bits(environment: RobotEnvironment) -> str:
@@ -31,7 +31,7 @@ def bits(environment: RobotEnvironment) -> str:
 
 
 def execute(environment: RobotEnvironment, actions: str) -> list[bool]:
-    """Execute moves; which of them had an effect."""
+    """Execute moves; return which of them had an effect."""
     return [not environment.step(Action(name)).failed for name in actions]
 
 
@@ -61,7 +61,7 @@ def test_condition_bits_of_a_whole_delivery() -> None:
     assert bits(environment) == "0001001"
     assert execute(environment, "SS") == [True] * 2
     assert bits(environment) == "0101011"
-    assert simulation.referee.trajectory[-1] == Cell(0, 0)
+    assert simulation.referee.visited_cells[-1] == Cell(0, 0)
     dropped = environment.step(DROPOFF)
     assert dropped.terminated
     assert dropped.next_state.of_class("Box") == ()
@@ -147,12 +147,12 @@ def test_a_full_fork_does_not_enter_another_boxs_cell(held: bool) -> None:
 def test_boxes_found_later_are_added_to_the_state_under_new_names() -> None:
     environment, _ = stand_ready(hall())
     known = environment.boxes_on_floor[0].track
-    further = BoxTrack(known.track_id + 1, 3.9, 1.5, 9, 9)
-    environment.update_map(environment.frame, environment.site, [known, further])
+    new_track = BoxTrack(known.track_id + 1, 3.9, 1.5, 9, 9)
+    environment.update_map(environment.frame, environment.site, [known, new_track])
     state = environment.reset(np.random.default_rng(0))
     assert {box.name: (box.x, box.y) for box in state.of_class("Box")} == {"box1": (3, 2), "box2": (6, 2)}
     assert environment.remaining == 2
-    environment.update_map(environment.frame, environment.site, [known, further])
+    environment.update_map(environment.frame, environment.site, [known, new_track])
     assert environment.remaining == 2
 
 
@@ -195,5 +195,5 @@ def test_the_same_seed_gives_the_same_run() -> None:
     for _ in range(2):
         environment, simulation = stand_ready(hall(), 5)
         execute(environment, "EEW")
-        runs.append(simulation.referee.history)
+        runs.append(simulation.referee.trajectory)
     np.testing.assert_array_equal(*runs)

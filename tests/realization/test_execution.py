@@ -1,4 +1,4 @@
-"""Moves from cell to cell by a robot without physics: where they end, and where boxes stand afterwards."""
+"""Moves between cells by a robot without physics: final positions of the robot and the boxes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wherry.realization.pose_tracker import PoseTracker
 from wherry.simulation.model import BODY
 from wherry.trace.records import null_sink
 from wherry_testing.deliveries import hall
-from wherry_testing.kinematic import KinematicRobot, Odometric
+from wherry_testing.kinematic import KinematicRobot, OdometryPoseEstimator
 from wherry_testing.perfect_worlds import centre
 
 PLAN = hall()  # the robot in (1, 2), a box in (3, 2), a wall east of (4, 2)
@@ -22,14 +22,14 @@ PLAN = hall()  # the robot in (1, 2), a box in (3, 2), a wall east of (4, 2)
 
 def make(beside: str = " ") -> tuple[Pilot, KinematicRobot]:
     robot = KinematicRobot(hall(beside=beside))
-    return Pilot(robot, PoseTracker(Odometric(), robot.pose), null_sink), robot
+    return Pilot(robot, PoseTracker(OdometryPoseEstimator(), robot.pose), null_sink), robot
 
 
 def go(
     pilot: Pilot, here: Cell, direction: Direction, *, docking: bool = False, full: bool = False, held: bool = False
 ) -> bool:
-    home, goal = centre(PLAN, here), centre(PLAN, here.neighbour(direction))
-    return move_to_cell(pilot, home, goal, docking=docking, fork_full=full, held=held)
+    start, goal = centre(PLAN, here), centre(PLAN, here.neighbour(direction))
+    return move_to_cell(pilot, start, goal, is_docking=docking, is_fork_full=full, is_holding=held)
 
 
 def offset(robot: KinematicRobot, cell: Cell) -> float:
@@ -47,7 +47,7 @@ def test_a_free_move_ends_in_the_centre_of_the_next_cell(direction: Direction) -
     assert abs(math.remainder(robot.pose.theta - heading, math.tau)) < 0.05
 
 
-def test_a_blocked_move_ends_where_it_began() -> None:
+def test_a_blocked_move_returns_to_the_start() -> None:
     pilot, robot = make()
     assert go(pilot, Cell(1, 2), Direction.WEST) is True
     assert go(pilot, Cell(0, 2), Direction.WEST) is False

@@ -1,4 +1,4 @@
-"""Missions up to standing ready: map, cells, boxes and warehouse are compared with the ground truth."""
+"""Surveys of a mission: map, cells, boxes and warehouse are compared with the ground truth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wherry_testing.perfect_worlds import centre, heading_of, perfect_map
 
 @dataclass(frozen=True)
 class FinishedSurvey:
-    """A finished mission and its simulation."""
+    """A finished survey and its simulation."""
 
     plan: FloorPlan
     simulation: Simulation
@@ -47,7 +47,7 @@ def with_boxes(name: str) -> FloorPlan:
 
 
 def start(plan: FloorPlan, grid: OccupancyGrid | None = None) -> FinishedSurvey:
-    """Run a mission up to standing ready: by exploring, or by localizing on a given map."""
+    """Run a survey: by exploration, or by localization on a given map."""
     simulation, records = build(plan, np.random.default_rng(1)), []
     mission = Mission(simulation.robot, order_from_plan(plan), records.append, np.random.default_rng(2))
     surveyed = mission.explore() if grid is None else mission.localize(grid)
@@ -67,18 +67,17 @@ def test_walls_on_the_map_are_accurate_to_two_centimetres(survey: FinishedSurvey
 
 
 def test_the_map_has_the_true_cells_and_walls(survey: FinishedSurvey) -> None:
-    plan, read = survey.plan, survey.surveyed.plan
-    reached = set(read.distances(survey.surveyed.environment.cell))
-    true = {survey.true_cell(cell): cell for cell in reached}
-    assert set(true) == set(plan.distances(plan.start))
-    neighbours = {
-        (cell, other) for cell in true for other in true if abs(cell.x - other.x) + abs(cell.y - other.y) == 1
-    }
-    for cell, other in neighbours:
-        a, b = true[cell], true[other]
-        mine = next(way for way in Direction if a.neighbour(way) == b)
-        theirs = next(way for way in Direction if cell.neighbour(way) == other)
-        assert read.is_blocked(a, mine) == plan.is_blocked(cell, theirs), (cell, other)
+    plan, surveyed_plan = survey.plan, survey.surveyed.plan
+    reachable = surveyed_plan.distances(survey.surveyed.environment.cell)
+    map_cells = {survey.true_cell(cell): cell for cell in reachable}
+    assert set(map_cells) == set(plan.distances(plan.start))
+    for cell, map_cell in map_cells.items():
+        for direction in Direction:
+            neighbour = cell.neighbour(direction)
+            if neighbour in map_cells:
+                map_direction = next(d for d in Direction if map_cell.neighbour(d) == map_cells[neighbour])
+                is_blocked = surveyed_plan.is_blocked(map_cell, map_direction)
+                assert is_blocked == plan.is_blocked(cell, direction), (cell, direction)
 
 
 def test_every_box_is_found_in_its_true_cell(survey: FinishedSurvey) -> None:

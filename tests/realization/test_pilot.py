@@ -1,4 +1,4 @@
-"""The pilot on a robot without physics: where drives end, and with which status."""
+"""The pilot on a robot without physics: final poses and statuses of drives."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wherry.robot import Odometry, Scan
 from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
 from wherry.trace.records import Record, RobotSnapshot
-from wherry_testing.kinematic import KinematicRobot, Odometric
+from wherry_testing.kinematic import KinematicRobot, OdometryPoseEstimator
 from wherry_testing.perfect_worlds import MovableLidar
 
 SMALL = find_world("small").with_boxes(())  # 4.8 × 3.6 m, the robot at (0.3, 3.3) looking east
@@ -27,7 +27,7 @@ WALL_X = 2.4  # m, of the wall between the two rooms; the doorway leads through 
 def make(odom_from_world: Pose = IDENTITY) -> tuple[Pilot, KinematicRobot, list[Record]]:
     """A pilot whose map frame is the world."""
     robot, records = KinematicRobot(SMALL, odom_from_world), []
-    tracker = PoseTracker(Odometric(odom_from_world), START)
+    tracker = PoseTracker(OdometryPoseEstimator(odom_from_world), START)
     return Pilot(robot, tracker, records.append), robot, records
 
 
@@ -74,14 +74,14 @@ def test_a_path_around_a_corner_is_followed_to_its_end() -> None:
     assert math.hypot(robot.pose.x - 3.3, robot.pose.y - 1.8) < 0.02
     assert robot.nearest_wall > BODY.radius
     assert pilot.odometry.velocity.linear == 0.0
-    shown = [record for record in records if isinstance(record, RobotSnapshot) and len(record.path)]
-    np.testing.assert_allclose(shown[0].path, path, atol=1e-6)
-    for record in shown:  # only the remaining path is recorded
+    with_path = [record for record in records if isinstance(record, RobotSnapshot) and len(record.path)]
+    np.testing.assert_allclose(with_path[0].path, path, atol=1e-6)
+    for record in with_path:  # only the remaining path is recorded
         nearest = math.hypot(record.path[0, 0] - record.pose.x, record.path[0, 1] - record.pose.y)
         assert nearest <= np.hypot(*(record.path - [record.pose.x, record.pose.y]).T).min()
-    left = [float(np.hypot(*np.diff(record.path, axis=0).T).sum()) for record in shown]
-    assert left[-1] < 0.2
-    assert all(later <= earlier + 1e-6 for earlier, later in itertools.pairwise(left))
+    remaining = [float(np.hypot(*np.diff(record.path, axis=0).T).sum()) for record in with_path]
+    assert remaining[-1] < 0.2
+    assert all(later <= earlier + 1e-6 for earlier, later in itertools.pairwise(remaining))
 
 
 def test_a_path_through_a_wall_is_blocked_before_the_wall() -> None:
@@ -132,8 +132,8 @@ def test_going_to_a_pose_returns_whether_the_robot_arrived() -> None:
     assert robot.nearest_wall > BODY.radius
 
 
-class Jumping(Odometric):
-    """A pose estimator that alternates between two places."""
+class JumpingPoseEstimator(OdometryPoseEstimator):
+    """A pose estimator that alternates between two positions."""
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
         return super().update(odometry, scan) @ Pose(0.0, 0.05 if self.updates % 2 else -0.05)
@@ -141,10 +141,10 @@ class Jumping(Odometric):
 
 def test_a_drive_to_an_unreachable_goal_times_out() -> None:
     pilot, robot, _ = make()
-    pilot.use_tracker(PoseTracker(Jumping(), START))
-    began = pilot.time
+    pilot.use_tracker(PoseTracker(JumpingPoseEstimator(), START))
+    start_time = pilot.time
     assert pilot.go_to(Pose(0.9, 3.0)) is False
-    assert DRIVE_TIMEOUT <= pilot.time - began < DRIVE_TIMEOUT + 5.0
+    assert DRIVE_TIMEOUT <= pilot.time - start_time < DRIVE_TIMEOUT + 5.0
     assert abs(pilot.odometry.velocity.linear) <= STANDSTILL_SPEED
     assert robot.nearest_wall > BODY.radius
 
@@ -159,8 +159,8 @@ def test_a_path_can_be_followed_in_reverse() -> None:
 def test_a_new_tracker_starts_at_the_pose_given_to_it() -> None:
     pilot, robot, _ = make()
     pilot.wait_for_scan()
-    # The new map's origin is at the robot's present place.
-    pilot.use_tracker(PoseTracker(Odometric(START), Pose()))
+    # The new map's origin is at the robot's position.
+    pilot.use_tracker(PoseTracker(OdometryPoseEstimator(START), Pose()))
     assert pilot.pose.distance_to(IDENTITY) < 1e-9
     pilot.go_to(Pose(0.9, 0.0))
     assert robot.pose.distance_to(Pose(1.2, 3.3)) < 0.02
@@ -169,12 +169,12 @@ def test_a_new_tracker_starts_at_the_pose_given_to_it() -> None:
 @pytest.mark.parametrize("offset", [0.0, 0.03])
 def test_readings_of_a_box_in_the_fork_are_masked(offset: float) -> None:
     lidar = MovableLidar(SMALL)
-    empty, loaded = lidar.scan(START), lidar.scan(START, np.array([[START.x + offset, START.y]]))
-    assert not detects_load(empty, BODY)
-    assert mask_load(empty, BODY) is empty
-    assert detects_load(loaded, BODY)
-    rest = mask_load(loaded, BODY)
-    hidden = np.isnan(rest.ranges)
-    assert 20 < hidden.sum() < 120
-    np.testing.assert_array_equal(rest.ranges[~hidden], empty.ranges[~hidden])
-    assert not detects_load(rest, BODY)
+    without_load, with_load = lidar.scan(START), lidar.scan(START, np.array([[START.x + offset, START.y]]))
+    assert not detects_load(without_load, BODY)
+    assert mask_load(without_load, BODY) is without_load
+    assert detects_load(with_load, BODY)
+    masked = mask_load(with_load, BODY)
+    is_masked = np.isnan(masked.ranges)
+    assert 20 < is_masked.sum() < 120
+    np.testing.assert_array_equal(masked.ranges[~is_masked], without_load.ranges[~is_masked])
+    assert not detects_load(masked, BODY)

@@ -1,4 +1,4 @@
-"""The pose tracker: corrected by a scan, propagated by odometry until the next one."""
+"""The pose tracker: scans correct the pose, odometry propagates it."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def test_map_with_wrong_size_or_frame_is_rejected_and_the_last_one_kept(changes:
     external = ExternalMap(bus.node(), NAMES)
     broken = replace(encode_occupancy_grid(GRID, 0.0, "map"), **changes)
     bus.publish(TOPICS.map, broken)
-    with pytest.raises(InputError, match="/map: not received within 0 s; refused /map"):
+    with pytest.raises(InputError, match="/map: not received within 0 s; rejected /map"):
         external.wait(0.0)
     bus.publish(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))
     bus.publish(TOPICS.map, broken)

@@ -112,34 +112,34 @@ def stage(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
 
 
 def test_rclpy_receives_the_values_that_were_sent_and_drives(rclpy: str, stage: Stage) -> None:
-    heard = ask(rclpy, 0.25, 3.0)
+    received = ask(rclpy, 0.25, 3.0)
     compared = 0
-    for stamp, ranges in heard["scans"].items():
+    for stamp, ranges in received["scans"].items():
         np.testing.assert_array_equal(np.array(ranges, np.float32), stage.scans[int(stamp)].ranges)
         compared += 1
     assert compared == 3
-    frame, angle_min, increment, range_max = heard["scan"][0]
+    frame, angle_min, increment, range_max = received["scan"][0]
     assert (frame, range_max) == ("laser", 12.0)
     assert angle_min == pytest.approx(-np.pi)
     assert increment == pytest.approx(np.pi / 180)
-    for stamp, (x, z, speed) in heard["odom"].items():
+    for stamp, (x, z, speed) in received["odom"].items():
         ours = stage.odometry[int(stamp)]
         assert (x, z) == (ours.pose.pose.position.x, ours.pose.pose.orientation.z)
         assert speed == ours.twist.twist.linear.x
-    assert heard["frames"] == [["odom", "base_link"]]
-    assert heard["joints"] == [list(WHEEL_JOINTS)]
-    assert heard["counts"]["clock"] > heard["counts"]["odom"] > heard["counts"]["scan"] > 20
-    ((width, height, resolution, x, data),) = heard["map"]
+    assert received["frames"] == [["odom", "base_link"]]
+    assert received["joints"] == [list(WHEEL_JOINTS)]
+    assert received["counts"]["clock"] > received["counts"]["odom"] > received["counts"]["scan"] > 20
+    ((width, height, resolution, x, data),) = received["map"]
     assert (width, height, x) == (3, 2, -1.5)
     assert resolution == pytest.approx(0.05)
     assert data == [0, 100, -1, 0, 100, -1]
     assert stage.simulation.referee.pose.x - 0.9 == pytest.approx(0.25 * 3.0, abs=0.3)
-    assert max(speed for _, _, speed in heard["odom"].values()) == pytest.approx(0.25, abs=0.05)
+    assert max(speed for _, _, speed in received["odom"].values()) == pytest.approx(0.25, abs=0.05)
 
 
 def test_rclpy_drives_with_stamped_velocities(rclpy: str, stage: Stage) -> None:
-    heard = ask(rclpy, -0.2, 2.0, "stamped")
-    assert min(speed for _, _, speed in heard["odom"].values()) == pytest.approx(-0.2, abs=0.05)
+    received = ask(rclpy, -0.2, 2.0, "stamped")
+    assert min(speed for _, _, speed in received["odom"].values()) == pytest.approx(-0.2, abs=0.05)
     time.sleep(0.6)
     last = stage.odometry[max(stage.odometry)]
     assert abs(last.twist.twist.linear.x) < 0.02  # the robot stops once rclpy has ended
@@ -157,8 +157,8 @@ def test_rclpy_receives_messages_of_the_agent(rclpy: str, stage: Stage) -> None:
         thread = threading.Thread(target=publish, args=(agent,))
         thread.start()
         try:
-            heard = ask(rclpy, 0.0, 1.0)
+            received = ask(rclpy, 0.0, 1.0)
         finally:
             over.set()
             thread.join()
-    assert heard["particles"] == [200]
+    assert received["particles"] == [200]

@@ -171,7 +171,7 @@ def test_the_error_of_a_bag_with_only_broken_scans_names_the_first(tmp_path: Pat
 
 def test_more_scans_than_fit_into_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path, "mcap", [(2.0 + n, GOOD[0][1]) for n in range(5)])
-    monkeypatch.setattr("wherry.ros.bags.reading.MAX_READINGS", 12)
+    monkeypatch.setattr("wherry.ros.bags.reading.MAX_RANGES", 12)
     with pytest.raises(InputError, match="/scan, message 3"):
         read_bag(path)
 

@@ -102,9 +102,9 @@ def test_a_node_registers_again_with_a_new_master(roscore: Roscore, node: Progra
         peer.wait_for("/back", 1, 5.0)
         roscore.kill()
         wait_until(lambda: ask(node).endswith("False"), 5.0, "the node notices")
-        heard = len(peer.heard["/back"])
+        count = len(peer.received["/back"])
         send(peer, "/there", 2)
-        peer.wait_for("/back", heard + 1, 5.0)
+        peer.wait_for("/back", count + 1, 5.0)
         assert peer.last("/back")["scan_time"] == 2.0, "topics work without a master"
     roscore.start()
     wait_until(lambda: ask(node).endswith("True"), 5.0, "the node is registered with the new master")
@@ -113,7 +113,9 @@ def test_a_node_registers_again_with_a_new_master(roscore: Roscore, node: Progra
         assert peer.wait_for("/latched", 1, 5.0) == [{"data": "once"}]
         peer.listen("/back", SCAN)
         send(peer, "/there", 3)
-        wait_until(lambda: any(news["message"]["scan_time"] == 3.0 for news in peer.heard["/back"]), 5.0, "an echo")
+        wait_until(
+            lambda: any(entry["message"]["scan_time"] == 3.0 for entry in peer.received["/back"]), 5.0, "an echo"
+        )
         assert peer.parameter("/answer") == 42
 
 

@@ -54,7 +54,7 @@ def peer(roscore: Roscore, simulator: Program) -> Iterator[Peer]:
     with roscore.peer() as peer:
         for topic, type_name in SUBSCRIBED.items():
             peer.listen(topic, type_name)
-        wait_until(lambda: len(peer.heard["/scan"]) >= 3, 60.0, f"scans\n{simulator.output}")
+        wait_until(lambda: len(peer.received["/scan"]) >= 3, 60.0, f"scans\n{simulator.output}")
         yield peer
 
 
@@ -89,15 +89,17 @@ def test_messages_follow_ros_conventions(peer: Peer) -> None:
 def test_transforms_precede_scans(peer: Peer) -> None:
     shift = peer.transform("odom", "laser")
     assert shift == pytest.approx([-0.17, 0.0, 0.15, 0.0, 0.0, 0.0, 1.0], abs=0.01), "real tf2, robot at its start"
-    transforms = {stamp(link): news["at"] for news in list(peer.heard["/tf"]) for link in news["message"]["transforms"]}
-    scans = list(peer.heard["/scan"])[:-1]
-    lag = np.array([transforms[stamp(news["message"])] - news["at"] for news in scans])
+    transforms = {
+        stamp(link): entry["at"] for entry in list(peer.received["/tf"]) for link in entry["message"]["transforms"]
+    }
+    scans = list(peer.received["/scan"])[:-1]
+    lag = np.array([transforms[stamp(entry["message"])] - entry["at"] for entry in scans])
     assert np.median(lag) < 0.0, "the transform comes first"
     assert np.quantile(lag, 0.9) < 0.05, "two connections may race, but not as long as from one odometry to the next"
 
 
 def test_all_stamps_are_of_one_clock(peer: Peer) -> None:
-    clocks = [news["message"]["clock"] for news in list(peer.heard["/clock"])]
+    clocks = [entry["message"]["clock"] for entry in list(peer.received["/clock"])]
     times = [clock["secs"] + 1e-9 * clock["nsecs"] for clock in clocks]
     assert times == sorted(times)
     assert np.diff(times).max() < 0.05 + 1e-6, "published with every odometry and in between"
@@ -155,7 +157,7 @@ def test_second_publisher_of_velocities_is_reported(roscore: Roscore, peer: Peer
 
 
 def test_node_survives_the_master_and_registers_with_the_next(roscore: Roscore, simulator: Program, peer: Peer) -> None:
-    before = len(peer.heard["/scan"])
+    before = len(peer.received["/scan"])
     roscore.kill()
     peer.wait_for("/scan", before + 10, 5.0)
     roscore.start()
@@ -172,7 +174,7 @@ def test_namespace_and_frame_prefix(roscore: Roscore) -> None:
     with roscore.wherry(*SIMULATE, *options) as simulator, roscore.peer("other") as peer:
         peer.listen("/robot2/scan", SUBSCRIBED["/scan"])
         peer.listen("/robot2/wheels", SUBSCRIBED["/odom"])
-        wait_until(lambda: peer.heard["/robot2/scan"], 60.0, f"a scan\n{simulator.output}")
+        wait_until(lambda: peer.received["/robot2/scan"], 60.0, f"a scan\n{simulator.output}")
         assert peer.last("/robot2/scan")["header"]["frame_id"] == "robot2/laser"
         peer.wait_for("/robot2/wheels", 1, 5.0)
         assert peer.transform("robot2/odom", "robot2/laser")[2] == pytest.approx(0.15)
@@ -186,7 +188,7 @@ def test_arguments_of_roslaunch(roscore: Roscore) -> None:
     command = [sys.executable, "-m", "wherry", *SIMULATE, *appended]
     with Program(command, environment) as simulator, roscore.peer("launched") as peer:
         peer.listen("/robot3/front/scan", SUBSCRIBED["/scan"])
-        wait_until(lambda: peer.heard["/robot3/front/scan"], 60.0, f"a scan\n{simulator.output}")
+        wait_until(lambda: peer.received["/robot3/front/scan"], 60.0, f"a scan\n{simulator.output}")
         with closing(Master("/test", roscore.environment["ROS_MASTER_URI"])) as master:
             assert master.is_alive("/robot3/lidar_robot")
 
@@ -196,8 +198,8 @@ def _description(peer: Peer) -> ElementTree.Element:
 
 
 def _simulator(peer: Peer) -> dict[str, str]:
-    for news in reversed(peer.heard["/diagnostics"]):
-        if found := values_of(news["message"], "wherry: simulator"):
+    for entry in reversed(peer.received["/diagnostics"]):
+        if found := values_of(entry["message"], "wherry: simulator"):
             return found
     return {}
 

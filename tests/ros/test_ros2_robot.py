@@ -95,9 +95,9 @@ class Watcher:
 
     def stopped_after(self, begin: float) -> float:
         """Time on the robot's clock from an instant of the monotonic clock until the robot stood, s."""
-        heard = zip(self.arrived, self.odometry, strict=False)
+        messages = zip(self.arrived, self.odometry, strict=False)
         return stopping_time(
-            [ReceivedOdometry(at, odometry.time, odometry.velocity.linear) for at, odometry in heard], begin
+            [ReceivedOdometry(at, odometry.time, odometry.velocity.linear) for at, odometry in messages], begin
         )
 
 

@@ -135,7 +135,7 @@ def test_the_description_has_base_link_as_its_root_and_all_links_of_the_simulato
 VIEW = rviz.RvizView(2.1, -1.5, 165.0)  # the small world, relative to its robot's start, fills the screen
 SIMULATE = ("ros1", "simulate", "small", "--boxes", "2", "--rate", "2")
 DELIVER = ("ros1", "deliver", "--warehouse", "3.6,-0.6", "--warehouse", "3.6,-1.8")
-HEARD = {
+SUBSCRIBED = {
     "/scan": "sensor_msgs/LaserScan",
     "/map": "nav_msgs/OccupancyGrid",
     "/particlecloud": "geometry_msgs/PoseArray",
@@ -222,7 +222,7 @@ def photograph(environment: dict[str, str]) -> bytes:
 
 def delivers(peer: Peer) -> bool:
     """Whether all topics have messages, there are particles, and the robot follows a path."""
-    if not all(peer.heard[topic] for topic in HEARD):
+    if not all(peer.received[topic] for topic in SUBSCRIBED):
         return False
     path = peer.last("/predicted_path")["poses"]
     return len(peer.last("/particlecloud")["poses"]) > 0 and len(path) > 1 and length(positions(path)) > 0.4
@@ -305,7 +305,7 @@ def test_debians_rviz_shows_a_delivery(tmp_path: Path) -> None:
     require("roscore", "rviz", "Xvfb", "import")
     centre = ("--centre", str(VIEW.x), str(VIEW.y), "--scale", str(VIEW.scale))
     with Roscore(tmp_path) as roscore, screen(tmp_path) as variables, roscore.peer() as peer:
-        for topic, type_name in HEARD.items():
+        for topic, type_name in SUBSCRIBED.items():
             peer.listen(topic, type_name)
         with roscore.wherry(*SIMULATE) as simulator:
             roscore.environment.update(variables)
@@ -313,10 +313,10 @@ def test_debians_rviz_shows_a_delivery(tmp_path: Path) -> None:
                 roscore.wherry("rviz", "--ros", "1", *centre, "--", "--no-stereo", "--splash-screen", "") as viewer,
                 roscore.wherry(*DELIVER) as agent,
             ):
-                wait_until(lambda: delivers(peer), 300.0, f"a ride\n{agent.output}\n{viewer.output}")
+                wait_until(lambda: delivers(peer), 300.0, f"a drive\n{agent.output}\n{viewer.output}")
                 peer.transform("map", "laser")  # starts the tf2 listener, which buffers from now on
-                heard = len(peer.heard["/scan"])
-                wait_until(lambda: len(peer.heard["/scan"]) > heard + 10 and delivers(peer), 60.0, "still under way")
+                count = len(peer.received["/scan"])
+                wait_until(lambda: len(peer.received["/scan"]) > count + 10 and delivers(peer), 60.0, "still under way")
                 with frozen(simulator, agent, peer):
                     check_until_drawn(Path(os.environ.get("WHERRY_PICTURES", tmp_path)) / "rviz.png", variables, peer)
 

@@ -1,4 +1,4 @@
-"""Injected faults."""
+"""Faults: a kidnapped robot, slipping wheels and a blinded lidar."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 
 from wherry.robot import Odometry, Scan
 from wherry.simulation import build
-from wherry.simulation.faults import blind, kidnap, random_pose, slippery
+from wherry.simulation.faults import blind_lidar, kidnap, random_pose, slippery_wheels
 from wherry.simulation.static_geometry import clearance
 from wherry.space.pose import Pose
-from wherry_testing.halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop
+from wherry_testing.halls import CELL, box_in_base, drive, drive_to_x, hall, noise_free, stop
 
 
 def _odometry(measurements: list[Scan | Odometry]) -> Odometry:
@@ -21,7 +21,7 @@ def _odometry(measurements: list[Scan | Odometry]) -> Odometry:
 
 
 def test_a_kidnapped_robot_moves_without_odometry() -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     before = _odometry(drive(simulation, 0.0, 0.0, 0.2))
     kidnap(simulation, Pose(1.0, 1.5, 2.0))
     after = _odometry(drive(simulation, 0.0, 0.0, 0.5))
@@ -33,7 +33,7 @@ def test_a_kidnapped_robot_moves_without_odometry() -> None:
 
 
 def test_the_load_is_kidnapped_with_the_robot() -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     drive_to_x(simulation, 4.5 * CELL)
     simulation.robot.close_latch()
     drive(simulation, -0.2, 0.0, 0.5)
@@ -45,7 +45,7 @@ def test_the_load_is_kidnapped_with_the_robot() -> None:
 
 @pytest.mark.parametrize("pose", [Pose(0.1, 1.0), Pose(-3.0, 1.0), Pose(4.5 * CELL, 2.5 * CELL), Pose(4.5, 2.1)])
 def test_kidnapping_into_a_collision_is_rejected(pose: Pose) -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     with pytest.raises(ValueError, match="would collide at"):
         kidnap(simulation, pose)
 
@@ -63,11 +63,11 @@ def test_random_poses_are_free_and_spread_over_the_plan() -> None:
 
 def test_slippery_wheels_make_odometry_wrong() -> None:
     def odometry_error(*, is_slippery: bool) -> float:
-        simulation = exact(hall(o=" "))
+        simulation = noise_free(hall(o=" "))
         measurements = drive(simulation, 0.0, 0.0, 0.1)
         start = simulation.referee.pose
         if is_slippery:
-            with slippery(simulation):
+            with slippery_wheels(simulation):
                 measurements += drive(simulation, 0.5, 0.0, 1.0)
         else:
             measurements += drive(simulation, 0.5, 0.0, 1.0)
@@ -80,9 +80,10 @@ def test_slippery_wheels_make_odometry_wrong() -> None:
 
 
 def test_a_blind_lidar_returns_nan_and_recovers() -> None:
-    simulation = exact(hall())
-    with blind(simulation):
-        scans = [found for found in drive(simulation, 0.0, 0.0, 0.5) if isinstance(found, Scan)]
+    simulation = noise_free(hall())
+    with blind_lidar(simulation):
+        scans = [measurement for measurement in drive(simulation, 0.0, 0.0, 0.5) if isinstance(measurement, Scan)]
         assert all(np.isnan(scan.ranges).all() and not scan.valid.any() for scan in scans[1:])
     stop(simulation)
-    assert [found for found in drive(simulation, 0.0, 0.0, 0.2) if isinstance(found, Scan)][-1].valid.all()
+    measurements = drive(simulation, 0.0, 0.0, 0.2)
+    assert [measurement for measurement in measurements if isinstance(measurement, Scan)][-1].valid.all()

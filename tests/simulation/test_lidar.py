@@ -1,4 +1,4 @@
-"""The simulated lidar: exact ranges, then noise."""
+"""The simulated lidar: exact ranges, noise, and limits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wherry.simulation.lidar import Lidar, LidarSpecification, exact_ranges
 from wherry.simulation.model import BODY, BOX_RADIUS
 from wherry.simulation.static_geometry import StaticGeometry, clearance
 from wherry.space.pose import Pose
-from wherry_testing.halls import exact, hall
+from wherry_testing.halls import hall, noise_free
 
 ROOM = StaticGeometry.from_plan(FloorPlan("room", 5, 4, cell_size=1.0))
 NO_BOXES = np.empty((0, 2))
@@ -51,7 +51,8 @@ def test_ranges_equal_those_of_mujoco(seed: int) -> None:
     mujoco.mj_forward(model, data)
     boxes = simulation.physics.box_positions[:, :2]
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
-    geoms, group, oracle = np.empty(360, dtype=np.int32), np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8), np.empty(360)
+    geom_ids, expected = np.empty(360, dtype=np.int32), np.empty(360)
+    group = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)  # only geoms of group 0, without the robot's
     compared = 0
     while compared < 30:
         pose = Pose(*rng.uniform((0.0, 0.0), (7.2, 5.4)), rng.uniform(-math.pi, math.pi))
@@ -60,13 +61,13 @@ def test_ranges_equal_those_of_mujoco(seed: int) -> None:
             continue
         directions = np.column_stack([np.cos(angles + pose.theta), np.sin(angles + pose.theta), np.zeros(360)])
         start = np.array([pose.x, pose.y, 0.2])
-        mujoco.mj_multiRay(model, data, start, directions.ravel(), group, 1, -1, geoms, oracle, None, 360, 1e9)
-        assert_allclose(exact_ranges(geometry, pose, angles, boxes, BOX_RADIUS), oracle, atol=1e-9)
+        mujoco.mj_multiRay(model, data, start, directions.ravel(), group, 1, -1, geom_ids, expected, None, 360, 1e9)
+        assert_allclose(exact_ranges(geometry, pose, angles, boxes, BOX_RADIUS), expected, atol=1e-9)
         compared += 1
 
 
 def test_ranges_ahead_behind_left_and_right_of_the_rear_lidar() -> None:
-    simulation = exact(hall(o=" "))
+    simulation = noise_free(hall(o=" "))
     simulation.robot.receive()
     scan = simulation.robot.receive()
     pose = simulation.referee.pose
@@ -79,18 +80,18 @@ def test_ranges_ahead_behind_left_and_right_of_the_rear_lidar() -> None:
 
 
 def test_the_robot_does_not_occlude_its_lidar() -> None:
-    simulation = exact(hall(o=" "))
+    simulation = noise_free(hall(o=" "))
     simulation.robot.receive()
     assert simulation.robot.receive().ranges.min() > 0.35
 
 
-def test_noise_has_the_given_sigma_and_seed() -> None:
-    truth = Lidar(LidarSpecification(noise=0.0), ROOM, np.random.default_rng(0)).scan(0.0, Pose(2, 1), NO_BOXES, 0.1)
+def test_noise_has_the_given_sigma_and_repeats_with_the_seed() -> None:
+    exact = Lidar(LidarSpecification(noise=0.0), ROOM, np.random.default_rng(0)).scan(0.0, Pose(2, 1), NO_BOXES, 0.1)
     noisy, again = (Lidar(LidarSpecification(), ROOM, np.random.default_rng(3)) for _ in range(2))
     errors = []
     for time in range(50):
         scan = noisy.scan(time, Pose(2, 1), NO_BOXES, 0.1)
-        errors.append(scan.ranges - truth.ranges)
+        errors.append(scan.ranges - exact.ranges)
         assert np.array_equal(scan.ranges, again.scan(time, Pose(2, 1), NO_BOXES, 0.1).ranges)
     assert np.std(errors) == pytest.approx(0.01, rel=0.03)
     assert abs(np.mean(errors)) < 0.0003

@@ -1,4 +1,4 @@
-"""Perfect maps of the built-in worlds, which other tests build on."""
+"""The perfect maps that other tests use are correct."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wherry_testing.perfect_worlds import is_solid, perfect_map
 
 @pytest.mark.parametrize("name", built_in_worlds())
 @pytest.mark.parametrize("theta", [0.0, 0.35, -0.7])
-def test_cells_fitted_to_the_map_of_a_world_are_those_of_its_plan(name: str, theta: float) -> None:
+def test_the_cell_frame_fitted_to_a_perfect_map_is_that_of_the_plan(name: str, theta: float) -> None:
     plan = find_world(name)
     map_from_world = Pose(-2.03, 1.41, theta)
     frame = fit_cell_frame(perfect_map(plan, map_from_world).occupied_points(), plan.cell_size)

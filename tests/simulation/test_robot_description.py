@@ -1,4 +1,4 @@
-"""The robot's URDF agrees with the constants that the code uses."""
+"""The robot's URDF agrees with the constants in the code."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from wherry.simulation.drive import TRACK, WHEEL_RADIUS
+from wherry.simulation.drive import TRACK_WIDTH, WHEEL_RADIUS
 from wherry.simulation.model import BODY, BOX_HEIGHT, BOX_RADIUS, LIDAR_HEIGHT, robot_urdf
 from wherry.simulation.referee import FORK_HALF_WIDTH, FORK_REACH
 
-ROBOT = ET.fromstring(robot_urdf())  # noqa: S314 - our own file
+ROBOT = ET.fromstring(robot_urdf())  # noqa: S314 - a file of this package
 
 
 def _numbers(element: ET.Element | None, attribute: str) -> np.ndarray:
@@ -79,7 +79,7 @@ def test_the_lidar_has_the_pose_of_the_body() -> None:
 
 def test_wheels_and_caster_touch_the_floor() -> None:
     for side, sign in (("left", 1), ("right", -1)):
-        assert_allclose(_position(f"{side}_wheel"), [0.0, sign * TRACK / 2, WHEEL_RADIUS])
+        assert_allclose(_position(f"{side}_wheel"), [0.0, sign * TRACK_WIDTH / 2, WHEEL_RADIUS])
         assert _corners(f"{side}_wheel", "collision")[:, 2].min() == pytest.approx(0.0)
         assert_allclose(_numbers(_joint_to(f"{side}_wheel").find("axis"), "xyz"), [0, 1, 0])
     assert _corners("caster", "collision")[:, 2].min() == pytest.approx(0.0)

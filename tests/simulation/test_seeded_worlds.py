@@ -1,4 +1,4 @@
-"""Seeded worlds: placement of boxes and random generators."""
+"""Seeded worlds: box placement and random generators."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_the_same_seed_gives_the_same_world_and_another_seed_another() -> None:
     assert one.robot_rng.random() == same.robot_rng.random() != one.physics_rng.random()
 
 
-def test_a_plans_own_boxes_stay_unless_a_number_is_given() -> None:
+def test_a_plans_boxes_are_kept_unless_a_number_is_given() -> None:
     plan = find_world("rooms").with_boxes([Cell(0, 0)])
     assert seed_world(plan, None, 0).plan == plan
     assert seed_world(plan, 0, 0).plan.boxes == ()

@@ -1,4 +1,4 @@
-"""The simulated robot: driving, docking, holding, delivering, and reproducibility."""
+"""The simulated robot: driving, docking, picking up, delivering, and reproducibility."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wherry.simulation import BoxStatus, Simulation, build
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.simulator import MAX_BOX_OFFSET
 from wherry.space.pose import Pose
-from wherry_testing.halls import CELL, box_in_base, drive, drive_to_x, exact, hall, stop, turn_to
+from wherry_testing.halls import CELL, box_in_base, drive, drive_to_x, hall, noise_free, stop, turn_to
 from wherry_testing.robot_contract import RobotContract
 
 BOX_X = 4.5 * CELL  # m, centre of the cell of the hall's box in front of the robot
@@ -32,7 +32,7 @@ class TestSimulatedRobot(RobotContract):
 
 
 def test_the_robot_starts_at_the_plans_pose() -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     assert_allclose(simulation.referee.pose.as_array(), [1.5 * CELL, 2.5 * CELL, 0.0], atol=1e-3)
     first, second = simulation.robot.receive(), simulation.robot.receive()
     assert isinstance(first, Odometry)
@@ -42,13 +42,13 @@ def test_the_robot_starts_at_the_plans_pose() -> None:
 
 
 def test_odometry_comes_at_20_hertz_and_scans_at_10() -> None:
-    measurements = drive(exact(hall()), 0.0, 0.0, 2.0)
+    measurements = drive(noise_free(hall()), 0.0, 0.0, 2.0)
     assert sum(isinstance(measurement, Odometry) for measurement in measurements) == 41
     assert sum(isinstance(measurement, Scan) for measurement in measurements) in {20, 21}
 
 
 def test_the_robot_drives_straight() -> None:
-    simulation = exact(hall(o=" "))
+    simulation = noise_free(hall(o=" "))
     start = simulation.referee.pose
     drive(simulation, 0.5, 0.0, 4.0)
     drive(simulation, -0.5, 0.0, 8.0 - 4.0)
@@ -61,18 +61,18 @@ def test_the_robot_drives_straight() -> None:
 
 
 def test_the_robot_turns_on_the_spot() -> None:
-    simulation = exact(hall(o=" "))
+    simulation = noise_free(hall(o=" "))
     start = simulation.referee.pose
     measurements = drive(simulation, 0.0, 1.5, 12.0) + drive(simulation, 0.0, 0.0, 1.0)
     turned = [reading.velocity.angular for reading in measurements if isinstance(reading, Odometry)]
     assert np.median(turned) == pytest.approx(1.5, rel=0.02)
     assert simulation.referee.pose.distance_to(start) < 0.01
-    truth = np.unwrap(simulation.referee.history[:, 3])[-1]
+    truth = np.unwrap(simulation.referee.trajectory[:, 3])[-1]
     assert truth == pytest.approx(sum(turned) / 20, rel=0.01)
 
 
 def test_odometry_without_errors_differs_only_by_wheel_slip() -> None:
-    simulation = exact(hall(o=" "))
+    simulation = noise_free(hall(o=" "))
     start = simulation.referee.pose
     measurements = []
     for linear, angular, seconds in ((0.5, 0.0, 4.0), (0.0, 1.0, 3.0), (0.0, -1.0, 3.0), (-0.4, 0.3, 4.0)):
@@ -99,7 +99,7 @@ def test_odometry_drifts_by_a_few_hundredths_of_a_radian_per_metre() -> None:
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.04, 0.0), (0.0, 0.03), (-0.028, -0.028), (0.0, -0.035)])
 def test_the_robot_docks_turns_around_the_box_and_carries_it(offset: tuple[float, float]) -> None:
-    simulation = exact(hall(), (offset,))
+    simulation = noise_free(hall(), (offset,))
     drive_to_x(simulation, BOX_X + offset[0])
     before = simulation.physics.box_positions[0, :2]
     assert_allclose(before, np.array([4.5, 2.5]) * CELL + offset, atol=0.001)
@@ -120,27 +120,27 @@ def test_the_robot_docks_turns_around_the_box_and_carries_it(offset: tuple[float
 
 
 def test_a_held_box_moves_continuously() -> None:
-    simulation = exact(hall(), ((0.02, 0.02),))
+    simulation = noise_free(hall(), ((0.02, 0.02),))
     drive_to_x(simulation, BOX_X)
-    places = [simulation.physics.box_positions[0].copy()]
+    positions = [simulation.physics.box_positions[0].copy()]
     simulation.robot.close_latch()
     for _ in range(60):
         drive(simulation, -0.4, 0.2, 0.05)
-        places.append(simulation.physics.box_positions[0].copy())
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        positions.append(simulation.physics.box_positions[0].copy())
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     assert steps.max() < 0.05 * (0.4 + 0.02) * 1.2
     assert steps[-1] > 0.015
 
 
 def test_an_unheld_box_stays_behind() -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     drive_to_x(simulation, BOX_X)
     drive_to_x(simulation, 1.5)
     assert_allclose(simulation.physics.box_positions[0, :2], [BOX_X, 2.5 * CELL], atol=0.001)
 
 
 def test_the_latch_holds_only_a_box_within_its_reach() -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     drive_to_x(simulation, BOX_X - 0.08)
     assert simulation.robot.close_latch() is False
     drive_to_x(simulation, BOX_X - 0.03)
@@ -162,7 +162,7 @@ def _deliver(simulation: Simulation) -> None:
 
 
 def test_the_interlock_opens_the_latch_only_over_the_warehouse() -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     drive_to_x(simulation, BOX_X)
     simulation.robot.close_latch()
     assert simulation.robot.open_latch() is False
@@ -172,31 +172,31 @@ def test_the_interlock_opens_the_latch_only_over_the_warehouse() -> None:
 
 
 def test_the_warehouse_takes_a_released_box() -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     _deliver(simulation)
-    where = simulation.physics.box_positions[0, :2]
+    released_at = simulation.physics.box_positions[0, :2]
     assert simulation.robot.open_latch() is True
     drive(simulation, 0.0, 0.0, 0.3)
     assert simulation.physics.box_positions[0, 2] == pytest.approx(0.15 - 0.3 * 0.3, abs=0.02)  # it sinks
     drive(simulation, 0.0, 0.0, 2.0)
     assert simulation.referee.boxes[0].status is BoxStatus.DELIVERED
-    assert simulation.referee.boxes[0].position == pytest.approx(tuple(where), abs=0.01)
+    assert simulation.referee.boxes[0].position == pytest.approx(tuple(released_at), abs=0.01)
     assert simulation.referee.delivered == 1
-    gone = simulation.physics.box_positions[0, 2]
-    assert gone < -0.3
+    sunk_height = simulation.physics.box_positions[0, 2]
+    assert sunk_height < -0.3
     drive(simulation, 0.3, 0.0, 4.0)
-    assert simulation.physics.box_positions[0, 2] == pytest.approx(gone, abs=0.01)
+    assert simulation.physics.box_positions[0, 2] == pytest.approx(sunk_height, abs=0.01)
     assert simulation.robot.close_latch() is False
     assert simulation.robot.open_latch() is True
     assert simulation.referee.collisions == []
 
 
 def test_the_lidar_sees_a_box_until_the_warehouse_has_taken_it() -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     _deliver(simulation)
 
     def nearest_ahead() -> float:
-        (scan,) = [found for found in drive(simulation, 0.0, 0.0, 0.1) if isinstance(found, Scan)]
+        (scan,) = [measurement for measurement in drive(simulation, 0.0, 0.0, 0.1) if isinstance(measurement, Scan)]
         return float(scan.ranges[np.abs(scan.angles) < 0.3].min())
 
     assert nearest_ahead() == pytest.approx(0.07, abs=0.005)
@@ -219,35 +219,35 @@ def test_boxes_stand_near_the_centres_of_their_cells() -> None:
 
 
 def test_boxes_at_rest_do_not_move() -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     before = simulation.physics.box_positions.copy()
     drive(simulation, 0.1, 0.5, 20.0)
     assert_allclose(simulation.physics.box_positions, before, atol=1e-6)
 
 
-def _eventful_run(simulation: Simulation) -> bytes:
-    """All measurements, the history and the collisions of twelve eventful seconds."""
-    measured = b""
+def _run_bytes(simulation: Simulation) -> bytes:
+    """All measurements, the trajectory and the collisions of a run of twelve seconds with several manoeuvres."""
+    recorded = b""
     for linear, angular, seconds in ((0.5, 0.0, 3.0), (0.0, 1.0, 2.0), (-0.4, 0.3, 3.0), (0.6, -0.5, 4.0)):
         for measurement in drive(simulation, linear, angular, seconds):
-            measured += measurement.ranges.tobytes() if isinstance(measurement, Scan) else repr(measurement).encode()
+            recorded += measurement.ranges.tobytes() if isinstance(measurement, Scan) else repr(measurement).encode()
         simulation.robot.close_latch()
-    return measured + simulation.referee.history.tobytes() + repr(simulation.referee.collisions).encode()
+    return recorded + simulation.referee.trajectory.tobytes() + repr(simulation.referee.collisions).encode()
 
 
 def test_the_same_plan_seed_and_commands_give_the_same_bytes() -> None:
     plan = place_boxes(find_world("rooms"), 4, np.random.default_rng(0))
-    runs = [_eventful_run(build(plan, np.random.default_rng(seed))) for seed in (1, 1, 2)]
+    runs = [_run_bytes(build(plan, np.random.default_rng(seed))) for seed in (1, 1, 2)]
     assert runs[0] == runs[1]
     assert runs[0] != runs[2]
 
 
 def test_simulations_are_independent_of_each_other() -> None:
-    alone = _eventful_run(exact(hall()))
-    first, second = exact(hall()), exact(hall())
+    expected = _run_bytes(noise_free(hall()))
+    first, second = noise_free(hall()), noise_free(hall())
     _deliver(second)
     second.robot.open_latch()
-    assert _eventful_run(first) == alone
+    assert _run_bytes(first) == expected
 
 
 def test_a_plan_without_a_robot_is_rejected() -> None:
@@ -257,7 +257,7 @@ def test_a_plan_without_a_robot_is_rejected() -> None:
 
 def test_the_lidars_rate_must_divide_that_of_the_odometry() -> None:
     simulation = build(hall(), np.random.default_rng(0), lidar=LidarSpecification(rate=5.0, beams=90))
-    scans = [found for found in drive(simulation, 0.0, 0.0, 2.0) if isinstance(found, Scan)]
+    scans = [measurement for measurement in drive(simulation, 0.0, 0.0, 2.0) if isinstance(measurement, Scan)]
     assert np.allclose(np.diff([scan.time for scan in scans]), 0.2)
     assert len(scans[0].ranges) == 90
     with pytest.raises(ValueError, match=r"rate of 7\.0 Hz must divide"):
@@ -265,7 +265,7 @@ def test_the_lidars_rate_must_divide_that_of_the_odometry() -> None:
 
 
 def _speed(work: Callable[[], object], simulation: Simulation) -> float:
-    """Simulated time ÷ processor time."""
+    """Simulated time ÷ processor time of a function call."""
     started, before = time.process_time(), simulation.time
     work()
     return (simulation.time - before) / (time.process_time() - started)
@@ -274,19 +274,19 @@ def _speed(work: Callable[[], object], simulation: Simulation) -> float:
 def test_the_simulation_is_much_faster_than_real_time() -> None:
     plan = place_boxes(find_world("rooms"), 4, np.random.default_rng(0))
     simulation = build(plan, np.random.default_rng(0))
-    drive(simulation, 0.3, 0.0, 1.0)  # kernels get compiled
+    drive(simulation, 0.3, 0.0, 1.0)  # compiles the kernels
 
-    def wander() -> None:
+    def manoeuvre() -> None:
         for _ in range(10):
             drive(simulation, 0.4, 0.2, 1.5)
             drive(simulation, -0.4, -0.2, 1.5)
 
-    assert max(_speed(wander, simulation) for _ in range(3)) > 75  # 250 on an idle machine
+    assert max(_speed(manoeuvre, simulation) for _ in range(3)) > 75  # 250 on an idle machine
 
 
 def test_a_command_lasts_until_the_next_one() -> None:
-    simulation = exact(hall())
+    simulation = noise_free(hall())
     simulation.robot.command(Velocity(0.3))
     while simulation.time < 0.3:
         simulation.robot.receive()
-    assert simulation.referee.history[-1, 1] - simulation.referee.history[0, 1] > 0.03
+    assert simulation.referee.trajectory[-1, 1] - simulation.referee.trajectory[0, 1] > 0.03

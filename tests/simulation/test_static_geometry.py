@@ -1,4 +1,4 @@
-"""Walls and obstacles in metres: rectangles, faces and clearance."""
+"""The static geometry: rectangles, faces and clearance."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from wherry.floorplan.generation import generate_world
 from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
 from wherry.floorplan.world_files import find_world
-from wherry.simulation.static_geometry import FREE, OBSTACLE, WALL, StaticGeometry, clearance, distances_to
+from wherry.simulation.static_geometry import FREE, OBSTACLE, WALL, StaticGeometry, clearance, distances_to_rectangles
 
 ROOM = StaticGeometry.from_plan(FloorPlan("room", 2, 1, cell_size=1.0))
 
@@ -55,7 +55,7 @@ def test_an_obstacle_fills_its_cell() -> None:
 def test_distances_to_a_rectangle() -> None:
     square = np.array([[1.0, 1.0, 2.0, 2.0]])
     points = np.array([[1.5, 1.5], [0.0, 1.5], [1.5, 4.0], [5.0, 6.0]])
-    assert_allclose(distances_to(square, points), [0.0, 1.0, 2.0, 5.0])
+    assert_allclose(distances_to_rectangles(square, points), [0.0, 1.0, 2.0, 5.0])
 
 
 @pytest.mark.parametrize("name", ["rooms", "offices", "taxi10"])
@@ -67,7 +67,7 @@ def test_rectangles_cover_all_solid_elements_and_nothing_else(name: str) -> None
     rows = np.searchsorted(geometry.ys, points[:, 1]) - 1
     kinds = geometry.kinds[rows, columns]
     for kind in (WALL, OBSTACLE):
-        assert_allclose(distances_to(geometry.rectangles(kind), points) == 0, kinds == kind)
+        assert_allclose(distances_to_rectangles(geometry.rectangles(kind), points) == 0, kinds == kind)
     assert_allclose(clearance(geometry, points) == 0, kinds != FREE)
 
 
@@ -78,7 +78,7 @@ def test_in_free_space_clearance_is_the_distance_to_the_nearest_face(seed: int) 
     points = rng.uniform((0.0, 0.0), (geometry.xs[-1], geometry.ys[-1]), (5_000, 2))
     free = clearance(geometry, points) > 0
     assert free.mean() > 0.6
-    assert_allclose(distances_to(geometry.surfaces(), points[free]), clearance(geometry, points[free]))
+    assert_allclose(distances_to_rectangles(geometry.surfaces(), points[free]), clearance(geometry, points[free]))
 
 
 def test_clearance_is_zero_outside_the_building() -> None:

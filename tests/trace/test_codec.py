@@ -131,7 +131,7 @@ def test_only_changed_tiles_are_encoded() -> None:
     assert none < 400
 
 
-def test_probability_near_one_half_is_known_and_exactly_one_half_is_unknown() -> None:
+def test_only_a_probability_of_exactly_one_half_is_unknown() -> None:
     grid = OccupancyGrid(np.array([[0.0, 0.5, 0.52, 1.0]], np.float32), 0.1)
     assert percent_of(grid).tolist() == [[0, UNKNOWN_PERCENT, 50, 100]]
 
@@ -181,6 +181,6 @@ def test_a_frame_with_invalid_values_is_rejected(change: dict[str, object]) -> N
         Decoder("test").decode(struct.pack("<II", len(body), zlib.crc32(body)) + body, "frame 1")
 
 
-def test_the_short_run_of_the_page_tests_is_decoded() -> None:
+def test_every_record_type_is_decoded() -> None:
     assert len(decoded(*short_run())) == len(short_run())
     assert room(30).occupied.any()

@@ -1,4 +1,4 @@
-"""Trace files: written at once, read completely or up to where they are truncated."""
+"""Trace files: written record by record, and read up to their last complete frame."""
 
 from __future__ import annotations
 
@@ -64,11 +64,11 @@ def test_a_truncated_file_is_read_up_to_its_last_complete_frame(recording: Path,
     assert type_names(part) == type_names(complete)[: len(part)]
 
 
-def test_every_record_is_written_at_once(tmp_path: Path) -> None:
+def test_every_record_can_be_read_before_the_file_is_closed(tmp_path: Path) -> None:
     recorder = TraceRecorder(tmp_path / TRACE_FILE_NAME)
     for number, record in enumerate(short_run()[:3], start=1):
         recorder(record)
-        assert len(load_trace(tmp_path)) == number  # as after a kill
+        assert len(load_trace(tmp_path)) == number  # as if the process had been killed
     recorder.close()
 
 
@@ -89,13 +89,13 @@ def test_the_trace_of_a_folder_is_found(tmp_path: Path) -> None:
         (b"", "no trace"),
         (b"P5\n4 4\n255\n", "no trace"),
         (b"wherry-trace: 2\n", "another version"),
-        (MAGIC, "holds no record"),
+        (MAGIC, "contains no record"),
         (MAGIC + b"not compressed", "is damaged"),
-        (MAGIC + zlib.compress(b"\xff" * 64), "holds no record"),
+        (MAGIC + zlib.compress(b"\xff" * 64), "contains no record"),
         (MAGIC + zlib.compress(b"\x08\0\0\0\0\0\0\0\x02\0\0\0{}  "), "frame 1: is damaged"),
     ],
 )
-def test_other_files_are_rejected_in_one_line(tmp_path: Path, content: bytes, words: str) -> None:
+def test_invalid_files_are_rejected_in_one_line(tmp_path: Path, content: bytes, words: str) -> None:
     path = tmp_path / "x.wherry"
     path.write_bytes(content)
     with pytest.raises(InputError, match=words) as caught:

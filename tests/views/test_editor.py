@@ -39,16 +39,21 @@ def file(tmp_path: Path) -> Path:
 def editor(page: playwright.Page, file: Path) -> Iterator[playwright.Page]:
     with serve_editor(file, port=0) as server:
         page.goto(f"{server.url}?theme=light")
-        until(page, "found.width === 6")
+        until(page, "checked.width === 6")
         yield page
         page.goto("about:blank")  # closes the socket before the server stops
 
 
+def drawing_of(page: playwright.Page) -> tuple[float, float, float]:
+    """Left and top of the drawn plan in the window, and side of a cell, px."""
+    box = "canvas.getBoundingClientRect()"
+    left, top, side = page.evaluate(f"[{box}.left + MARGIN, {box}.top + MARGIN, side]")
+    return left, top, side
+
+
 def click_cell(page: playwright.Page, x: int, y: int, dx: float = 0.0, dy: float = 0.0) -> None:
     """Click in a cell, off its centre by (dx, dy) cells."""
-    left, top, side = page.evaluate(
-        "[canvas.getBoundingClientRect().left + 16, canvas.getBoundingClientRect().top + 16, side]"
-    )
+    left, top, side = drawing_of(page)
     page.mouse.click(left + (x + 0.5 + dx) * side, top + (PLAN.height - y - 0.5 - dy) * side)
 
 
@@ -89,9 +94,7 @@ def test_drawn_objects_are_saved_to_the_file(editor: playwright.Page, file: Path
 
 
 def test_a_stroke_draws_a_wall_and_is_one_undo_step(editor: playwright.Page, file: Path) -> None:
-    left, top, side = editor.evaluate(
-        "[canvas.getBoundingClientRect().left + 16, canvas.getBoundingClientRect().top + 16, side]"
-    )
+    left, top, side = drawing_of(editor)
     editor.mouse.move(left + 0.5 * side, top + 1.9 * side)
     editor.mouse.down()
     editor.mouse.move(left + 3.5 * side, top + 1.9 * side, steps=20)
@@ -126,18 +129,18 @@ def test_an_error_is_located_and_prevents_saving(editor: playwright.Page, file: 
     before = file.read_text()
     source = editor.locator("#text")
     source.fill(before.replace(" o ", " q "))
-    until(editor, "found.error !== null")
+    until(editor, "checked.error !== null")
     assert "'q' means nothing" in editor.inner_text("#verdict")
     with pytest.raises(InputError) as caught:
         parse_world(before.replace(" o ", " q "), "attic.txt")
     assert caught.value.reason in editor.inner_text("#verdict")
-    assert editor.evaluate("[found.line, found.column]") == [6, 15]
+    assert editor.evaluate("[checked.line, checked.column]") == [6, 15]
     assert editor.get_by_role("button", name="Save").is_disabled()
     editor.keyboard.press("Control+s")
     editor.wait_for_timeout(200)
     assert file.read_text() == before
     source.fill(before)
-    until(editor, "found.error === null")
+    until(editor, "checked.error === null")
 
 
 def test_objects_removed_by_a_smaller_plan_are_listed_and_restored_by_undo(editor: playwright.Page, file: Path) -> None:
@@ -163,7 +166,7 @@ def test_an_unreachable_box_is_reported(editor: playwright.Page) -> None:
     choose(editor, "Obstacle")
     for x, y in ((2, 3), (4, 3), (3, 2)):
         click_cell(editor, x, y)
-    until(editor, "found.unreachable?.length === 1")
+    until(editor, "checked.unreachable?.length === 1")
     assert "1 of them cannot be reached by the robot" in editor.inner_text("#verdict")
 
 
@@ -188,7 +191,7 @@ def test_the_editor_fits_both_sizes_in_both_themes(
     page.set_viewport_size(size)  # type: ignore[arg-type]
     with serve_editor(path, port=0) as server:
         page.goto(f"{server.url}?theme={theme}")
-        until(page, "found.width === 17")
+        until(page, "checked.width === 17")
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
         page.screenshot(path=SCREENSHOTS / f"editor-{name}-{theme}.png")
         assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
@@ -201,7 +204,7 @@ def test_a_new_file_starts_with_a_valid_world(page: playwright.Page, tmp_path: P
     path = tmp_path / "new.txt"
     with serve_editor(path, port=0) as server:
         page.goto(server.url)
-        until(page, "found.width === 10")
+        until(page, "checked.width === 10")
         assert not path.exists()
         assert saved(page, path) == new_plan("new")
         page.goto("about:blank")

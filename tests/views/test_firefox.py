@@ -58,7 +58,7 @@ def test_a_recording_is_drawn_and_replayed(window: Page, tmp_path: Path) -> None
     window.until("trace.over && trace.begin !== null")
     window.evaluate("(player.playing = false, player.seek(4.2), null)")
     for x, y in LASER:
-        assert all(abs(part - wanted) < 40 for part, wanted in zip(colour_at(window, x, y), BLUE, strict=True))
+        assert all(abs(part - expected) < 40 for part, expected in zip(colour_at(window, x, y), BLUE, strict=True))
     window.press("\ue014")  # the right arrow
     assert window.evaluate("player.time") == 5.0
     window.press("?")
@@ -77,7 +77,7 @@ def test_a_live_run_is_received_until_its_end(window: Page) -> None:
         window.until("trace.end === 10")
         broadcast.end()
         window.until("document.getElementById('link').textContent === 'run over'")
-        assert window.evaluate("trace.records.Stepped.length") == 4
+        assert window.evaluate("trace.records.StepTaken.length") == 4
     assert window.errors == []
 
 
@@ -85,13 +85,14 @@ def test_a_world_is_drawn_and_saved(window: Page, tmp_path: Path) -> None:
     path = tmp_path / "home.txt"
     with serve_editor(path, port=0) as server:
         window.goto(server.url)
-        place = "(({ left, top }) => [left + 16 + 4.5 * side, top + 16 + 3.5 * side])(canvas.getBoundingClientRect())"
+        corner = "(({ left, top }) => [left + MARGIN, top + MARGIN])(canvas.getBoundingClientRect())"
+        centre_of_cell = f"[4.5, 3.5].map((cells, axis) => {corner}[axis] + cells * side)"
         window.evaluate("(choose('o'), null)")
-        window.click(*window.evaluate(place))
-        window.until("text.includes(' o ') && found.drawn === 1")
+        window.click(*window.evaluate(centre_of_cell))
+        window.until("text.includes(' o ') && checked.drawn === 1")
         window.evaluate("(document.getElementById('save').click(), null)")
-        window.until("saved === text")
+        window.until("savedText === text")
         (box,) = parse_world(path.read_text(encoding="utf-8"), str(path)).boxes
-        assert (box.x, box.y) == (4, 4)  # of eight rows, the fourth from above
+        assert (box.x, box.y) == (4, 4)  # the fourth of eight rows from the top
         window.goto("about:blank")
     assert window.errors == []

@@ -1,4 +1,4 @@
-"""The figures of learning, checked by the lines that were drawn."""
+"""Learning curves and step comparisons, checked on the drawn matplotlib axes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wherry.views.learning_curve import (
 RUNS = {"quick": [[(10, 0), (20, 6)], [(12, 3), (30, 6)]], "slow": [[(100, 1), (5000, 6)]]}
 
 
-def test_a_curve_counts_the_probes_solved_so_far() -> None:
+def test_solved_probes_are_counted_at_each_step() -> None:
     steps = np.array([0.0, 9.0, 10.0, 19.9, 20.0, 500.0])
     assert solved_by([(10, 2), (20, 6)], steps).tolist() == [0, 0, 2, 2, 6, 6]
 
@@ -63,7 +63,7 @@ def test_a_row_shows_the_median_and_the_published_mean() -> None:
     assert [label.get_text() for label in axes.get_yticklabels()] == ["doormax", "people"]
 
 
-def test_equal_figures_are_equal_files() -> None:
+def test_equal_figures_are_written_as_equal_bytes() -> None:
     first, second = (as_bytes(learning_curves(RUNS, 6, "Twice"), "svg") for _ in range(2))
     assert first == second
     assert first.startswith(b"<?xml")

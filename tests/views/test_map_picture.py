@@ -1,4 +1,4 @@
-"""Pictures of maps."""
+"""Map pictures, checked pixel by pixel."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def test_every_layer_is_drawn_at_its_position(page: playwright.Page, delivery_ur
 def test_the_map_follows_the_playback_time(page: playwright.Page, delivery_url: str) -> None:
     opened(page, delivery_url, at=4.2)
     assert is_near(colour_at(page, 3.0, -0.6), WHITE)
-    go_to(page, 1.0)  # when only the first three metres were known
+    go_to(page, 1.0)  # only the first three metres are known
     assert page.evaluate("scene.map.percentAt(3.0, -0.6)") is None
     assert page.evaluate("scene.map.percentAt(1.0, -0.6)") == 0
     go_to(page, 3.0)
@@ -137,6 +137,7 @@ def test_conditions_rules_and_progress_are_shown(page: playwright.Page, delivery
     assert page.inner_text("#why") == "Everything is delivered."
     go_to(page, 0.0)
     assert page.locator("#progress").is_hidden()
+    assert page.text_content("#exploring h2") == "Explored 50 %"
 
 
 def test_the_log_lists_events_and_seeks_on_click(page: playwright.Page, delivery_url: str) -> None:
@@ -241,7 +242,7 @@ def test_objects_of_a_grid_are_drawn_by_their_class(page: playwright.Page, taxi_
     assert is_near(colour_at(page, 0.5, 0.5), BROWN)  # the passenger
     assert is_near(colour_at(page, 3.5, 2.5), "#f5e2b8")  # the destination
     go_to(page, 2.0)
-    assert is_near(colour_at(page, 2.5, 1.5), BROWN)  # in the taxi, although its own x and y stay
+    assert is_near(colour_at(page, 2.5, 1.5), BROWN)  # in the taxi, although its own x and y are unchanged
     assert is_near(colour_at(page, 2.25, 1.5), "#222a35")
     assert is_near(colour_at(page, 0.5, 0.5), WHITE)
 
@@ -257,8 +258,9 @@ def test_experiments_differ_from_actions_that_lead_to_one(page: playwright.Page,
         assert page.inner_text("#why").startswith(words)
     acted = page.locator("#log .act span").all_inner_texts()
     tags = {"E": [" · experiment", " · to an experiment", ""], "N": [" · experiment"]}
-    for action, told in tags.items():
-        assert [line for line in acted if line[0] == action] == [f"{action} · no term holds{tag}" for tag in told]
+    for action, expected in tags.items():
+        lines = [line for line in acted if line[0] == action]
+        assert lines == [f"{action} · no term holds{tag}" for tag in expected]
 
 
 def test_the_help_dialog_explains_panels_and_keys(page: playwright.Page, delivery_url: str) -> None:
@@ -289,8 +291,8 @@ def test_the_estimated_pose_of_a_log_is_shown(page: playwright.Page, tmp_path: P
     frames = b"".join(encoder.encode(record) for record in records)
     path.write_text(player_page("A walk", {"source": "file"}, frames), encoding="utf-8")
     opened(page, path.as_uri(), at=0.0)
-    told = dict(zip(*(page.locator(f"#estimated {tag}").all_inner_texts() for tag in ("dt", "dd")), strict=True))
-    assert told == {
+    shown = dict(zip(*(page.locator(f"#estimated {tag}").all_inner_texts() for tag in ("dt", "dd")), strict=True))
+    assert shown == {
         "x": "1.00 m",
         "y": "0.00 m",
         "heading": "0°",
@@ -329,7 +331,7 @@ def test_a_mapped_log_shows_the_whole_map_and_path(page: playwright.Page, tmp_pa
     assert all(page.evaluate(shows, point) for point in ([-1.0, -1.0], [-1.0, 2.9], [9.0, 0.0]))
     assert is_near(colour_at(page, 1.5, -0.6), WHITE)
     purple = colour_at(page, 0.05, 0.0)
-    assert purple[2] > purple[0] > purple[1]  # the path, from its start on
+    assert purple[2] > purple[0] > purple[1]  # the path driven, from its start
     assert page.locator("#layers label:visible").all_inner_texts() == ["Laser", "Path driven"]
     assert page.inner_text("#phase") == "Maps"
     assert "Mapped 40 % of the log." in page.inner_text("#log")
@@ -343,7 +345,7 @@ def test_the_current_leg_of_a_plan_is_highlighted(page: playwright.Page, deliver
     assert page.evaluate(ends, [0, 0, 0, 1, 0, 2]) == 2
     ahead = "([x, y]) => [...aheadOf([x, y, 0], Float32Array.of(0, 0, 0, 1, 1, 1))]"
     assert page.evaluate(ahead, [0.125, 0.5]) == [0.125, 0.5, 0, 1, 1, 1]
-    assert page.evaluate(ahead, [0.5, 0.5]) == [0, 0, 0, 1, 1, 1]  # it is elsewhere
+    assert page.evaluate(ahead, [0.5, 0.5]) == [0, 0, 0, 1, 1, 1]  # the robot is not on the segment
 
 
 def test_play_pause_step_and_scrub(page: playwright.Page, delivery_url: str) -> None:
@@ -523,13 +525,13 @@ def test_a_live_run_is_followed_until_its_end(page: playwright.Page, tmp_path: P
             page.get_by_role("link", name="Report").click()
         until(report.value, "document.title === 'The report'")
         report.value.close()
-        assert page.evaluate("trace.records.Seen.length") == sum(
+        assert page.evaluate("trace.records.RobotSnapshot.length") == sum(
             isinstance(record, RobotSnapshot) for record in records
         )
         assert page.locator("#notice").is_hidden()
 
 
-SERVED = """
+SERVER_PROGRAM = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
 from wherry_testing.browsing import DESK, PHONE, SCREENSHOTS, until
@@ -545,7 +547,7 @@ with serve_run(broadcast, "A run", port=0) as server:
 
 
 def test_a_killed_server_is_reported_and_the_run_can_be_replayed(page: playwright.Page) -> None:
-    command = [sys.executable, "-c", SERVED, str(Path(__file__).parents[1])]
+    command = [sys.executable, "-c", SERVER_PROGRAM, str(Path(__file__).parents[1])]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         page.goto(process.stdout.readline().strip())
@@ -575,7 +577,7 @@ def test_a_foreign_page_cannot_open_the_socket(browser: playwright.Browser) -> N
 
 
 def large_run() -> bytes:
-    """Frames of 20 s in a changing map of 100 × 100 m, with 2,000 particles and 360 beams."""
+    """Frames of a run of 20 s: a changing map of 100 × 100 m, 2,000 particles and 360 beams."""
     probability = np.full((2000, 2000), 0.02, np.float32)
     probability[::60], probability[:, ::80] = 0.95, 0.95
     encoder, rng = Encoder(), np.random.default_rng(0)
@@ -605,7 +607,7 @@ def test_a_large_map_with_two_thousand_particles_is_drawn_at_30_hz(page: playwri
             const look = (now) => {
                 frame_times.push(now);
                 times.push(scene.instant.time);
-                scene.context.getImageData(0, 0, 1, 1); // so that drawing has really happened
+                scene.context.getImageData(0, 0, 1, 1); // waits until the frame is drawn
                 if (player.playing) requestAnimationFrame(look);
                 else done({ frame_times, pictures: new Set(times).size });
             };
@@ -650,7 +652,7 @@ def test_a_command_with_view_ends_when_its_page_is_closed(page: playwright.Page)
         while not page.evaluate("trace.over"):
             assert time.monotonic() < deadline
             page.wait_for_timeout(100)
-        assert page.evaluate("trace.records.Began[0].subject") == "Taxi 5×5"
-        assert page.evaluate("trace.records.Learnt.at(-1).rules.length") >= 6
+        assert page.evaluate("trace.records.RunStarted[0].subject") == "Taxi 5×5"
+        assert page.evaluate("trace.records.LearntModel.at(-1).rules.length") >= 6
         page.goto("about:blank")
         assert process.wait(timeout=20) == 0

@@ -1,4 +1,4 @@
-"""Recordings for the Rerun viewer, read back by Rerun's own tools."""
+"""Recordings for the Rerun viewer, read with the command `rerun rrd print`."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ RECORDS: tuple[Record, ...] = (
 
 
 def rows(path: Path) -> dict[str, int]:
-    """Number of rows of each entity, as printed by Rerun's command."""
+    """Number of rows of each entity in a recording."""
     command = [sys.executable, "-m", "rerun", "rrd", "print", str(path)]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     found: dict[str, int] = {}
@@ -78,7 +78,7 @@ def test_every_record_type_is_in_the_recording(tmp_path: Path) -> None:
         assert found[entity] == 1
 
 
-def test_a_failed_run_leaves_its_recording(tmp_path: Path) -> None:
+def test_an_interrupted_run_keeps_its_recording(tmp_path: Path) -> None:
     recording = rerun_recording(tmp_path / "run.rrd")
     recording.__enter__()(RECORDS[1])
     assert not recording.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
@@ -90,7 +90,7 @@ def test_a_missing_folder_is_reported(tmp_path: Path) -> None:
         pass
 
 
-def test_the_missing_library_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_rerun_sdk_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(InputError, match=r"wherry\[rerun\]"), rerun_recording(tmp_path / "run.rrd"):
         pass

@@ -1,4 +1,4 @@
-"""The page server: access, frames, and that a page never blocks the run."""
+"""The page server: access control, transmitted frames, and slow pages."""
 
 from __future__ import annotations
 
@@ -102,11 +102,11 @@ def test_a_page_gets_every_record_in_order(server: PageServer, broadcast: TraceB
 
 def test_a_reconnecting_page_gets_only_the_missing_frames(server: PageServer, broadcast: TraceBroadcast) -> None:
     broadcast.end()
-    with open_socket(server, f"?run={broadcast.name}&from={len(broadcast) - 2}") as page:
+    with open_socket(server, f"?run={broadcast.run_id}&from={len(broadcast) - 2}") as page:
         hello, frames = received(page)
-    assert hello == {"run": broadcast.name, "from": len(broadcast) - 2}
+    assert hello == {"run": broadcast.run_id, "from": len(broadcast) - 2}
     assert len(list(split_frames(frames))) == 2
-    for query in ("?run=another&from=3", f"?run={broadcast.name}&from=-1", f"?run={broadcast.name}&from=x"):
+    for query in ("?run=another&from=3", f"?run={broadcast.run_id}&from=-1", f"?run={broadcast.run_id}&from=x"):
         with open_socket(server, query) as page:
             assert json.loads(page.recv(timeout=5))["from"] == 0
 
@@ -151,7 +151,7 @@ def test_requests_over_the_network_need_the_token(broadcast: TraceBroadcast) -> 
         with pytest.raises((InvalidHandshake, ConnectionClosed)), open_socket(server) as page:
             page.recv(timeout=5)
         with open_socket(server, f"?token={token}") as page:
-            assert json.loads(page.recv(timeout=5))["run"] == broadcast.name
+            assert json.loads(page.recv(timeout=5))["run"] == broadcast.run_id
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,7 @@ def test_requests_over_the_network_need_the_token(broadcast: TraceBroadcast) -> 
         "/nothing",
     ],
 )
-def test_no_path_leads_out_of_the_run_folder(server: PageServer, path: str) -> None:
+def test_files_outside_the_run_folder_are_not_served(server: PageServer, path: str) -> None:
     status, text, _ = get(server, path)
     assert status in {400, 404}
     assert "a secret" not in text
@@ -208,7 +208,8 @@ def test_waiting_for_the_first_page_times_out() -> None:
     assert server.wait_until_unwatched(timeout=0.0)
 
 
-def run_of(count: int) -> list[Record]:
+def alternating_run(count: int) -> list[Record]:
+    """A run of narrations and snapshots in turn."""
     return [
         record
         for step in range(count)
@@ -216,12 +217,12 @@ def run_of(count: int) -> list[Record]:
     ]
 
 
-def counted(broadcast: TraceBroadcast) -> tuple[int, int]:
+def count_frames(broadcast: TraceBroadcast) -> tuple[int, int]:
     """Numbers of narrations and snapshots that a newly opened page receives."""
-    at, narrations, snapshots = 0, 0, 0
-    while at < len(broadcast):
-        batch = broadcast.batch_from(at)
-        at = batch.next_index
+    index, narrations, snapshots = 0, 0, 0
+    while index < len(broadcast):
+        batch = broadcast.batch_from(index)
+        index = batch.next_index
         for frame in split_frames(batch.frames):
             narrations += b'"type":"Said"' in frame
             snapshots += b'"type":"Seen"' in frame
@@ -230,11 +231,11 @@ def counted(broadcast: TraceBroadcast) -> tuple[int, int]:
 
 def test_a_slow_page_gets_fewer_snapshots_and_all_other_records(monkeypatch: pytest.MonkeyPatch) -> None:
     broadcast = TraceBroadcast()
-    for record in run_of(200):
+    for record in alternating_run(200):
         broadcast(record)
-    assert counted(broadcast) == (200, 200)
+    assert count_frames(broadcast) == (200, 200)
     monkeypatch.setattr(broadcasting, "MAX_BACKLOG_SIZE", 10_000)
-    narrations, snapshots = counted(broadcast)
+    narrations, snapshots = count_frames(broadcast)
     assert narrations == 200
     assert 10 < snapshots < 100
 
@@ -242,25 +243,25 @@ def test_a_slow_page_gets_fewer_snapshots_and_all_other_records(monkeypatch: pyt
 def test_messages_have_a_maximum_size(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(broadcasting, "MAX_MESSAGE_SIZE", 2_000)
     broadcast = TraceBroadcast()
-    for record in run_of(50):
+    for record in alternating_run(50):
         broadcast(record)
     assert len(broadcast.batch_from(0).frames) <= 2_000
-    assert counted(broadcast) == (50, 50)
+    assert count_frames(broadcast) == (50, 50)
 
 
 def test_a_long_run_keeps_fewer_snapshots_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(broadcasting, "MAX_HISTORY_SIZE", 20_000)
     broadcast = TraceBroadcast()
-    for record in run_of(500):
+    for record in alternating_run(500):
         broadcast(record)
     assert sum(map(len, broadcast._frames)) < 20_000 + 500 * 200
-    narrations, snapshots = counted(broadcast)
+    narrations, snapshots = count_frames(broadcast)
     assert narrations == 500
     assert snapshots > 10
 
 
-def test_a_page_that_reads_nothing_blocks_nothing(server: PageServer, broadcast: TraceBroadcast) -> None:
-    with socket.create_connection(("127.0.0.1", port_of(server))) as asleep:
+def test_a_page_that_reads_nothing_blocks_no_other_page(server: PageServer, broadcast: TraceBroadcast) -> None:
+    with socket.create_connection(("127.0.0.1", port_of(server))) as silent:
         lines = (
             "GET /socket HTTP/1.1",
             f"Host: 127.0.0.1:{port_of(server)}",
@@ -270,11 +271,11 @@ def test_a_page_that_reads_nothing_blocks_nothing(server: PageServer, broadcast:
             "Sec-WebSocket-Version: 13",
             "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
         )
-        asleep.sendall("\r\n".join((*lines, "", "")).encode())
-        assert asleep.recv(12) == b"HTTP/1.1 101"
+        silent.sendall("\r\n".join((*lines, "", "")).encode())
+        assert silent.recv(12) == b"HTTP/1.1 101"
         record = snapshot_at(0.0, 0.0, particles=2000)
-        for _ in range(2000):  # 24 MB, more than any buffer between them
+        for _ in range(2000):  # 24 MB, more than the buffers of the connection
             broadcast(record)
         broadcast.end()
-        with open_socket(server) as awake:
-            assert len(list(split_frames(received(awake)[1]))) > 1000
+        with open_socket(server) as reading:
+            assert len(list(split_frames(received(reading)[1]))) > 1000

@@ -51,7 +51,7 @@ SNAPSHOT = RobotSnapshot(
 )
 
 
-def drawn(
+def draw(
     background: MapBackground = BACKGROUND, snapshot: RobotSnapshot = SNAPSHOT, **options: object
 ) -> ElementTree.Element:
     """The drawing as XML."""
@@ -72,7 +72,7 @@ def numbers(element: ElementTree.Element, *names: str) -> list[float]:
 
 
 def test_every_layer_is_drawn_in_map_coordinates() -> None:
-    picture = drawn()
+    picture = draw()
     assert points(of_class(picture, "warehouse")[0]) == BACKGROUND.warehouse[0].tolist()
     assert points(of_class(picture, "driven")[0]) == [[0.0, 0.8], [0.25, 1.0]]
     assert points(of_class(picture, "plan")[0]) == [[0.3, 0.9], [0.9, 0.9]]
@@ -86,7 +86,7 @@ def test_every_layer_is_drawn_in_map_coordinates() -> None:
 
 
 def test_north_is_up_and_the_picture_contains_the_known_map() -> None:
-    picture = drawn()
+    picture = draw()
     left, top, width, height = (float(part) for part in (picture.get("viewBox") or "").split())
     assert (left, top) == (0.0, 0.0)
     # The centres of known cells reach from (−0.95, 0.55) to (0.85, 1.45).
@@ -97,7 +97,7 @@ def test_north_is_up_and_the_picture_contains_the_known_map() -> None:
 
 
 def test_the_embedded_image_is_the_map() -> None:
-    image = next(drawn().iter(f"{SVG}image"))
+    image = next(draw().iter(f"{SVG}image"))
     kind, data = (image.get("href") or "").split(",")
     assert kind == "data:image/png;base64"
     pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))))
@@ -109,12 +109,12 @@ def test_the_embedded_image_is_the_map() -> None:
 
 
 def test_the_load_is_drawn_in_the_fork() -> None:
-    assert len(of_class(drawn(), "box")) == 1
-    assert len(of_class(drawn(snapshot=replace(SNAPSHOT, has_load=True)), "box")) == 2
+    assert len(of_class(draw(), "box")) == 1
+    assert len(of_class(draw(snapshot=replace(SNAPSHOT, has_load=True)), "box")) == 2
 
 
 def test_a_close_up_is_centred_on_the_robot() -> None:
-    picture = drawn(around_robot=0.8)
+    picture = draw(around_robot=0.8)
     assert (picture.get("viewBox") or "").split()[2:] == ["1.600", "1.600"]
     transform = next(group.get("transform") or "" for group in picture.iter(f"{SVG}g"))
     assert transform.startswith("translate(0.550 1.800)")
@@ -131,12 +131,12 @@ def test_empty_layers_draw_nothing() -> None:
 
 def test_large_particle_sets_are_subsampled() -> None:
     many = replace(SNAPSHOT, particles=np.zeros((5 * MAX_PARTICLES + 1, 3), np.float32))
-    assert MAX_PARTICLES / 2 < len(of_class(drawn(snapshot=many), "particle")) <= MAX_PARTICLES
+    assert MAX_PARTICLES / 2 < len(of_class(draw(snapshot=many), "particle")) <= MAX_PARTICLES
 
 
-def test_an_unknown_map_can_be_drawn() -> None:
+def test_an_unknown_map_can_be_draw() -> None:
     unknown = OccupancyGrid(np.full((3, 3), 0.5, np.float32), 0.1)
-    assert drawn(replace(BACKGROUND, grid=unknown)).tag == f"{SVG}svg"
+    assert draw(replace(BACKGROUND, grid=unknown)).tag == f"{SVG}svg"
 
 
 @pytest.mark.parametrize("label", ['a "quoted" map', "<b> & more"])
@@ -145,22 +145,20 @@ def test_labels_are_escaped(label: str) -> None:
     assert picture.get("aria-label") == label
 
 
-EVIL = "<script>alert('x')</script> & \"more\""
+MARKUP = "<script>alert('x')</script> & \"more\""
 
 
-def report(words: str) -> DeliveryReport:
+def report(text: str) -> DeliveryReport:
     pictures = [
-        ReportPicture(draw_snapshot(BACKGROUND, SNAPSHOT, NO_POINTS, NO_POINTS, label=words), words) for _ in range(2)
+        ReportPicture(draw_snapshot(BACKGROUND, SNAPSHOT, NO_POINTS, NO_POINTS, label=text), text) for _ in range(2)
     ]
-    return DeliveryReport(
-        words, words, True, words, pictures, {words: words}, [words], [Narration(1.0, Phase.LEARN, words)]
-    )
+    return DeliveryReport(text, text, True, text, pictures, {text: text}, [text], [Narration(1.0, Phase.LEARN, text)])
 
 
 def test_all_text_of_the_report_is_escaped() -> None:
-    page = render_report(report(EVIL))
+    page = render_report(report(MARKUP))
     assert "<script" not in page
-    assert page.count("alert(") >= 9  # two pictures with label and caption, and every other text
+    assert page.count("alert(") >= 9  # label and caption of two pictures, and every other text
     assert "&lt;script&gt;" in page
 
 
@@ -194,10 +192,10 @@ RUN: list[Record] = [
 ]
 
 
-def shown(*, terminal: bool) -> str:
-    """Output of a run on the terminal."""
+def terminal_output(*, is_terminal: bool) -> str:
+    """The output of a run."""
     out = io.StringIO()
-    console = Console(file=out, force_terminal=terminal, width=120, _environ={"TERM": "xterm"})
+    console = Console(file=out, force_terminal=is_terminal, width=120, _environ={"TERM": "xterm"})
     with DeliveryProgress(console, 2) as progress:
         for record in RUN:
             progress(record)
@@ -205,11 +203,11 @@ def shown(*, terminal: bool) -> str:
 
 
 def test_without_a_terminal_only_narrations_are_printed() -> None:
-    assert shown(terminal=False) == "    0.1 s  explore  I drive to [where] my laser will see most.\n"
+    assert terminal_output(is_terminal=False) == "    0.1 s  explore  I drive to [where] my laser will see most.\n"
 
 
 def test_a_terminal_shows_three_bars() -> None:
-    text = shown(terminal=True)
+    text = terminal_output(is_terminal=True)
     for words in (
         "explored",
         "50%, 3.0 m of frontier left",

@@ -1,4 +1,4 @@
-"""Robots on the simulator that stand ready to act, with a perfect map and all boxes known."""
+"""Simulated robots as environments, with a perfect map and all boxes known."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def hall(first: str = "o", *, beside: str = " ") -> FloorPlan:
 
 
 def stand_ready(plan: FloorPlan, seed: int = 0) -> tuple[RobotEnvironment, Simulation]:
-    """A robot with noisy sensors and a perfect map whose frame is the world frame."""
+    """The environment of a robot with noisy sensors and a perfect map, whose frame is the world frame."""
     physics_rng, robot_rng = np.random.default_rng(seed).spawn(2)
     simulation = build(plan, physics_rng)
     grid = perfect_map(plan)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from wherry.gazebo.latch_settings import GazeboLatchSettings, format_latch_settings
-from wherry.gazebo.latch_topics import ATTACHED, DETACHED, OPEN, close_topic, pose_topic, state_topic, take_in_topic
+from wherry.gazebo.latch_topics import ATTACHED, DETACHED, OPEN, close_topic, pose_topic, removal_topic, state_topic
 from wherry.robot import Odometry, Scan
 from wherry.ros import messages as ros
 from wherry.ros.encoding import encode_header, encode_pose
@@ -32,8 +32,8 @@ class FakeGazebo:
     """A `SimulatedWorld` with Gazebo's joints and topics.
 
     Args:
-        simulation: Its physics.
-        transport: The bridge's.
+        simulation: Simulation with the world's physics.
+        transport: The bridge's connection to ROS.
 
     Attributes:
         attached: Boxes whose joint is attached.
@@ -50,7 +50,7 @@ class FakeGazebo:
         self._requests: deque[tuple[str, int]] = deque()  # carried out between two steps of the physics
         transport.subscribe(OPEN, lambda _: self._requests.extend(("detach", box) for box in self.boxes))
         for box in self.boxes:
-            for request, topic in (("attach", close_topic(box)), ("remove", take_in_topic(box))):
+            for request, topic in (("attach", close_topic(box)), ("remove", removal_topic(box))):
                 transport.subscribe(topic, partial(self._on_request, request, box))
 
     @property

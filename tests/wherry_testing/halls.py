@@ -38,13 +38,13 @@ def hall(**changes: str) -> FloorPlan:
     return parse_world(HALL[: HALL.index("+")] + drawing, source="hall")
 
 
-def exact(plan: FloorPlan, offsets: tuple[tuple[float, float], ...] | None = None) -> Simulation:
+def noise_free(plan: FloorPlan, offsets: tuple[tuple[float, float], ...] | None = None) -> Simulation:
     """A simulation without noise, whose boxes have the given offsets, m, from their cells' centres, or none."""
     return build(
         plan,
         np.random.default_rng(0),
         lidar=LidarSpecification(noise=0.0),
-        odometry_errors=WheelOdometryErrors(scale=0.0, noise=0.0),
+        odometry_errors=WheelOdometryErrors(radius_sigma=0.0, distance_sigma=0.0),
         box_offsets=np.zeros((len(plan.boxes), 2)) if offsets is None else np.array(offsets),
     )
 

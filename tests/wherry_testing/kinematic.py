@@ -13,12 +13,12 @@ from wherry.simulation.model import BODY
 from wherry.space.pose import IDENTITY, Pose
 from wherry_testing.perfect_worlds import MovableLidar, centre, heading_of
 
-TICK = 0.05  # s between two odometry messages; every second one is followed by a scan
-LATCH_REACH = 0.05  # m
+ODOMETRY_PERIOD = 0.05  # s; every second odometry is followed by a scan
+LATCH_REACH = 0.05  # m from base_link to the centre of a box that the latch can hold
 
 
 class KinematicRobot:
-    """A `Robot` without collisions: it can be driven into a wall, which `nearest_wall` shows.
+    """A `Robot` without collisions, which can drive through walls; `nearest_wall` is then less than its radius.
 
     Args:
         plan: The world with its boxes, which stand in the centres of their cells.
@@ -29,8 +29,8 @@ class KinematicRobot:
         self.pose = Pose(*centre(plan, plan.start), heading_of(plan))
         self.boxes = [centre(plan, cell) for cell in plan.boxes]
         self.time = 0.0
-        self.nearest_wall = math.inf  # m, from base_link
-        self._plan, self._eye, self._odom_from_world = plan, MovableLidar(plan), odom_from_world
+        self.nearest_wall = math.inf  # m, smallest distance of base_link from a wall so far
+        self._plan, self._lidar, self._odom_from_world = plan, MovableLidar(plan), odom_from_world
         self._velocity, self._held, self._scan_next = Velocity(), -1, False
         self._tick = 0
 
@@ -41,10 +41,10 @@ class KinematicRobot:
     def receive(self) -> Scan | Odometry:
         if self._scan_next:
             self._scan_next = False
-            scan = self._eye.scan(self.pose, np.array(self.boxes).reshape(-1, 2))
+            scan = self._lidar.scan(self.pose, np.array(self.boxes).reshape(-1, 2))
             return Scan(self.time, scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
         self._tick += 1
-        self.time = self._tick * TICK
+        self.time = self._tick * ODOMETRY_PERIOD
         self._scan_next = self._tick % 2 == 0
         self._move()
         return Odometry(self.time, self._odom_from_world @ self.pose, self._velocity)
@@ -66,17 +66,21 @@ class KinematicRobot:
         return self._held < 0
 
     def _move(self) -> None:
-        middle = Pose(theta=self._velocity.angular * TICK / 2)
-        step = self._velocity.linear * TICK
+        middle = Pose(theta=self._velocity.angular * ODOMETRY_PERIOD / 2)
+        step = self._velocity.linear * ODOMETRY_PERIOD
         self.pose = self.pose @ middle @ Pose(step) @ middle
         if self._held >= 0:
             self.boxes[self._held] = np.array([self.pose.x, self.pose.y])
-        ends = (self.pose @ BODY.lidar).transform(self._eye.scan(self.pose).points()) - (self.pose.x, self.pose.y)
+        ends = (self.pose @ BODY.lidar).transform(self._lidar.scan(self.pose).points()) - (self.pose.x, self.pose.y)
         self.nearest_wall = min(self.nearest_wall, float(np.hypot(ends[:, 0], ends[:, 1]).min()))
 
 
-class Odometric(SinglePoseEstimator):
-    """A `PoseEstimator` by odometry alone, on a map whose frame is given in the odom frame."""
+class OdometryPoseEstimator(SinglePoseEstimator):
+    """A `PoseEstimator` that uses odometry alone.
+
+    Args:
+        odom_from_map: The map frame in the odom frame.
+    """
 
     def __init__(self, odom_from_map: Pose = IDENTITY) -> None:
         self.updates = 0

@@ -16,7 +16,7 @@ from wherry.space.frame import CellFrame
 from wherry.space.occupancy import UNKNOWN, OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
 
-BORDER = 0.5  # m; width of the unknown margin around a map
+MAP_MARGIN = 0.5  # m, width of the unknown border around a map
 
 
 def centre(plan: FloorPlan, cell: Cell) -> Floats:
@@ -25,20 +25,20 @@ def centre(plan: FloorPlan, cell: Cell) -> Floats:
 
 
 def heading_of(plan: FloorPlan) -> float:
-    """The robot's first heading, rad, world frame."""
+    """The robot's initial heading, rad, world frame."""
     return math.atan2(plan.heading.dy, plan.heading.dx)
 
 
 def frame_of(plan: FloorPlan, map_from_world: Pose = IDENTITY) -> CellFrame:
-    """The plan's cells in a map frame."""
+    """The cell frame of a plan on a map."""
     return CellFrame(map_from_world, plan.cell_size)
 
 
 def perfect_map(plan: FloorPlan, map_from_world: Pose = IDENTITY, resolution: float = 0.05) -> OccupancyGrid:
-    """The map with every wall and obstacle; everything outside the building is unknown."""
+    """The true occupancy grid of a plan; cells outside the building are unknown."""
     size = np.array([plan.width, plan.height]) * plan.cell_size
     corners = map_from_world.transform(np.array([[0, 0], [size[0], 0], size, [0, size[1]]]))
-    low, high = corners.min(axis=0) - BORDER, corners.max(axis=0) + BORDER
+    low, high = corners.min(axis=0) - MAP_MARGIN, corners.max(axis=0) + MAP_MARGIN
     width, height = np.ceil((high - low) / resolution).astype(int)
     grid = OccupancyGrid(np.full((height, width), UNKNOWN, np.float32), resolution, Pose(float(low[0]), float(low[1])))
     cells = np.argwhere(np.ones((height, width), np.bool_))
@@ -50,7 +50,7 @@ def perfect_map(plan: FloorPlan, map_from_world: Pose = IDENTITY, resolution: fl
 
 
 def is_solid(geometry: StaticGeometry, points: Floats) -> NDArray[np.bool_]:
-    """[N] whether points [N, 2] m, world frame, lie in a wall or an obstacle."""
+    """[N] True for points [N, 2], m, world frame, in a wall or an obstacle."""
     columns = np.searchsorted(geometry.xs, points[:, 0], side="right") - 1
     rows = np.searchsorted(geometry.ys, points[:, 1], side="right") - 1
     height, width = geometry.kinds.shape

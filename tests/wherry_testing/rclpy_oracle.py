@@ -16,12 +16,12 @@ from sensor_msgs.msg import JointState, LaserScan
 
 speed, seconds, stamped = float(sys.argv[1]), float(sys.argv[2]), sys.argv[3] == "stamped"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
-heard = {}
+received = {}
 
 
 def keep(name):
     def append(message):
-        heard.setdefault(name, []).append(message)
+        received.setdefault(name, []).append(message)
 
     return append
 
@@ -42,14 +42,14 @@ node.create_subscription(Path, "/plan", keep("plan"), 10)
 publisher = node.create_publisher(TwistStamped if stamped else Twist, "/cmd_vel", 10)
 
 deadline = time.monotonic() + 40.0
-while not {"scan", "odom", "map"} <= heard.keys() and time.monotonic() < deadline:
+while not {"scan", "odom", "map"} <= received.keys() and time.monotonic() < deadline:
     rclpy.spin_once(node, timeout_sec=0.1)
 end = time.monotonic() + seconds
 while time.monotonic() < end:
-    if speed and "odom" in heard:
+    if speed and "odom" in received:
         message = TwistStamped() if stamped else Twist()
         if stamped:
-            message.header.stamp = heard["odom"][-1].header.stamp
+            message.header.stamp = received["odom"][-1].header.stamp
         (message.twist if stamped else message).linear.x = speed
         publisher.publish(message)
     until = time.monotonic() + 0.05
@@ -58,22 +58,22 @@ while time.monotonic() < end:
 print(  # noqa: T201 - the result
     json.dumps(
         {
-            "counts": {name: len(messages) for name, messages in heard.items()},
-            "scans": {stamp(scan): [float(value) for value in scan.ranges] for scan in heard.get("scan", [])[-3:]},
+            "counts": {name: len(messages) for name, messages in received.items()},
+            "scans": {stamp(scan): [float(value) for value in scan.ranges] for scan in received.get("scan", [])[-3:]},
             "scan": [
-                (s.header.frame_id, s.angle_min, s.angle_increment, s.range_max) for s in heard.get("scan", [])[:1]
+                (s.header.frame_id, s.angle_min, s.angle_increment, s.range_max) for s in received.get("scan", [])[:1]
             ],
             "odom": {
                 stamp(odom): [odom.pose.pose.position.x, odom.pose.pose.orientation.z, odom.twist.twist.linear.x]
-                for odom in heard.get("odom", [])
+                for odom in received.get("odom", [])
             },
-            "frames": [(odom.header.frame_id, odom.child_frame_id) for odom in heard.get("odom", [])[:1]],
-            "joints": [list(state.name) for state in heard.get("joints", [])[:1]],
+            "frames": [(odom.header.frame_id, odom.child_frame_id) for odom in received.get("odom", [])[:1]],
+            "joints": [list(state.name) for state in received.get("joints", [])[:1]],
             "map": [
                 (grid.info.width, grid.info.height, grid.info.resolution, grid.info.origin.position.x, list(grid.data))
-                for grid in heard.get("map", [])
+                for grid in received.get("map", [])
             ],
-            "particles": [len(cloud.poses) for cloud in heard.get("particles", [])[:1]],
+            "particles": [len(cloud.poses) for cloud in received.get("particles", [])[:1]],
         }
     )
 )

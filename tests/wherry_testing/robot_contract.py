@@ -1,6 +1,7 @@
-"""Contract of the `Robot` protocol; a test file of an implementation subclasses it and provides the fixture ``robot``.
+"""Contract tests of the `Robot` protocol; tests of an implementation subclass `RobotContract`.
 
-The robot stands still with an empty fork, with 1 m of free floor ahead and enough to turn on the spot.
+The subclass provides a fixture ``robot``: a robot at rest with an empty fork, 1 m of free floor ahead and enough space
+to turn on the spot.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class RobotContract:
         assert all(math.isfinite(time) for time in times)
         assert all(earlier <= later for earlier, later in pairwise(times))
 
-    def test_odometry_comes_at_least_as_often_as_scans(self, robot: Robot) -> None:
+    def test_odometry_is_at_least_as_frequent_as_scans(self, robot: Robot) -> None:
         measurements = record(robot, 3.0)
         assert len(odometry(measurements)) >= len(scans(measurements)) >= 3.0 * 5
         assert max(np.diff([reading.time for reading in odometry(measurements)])) <= 0.11

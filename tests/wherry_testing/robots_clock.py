@@ -1,6 +1,6 @@
 """The time that a robot needs to stop, on the robot's clock, measured from outside.
 
-A busy machine delivers messages late, some later than others: the fastest message relates the two clocks best.
+On a busy machine messages arrive late. The message with the lowest latency relates the two clocks best.
 """
 
 from __future__ import annotations
@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 ODOMETRY_PERIOD = 0.05  # s
-CLOCK_WINDOW = 5.0  # s, over which the clocks are compared
-# s: a command takes effect in the robot's next control step, and the next odometry shows the new speed.
-STOPPING_RESOLUTION = 2 * ODOMETRY_PERIOD + 1e-6
+CLOCK_WINDOW = 5.0  # s before and after an instant in which the clocks are compared
+STOPPING_RESOLUTION = 2 * ODOMETRY_PERIOD + 1e-6  # s, until a command acts and the next odometry shows it
 STANDSTILL_SPEED = 0.01  # m/s and rad/s
 
 
@@ -32,11 +31,12 @@ class ReceivedOdometry:
 
 def robot_time(received: Sequence[ReceivedOdometry], instant: float) -> float:
     """The time on the robot's clock, s, at an instant of this machine's monotonic clock, s."""
-    window = (instant - CLOCK_WINDOW, instant + CLOCK_WINDOW)
-    return instant + max(one.stamp - one.received_at for one in received if window[0] <= one.received_at <= window[1])
+    nearby = [message for message in received if abs(message.received_at - instant) <= CLOCK_WINDOW]
+    return instant + max(message.stamp - message.received_at for message in nearby)
 
 
 def stopping_time(received: Sequence[ReceivedOdometry], begin: float) -> float:
     """The time on the robot's clock, s, from an instant of this machine's monotonic clock until the robot stands."""
     before = robot_time(received, begin)
-    return min(one.stamp for one in received if one.stamp > before and abs(one.speed) < STANDSTILL_SPEED) - before
+    standing = [message.stamp for message in received if abs(message.speed) < STANDSTILL_SPEED]
+    return min(stamp for stamp in standing if stamp > before) - before

@@ -1,4 +1,4 @@
-"""A node of ROS 1 independent of wherry: it publishes on request, and reports what it receives.
+"""A ROS 1 node independent of wherry: it publishes on request, and reports what it receives.
 
 Run by Debian's Python in its own process; requests are lines of JSON on standard input, answers and received messages
 lines of JSON on standard output.

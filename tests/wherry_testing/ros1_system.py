@@ -199,19 +199,19 @@ class Peer(Program):
 
     def __init__(self, command: Sequence[str], environment: dict[str, str]) -> None:
         super().__init__(command, environment)
-        self.heard: dict[str, list[dict[str, Any]]] = {}  # by topic: "at" (s, monotonic clock), "message"
+        self.received: dict[str, list[dict[str, Any]]] = {}  # by topic: "at", s on the monotonic clock, and "message"
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def handle(self, line: str) -> None:
         try:
-            news = json.loads(line)
+            entry = json.loads(line)
         except json.JSONDecodeError:
             super().handle(line)
             return
-        if "answer" in news:
-            self._answers.put(news["answer"])
+        if "answer" in entry:
+            self._answers.put(entry["answer"])
         else:
-            self.heard.setdefault(news["topic"], []).append(news)
+            self.received.setdefault(entry["topic"], []).append(entry)
 
     def ask(self, **request: Any) -> Any:
         assert self.process.stdin is not None
@@ -223,8 +223,8 @@ class Peer(Program):
             pytest.fail(f"no answer to {request}:\n{self.output}")
 
     def listen(self, topic: str, type_name: str) -> None:
-        """Subscribe to a topic; its messages are appended to `heard`."""
-        self.heard.setdefault(topic, [])
+        """Subscribe to a topic; its messages are appended to `received`."""
+        self.received.setdefault(topic, [])
         self.ask(do="listen", topic=topic, type=type_name)
 
     def send(self, topic: str, type_name: str, message: dict[str, Any], *, latch: bool = False) -> None:
@@ -250,11 +250,11 @@ class Peer(Program):
 
     def wait_for(self, topic: str, count: int, timeout: float) -> list[dict[str, Any]]:
         """Wait for a number of messages of a topic; return all of them."""
-        wait_until(lambda: len(self.heard[topic]) >= count, timeout, f"{count} messages on {topic}")
-        return [news["message"] for news in self.heard[topic]]
+        wait_until(lambda: len(self.received[topic]) >= count, timeout, f"{count} messages on {topic}")
+        return [entry["message"] for entry in self.received[topic]]
 
     def last(self, topic: str) -> dict[str, Any]:
-        message: dict[str, Any] = self.heard[topic][-1]["message"]
+        message: dict[str, Any] = self.received[topic][-1]["message"]
         return message
 
 

@@ -13,7 +13,8 @@ import gymnasium
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 
 from wherry.adapters.base import GymnasiumAdapter
-from wherry.domains.taxi import DELIVERY_REWARD, ILLEGAL_REWARD, STEP_REWARD, WALL
+from wherry.domains.taxi import DELIVERY_REWARD, ILLEGAL_REWARD, STEP_REWARD
+from wherry.domains.walls import WALL, wall_objects
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, Direction, Wall
 from wherry.oomdp.attributes import boolean, integer
@@ -70,13 +71,8 @@ class GymnasiumTaxi(GymnasiumAdapter):
             raise InputError(str(environment), "", "is not deterministic: it rains, or the passenger is fickle")
         super().__init__(environment, DOMAIN, title="Gymnasium's Taxi", action_names=ACTIONS)
         self._taxi = taxi
-        walls = sorted(set(self._walls()))
-        self._scene = Scene(
-            (
-                *(WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for index, wall in enumerate(walls)),
-                *(PLACE(f"place{index}", x=cell.x, y=cell.y) for index, cell in enumerate(map(_cell, taxi.locs))),
-            )
-        )
+        places = (PLACE(f"place{index}", x=cell.x, y=cell.y) for index, cell in enumerate(map(_cell, taxi.locs)))
+        self._scene = Scene((*wall_objects(self._walls()), *places))
 
     def _perceive(self, observation: int) -> State:
         return self.state(observation)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wherry.commands.common import JsonOption, QuietOption, console_for, one_of, print_json
+from wherry.commands.common import JsonOption, QuietOption, console_for, name_completion, print_json
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ NAMES = ("learning", "slam", "localization", "planning")
 
 
 def bench(
-    name: Annotated[str, typer.Argument(help=f"{', '.join(NAMES)}.", autocompletion=one_of(NAMES))],
+    name: Annotated[str, typer.Argument(help=f"{', '.join(NAMES)}.", autocompletion=name_completion(NAMES))],
     data: Annotated[
         Path, typer.Option(envvar="WHERRY_DATA", help="For slam: folder of recorded logs that contains intel/.")
     ] = Path("../shared/data"),

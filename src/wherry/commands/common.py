@@ -1,4 +1,4 @@
-"""Options and output that several commands share."""
+"""Options and output shared by the commands."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 
 def learner_completion(learners: Mapping[str, LearnerEntry[Any]]) -> Callable[[str], list[tuple[str, str]]]:
-    """A function that completes a word on the command line with the name of a learner, beside its summary."""
+    """A shell completion with the names and summaries of learners."""
     return lambda incomplete: [(name, entry.summary) for name, entry in learners.items() if name.startswith(incomplete)]
 
 
 DELIVERY_LEARNERS = learners_for(Job.DELIVERY, RULE_LEARNERS)
 
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, as the last line.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on the last line.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors, and what --json prints.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the random number generator.")]
 
 WorldArgument = Annotated[str, typer.Argument(help="A built-in world's name, or a world file.")]
-BoxesOption = Annotated[int | None, typer.Option(help="Number of boxes; by default as the world file says.")]
+BoxesOption = Annotated[int | None, typer.Option(help="Number of boxes; by default that of the world file.")]
 MapOption = Annotated[Path | None, typer.Option("--map", help="A map.yaml to use instead of exploring.")]
 RulesOption = Annotated[Path | None, typer.Option(help="Learnt rules to start with, as saved by an earlier run.")]
 LearnerOption = Annotated[
@@ -41,31 +41,31 @@ LearnerOption = Annotated[
 LogArgument = Annotated[
     Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped, or a ROS bag.")
 ]
-LenientOption = Annotated[bool, typer.Option("--lenient", help="Skip broken lines, and report their number.")]
+LenientOption = Annotated[bool, typer.Option("--lenient", help="Skip malformed lines and report their number.")]
 ParamsOption = Annotated[Path | None, typer.Option(help="An amcl.yaml of nav2 or ROS 1.")]
 
 
 @dataclass(frozen=True, slots=True)
 class OutputOptions:
-    """Options of the output.
+    """Options for the output of a command.
 
     Attributes:
         as_json: Whether to print the result as JSON.
-        quiet: Whether to print nothing but errors and the JSON.
+        quiet: Whether to print only errors and the JSON.
     """
 
     as_json: JsonOption = False
     quiet: QuietOption = False
 
     def console(self) -> Console:
-        """The console for people."""
+        """The console for human-readable output."""
         return console_for(as_json=self.as_json, quiet=self.quiet)
 
 
 def console_for(*, as_json: bool, quiet: bool = False) -> Console:
-    """The console for people: standard output, or standard error where JSON goes to standard output.
+    """The console for human-readable output: standard output, or standard error if JSON goes to standard output.
 
-    Rich leaves out colours and progress bars where that is no terminal.
+    Rich prints no colours or progress bars unless it is a terminal.
     """
     from rich.console import Console
 
@@ -73,7 +73,7 @@ def console_for(*, as_json: bool, quiet: bool = False) -> Console:
 
 
 def say(console: Console, line: str) -> None:
-    """Print a line unwrapped and without markup, so that paths in it can be copied or parsed."""
+    """Print a line without wrapping and markup, so that paths in it can be copied or parsed."""
     console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -83,8 +83,8 @@ def help_without_command(context: typer.Context) -> None:
         typer.echo(context.get_help())
 
 
-def one_of(names: Iterable[str]) -> Callable[[str], list[str]]:
-    """A function that completes a word on the command line with one of some names."""
+def name_completion(names: Iterable[str]) -> Callable[[str], list[str]]:
+    """A shell completion with the given names."""
     return lambda incomplete: [name for name in names if name.startswith(incomplete)]
 
 
@@ -94,7 +94,7 @@ def print_json(result: Mapping[str, object]) -> None:
 
 
 def _rounded(value: object) -> object:
-    """The value with all floats in it rounded."""
+    """The value with all numbers in it rounded to six decimals."""
     if isinstance(value, float):
         return round(value, 6)
     if isinstance(value, Mapping):
@@ -103,7 +103,7 @@ def _rounded(value: object) -> object:
 
 
 def progress_bar(console: Console, unit: str) -> Progress:
-    """A progress bar with rate and remaining time; disabled where the console is no terminal."""
+    """A progress bar with rate and remaining time; disabled unless the console is a terminal."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
     from rich.text import Text
 

@@ -1,4 +1,4 @@
-"""``wherry deliver``: a simulated delivery from exploration to the score."""
+"""``wherry deliver``: a simulated delivery from exploration to report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wherry.commands.common import (
 )
 from wherry.commands.option_groups import with_option_groups
 from wherry.commands.recording import RecordOption, recorded
-from wherry.commands.watching import PageOptions, film_sinks, trace_sink
+from wherry.commands.watching import PageOptions, recording_sink, trace_sink
 
 
 @with_option_groups
@@ -41,7 +41,7 @@ def deliver(
     output: OutputOptions,
 ) -> None:
     """A robot explores a building, maps it, learns what its actions do, and delivers every box."""
-    from wherry.kernels import are_compiled
+    from wherry.kernels import are_kernels_cached
     from wherry.pipelines.delivery.simulated import DeliverySettings, prepare_delivery, warm_up
     from wherry.simulation.model import LASER_HEIGHT
     from wherry.trace.records import combine_sinks
@@ -50,17 +50,17 @@ def deliver(
     settings = DeliverySettings(
         world=world, boxes=boxes, seed=seed, map_file=map_file, rules_file=rules, learner=learner, out=out
     )
-    compiled = are_compiled()
+    has_kernels = are_kernels_cached()  # asked first, since preparing the run compiles some
     run = prepare_delivery(settings)
     console = output.console()
-    if not compiled:
-        console.print("Compiling the kernels: this takes half a minute, and is done once.")
+    if not has_kernels:
+        console.print("Compiling the kernels: this takes half a minute and is done only once.")
         warm_up()
     for cell in run.unreachable:
         console.print(f"The box in column {cell.x + 1}, row {cell.y + 1} from the bottom cannot be reached.")
     with (
         recorded(record, laser_height=LASER_HEIGHT) as (recording, recorded_robot),
-        film_sinks(run.simulation, rerun=rerun, video=video) as film,
+        recording_sink(run.simulation, rerun=rerun, video=video) as film,
         trace_sink(f"wherry: {run.plan.name}", run.out, console, page) as sink,
     ):
         with DeliveryProgress(console, len(run.plan.boxes)) as progress:
@@ -68,9 +68,9 @@ def deliver(
         print_rules(console, run.rules)
         print_table(console, f"Delivery in {result.world}, seed {result.seed}: {result.verdict}", result.metrics)
         say(console, f"Pictures, map and rules: {run.out / 'report.html'}")
-    for what, path in {"Bag": record, "Rerun": rerun, "Film": video}.items():
+    for label, path in {"Bag": record, "Rerun": rerun, "Film": video}.items():
         if path is not None:
-            say(console, f"{what}: {path}")
+            say(console, f"{label}: {path}")
     if output.as_json:
         print_json(result.as_json())
     raise typer.Exit(result.exit_status)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def doctor(as_json: JsonOption = False, quiet: QuietOption = False) -> None:
     """Check which dependencies are installed and work, and print how to install the others.
 
-    Exit status 1 if a required dependency is broken.
+    Exits with status 1 if a required dependency is broken.
     """
     from wherry.pipelines.installation import CHECKS, failed_check
 
@@ -26,7 +26,7 @@ def doctor(as_json: JsonOption = False, quiet: QuietOption = False) -> None:
             status.update(f"checking {name}")
             try:
                 results.append(check())
-            except Exception as error:  # noqa: BLE001, RUF100 - a broken installation may raise anything
+            except Exception as error:  # noqa: BLE001, RUF100 - a broken installation may raise any error
                 results.append(failed_check(name, error))
     console.print(_table(results), highlight=False)
     broken = [result.name for result in results if result.is_required and not result.works]

@@ -29,13 +29,15 @@ export_app = typer.Typer(
 @export_app.command()
 def gazebo(
     world: WorldArgument,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where to write; new, empty, or an earlier export.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder to write to: new, empty, or an earlier export.")
+    ],
     generation: Annotated[
-        str, typer.Option(help="Of Gazebo Sim: fortress, or harmonic, which is for Garden and all later ones.")
+        str, typer.Option(help="Generation of Gazebo Sim: fortress, or harmonic for Garden and all later ones.")
     ] = "fortress",
     boxes: BoxesOption = None,
     seed: SeedOption = 0,
-    force: Annotated[bool, typer.Option("--force", help="Write even if the folder holds something else.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Write even if the folder contains other files.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write a world, the robot, and launch files for Gazebo Sim with ROS 2 and for classic Gazebo with ROS 1."""

@@ -11,7 +11,7 @@ from wherry.commands.common import (
     OutputOptions,
     SeedOption,
     learner_completion,
-    one_of,
+    name_completion,
     print_json,
     progress_bar,
     say,
@@ -38,7 +38,7 @@ LEARNER_CHOICES = {
 
 @with_option_groups
 def learn(
-    domain: Annotated[str, typer.Argument(help=f"{', '.join(DOMAINS)}.", autocompletion=one_of(DOMAINS))],
+    domain: Annotated[str, typer.Argument(help=f"{', '.join(DOMAINS)}.", autocompletion=name_completion(DOMAINS))],
     size: Annotated[int, typer.Option(help="The Taxi grid's side: 5 or 10.")] = 5,
     world: Annotated[str, typer.Option(help="Where to deliver: a built-in world's name, or a world file.")] = "small",
     learner: Annotated[
@@ -49,7 +49,7 @@ def learn(
         typer.Option(
             help="How DOORMAX uses failures: memorise, as in the paper, or near-miss, which needs fewer steps and "
             "assumes one conjunctive condition per action.",
-            autocompletion=one_of(INFERENCES),
+            autocompletion=name_completion(INFERENCES),
         ),
     ] = None,
     repetitions: Annotated[int, typer.Option(help="Number of repetitions, each without prior knowledge.")] = 20,

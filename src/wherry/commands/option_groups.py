@@ -15,8 +15,8 @@ from typing import Any, get_type_hints
 def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
     """Replace each dataclass in the signature of a command by its fields.
 
-    Fields are annotated as typer's parameters are. Options keep the order of parameters and fields, and a parameter may
-    lack a default although one before it has one.
+    Fields are annotated as typer's parameters are. Options keep the order of parameters and fields. Required
+    options may follow optional ones.
     """
     hints = get_type_hints(command, include_extras=True)
     parameters = inspect.signature(command).parameters

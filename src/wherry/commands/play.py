@@ -15,7 +15,7 @@ from wherry.commands.common import (
     SeedOption,
     console_for,
     learner_completion,
-    one_of,
+    name_completion,
     print_json,
 )
 from wherry.learning.registry import RULE_LEARNERS, Job, learners_for
@@ -35,7 +35,7 @@ KEYS_HELP = "arrows or n s e w, p, d: act   l: the learner acts   r: new episode
 
 
 def play(
-    domain: Annotated[str, typer.Argument(help=f"{' or '.join(DOMAINS)}.", autocompletion=one_of(DOMAINS))],
+    domain: Annotated[str, typer.Argument(help=f"{' or '.join(DOMAINS)}.", autocompletion=name_completion(DOMAINS))],
     size: Annotated[int, typer.Option(help="The Taxi grid's side: 5 or 10.")] = 5,
     world: Annotated[str, typer.Option(help="Where to deliver: a built-in world's name, or a world file.")] = "small",
     boxes: BoxesOption = None,

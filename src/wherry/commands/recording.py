@@ -1,4 +1,4 @@
-"""The option ``--record`` of the commands that can write a ROS bag, and context managers that do so."""
+"""The option ``--record``, and context managers that record a run, a log or a ROS node as a bag."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def recorded(path: Path | None, *, laser_height: float = 0.0) -> Iterator[tuple[
 
 @contextlib.contextmanager
 def recorded_log(path: Path | None, log: LidarLog) -> Iterator[LogRecorder | None]:
-    """Record a log with what is estimated from it; None as the path records nothing.
+    """Record a log and the estimates computed from it; None as the path records nothing.
 
     Raises:
         InputError: The bag cannot be written.
@@ -90,7 +90,7 @@ def recorded_transport(path: Path | None, transport: Transport, names: RosNames)
 
 @contextlib.contextmanager
 def _open_bag(path: Path | None) -> Iterator[BagWriter | None]:
-    """A bag that is completed however the block ends; SIGTERM ends it as Ctrl-C does."""
+    """Open a bag, which is completed even when the block ends with an error, Ctrl-C or SIGTERM."""
     if path is None:
         yield None
         return

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wherry.commands.common import QuietOption, console_for, one_of, progress_bar, say
+from wherry.commands.common import QuietOption, console_for, name_completion, progress_bar, say
 from wherry.errors import InputError
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def reproduce(
     name: Annotated[
         str,
         typer.Argument(
-            help=f"The experiment: {', '.join(REPRODUCTIONS)} or all.", autocompletion=one_of(REPRODUCTIONS)
+            help=f"The experiment: {', '.join(REPRODUCTIONS)} or all.", autocompletion=name_completion(REPRODUCTIONS)
         ),
     ],
     data: Annotated[

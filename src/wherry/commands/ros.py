@@ -1,4 +1,4 @@
-"""``wherry ros1`` and ``wherry ros2``: the simulator for any ROS stack, the agent on any ROS robot."""
+"""``wherry ros1`` and ``wherry ros2``: the simulated robot for any ROS stack, and the agent on any ROS robot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from wherry.commands.common import (
     WorldArgument,
     console_for,
     help_without_command,
-    one_of,
+    name_completion,
     print_json,
 )
 from wherry.commands.option_groups import with_option_groups
@@ -42,20 +42,22 @@ if TYPE_CHECKING:
 NamesOption = Annotated[
     Path | None, typer.Option("--names", help="A YAML file with namespace, frame_prefix, topics, frames and rates.")
 ]
-NamespaceOption = Annotated[str, typer.Option(envvar="ROS_NAMESPACE", help="Before every relative topic name.")]
-PrefixOption = Annotated[str, typer.Option(help="Before every frame but the map's.")]
+NamespaceOption = Annotated[str, typer.Option(envvar="ROS_NAMESPACE", help="Prefix of every relative topic name.")]
+PrefixOption = Annotated[str, typer.Option(help="Prefix of every frame name but the map's.")]
 RemapOption = Annotated[list[str] | None, typer.Option("--remap", help="NAME:=NEW for a topic; may be repeated.")]
 LaunchArguments = Annotated[
-    list[str] | None, typer.Argument(metavar="[NAME:=NEW]...", help="Remappings, and what else roslaunch appends.")
+    list[str] | None,
+    typer.Argument(metavar="[NAME:=NEW]...", help="Remappings, and other arguments that roslaunch appends."),
 ]
 InterfaceOption = Annotated[
-    str, typer.Option(help="ROS 2: a network interface, such as eth0. ROS 1: an address, as ROS_IP. Else loopback.")
+    str,
+    typer.Option(help="ROS 2: a network interface, such as eth0; ROS 1: an address, as ROS_IP. By default loopback."),
 ]
 
 
 @dataclass(frozen=True)
 class NodeOptions:
-    """RosNames and network of a node."""
+    """Options of a node: names of topics and frames, and the network interface."""
 
     names: NamesOption = None
     namespace: NamespaceOption = ""
@@ -66,11 +68,13 @@ class NodeOptions:
 
 @dataclass(frozen=True)
 class DeliverOptions:
-    """What to deliver, and on which robot."""
+    """Options of a delivery: the order, the robot, and the providers of map and pose."""
 
     warehouse: Annotated[
         list[str] | None,
-        typer.Option(help="X,Y of a cell of the warehouse, m, as seen from the start, x ahead; may be repeated."),
+        typer.Option(
+            help="Centre X,Y of a warehouse cell, m, relative to the robot's start, x ahead; may be repeated."
+        ),
     ] = None
     cell_size: Annotated[float, typer.Option(help="The cells' side, m.")] = 0.6
     map_file: MapOption = None
@@ -78,19 +82,23 @@ class DeliverOptions:
     learner: LearnerOption = "bayes"
     body: Annotated[Path | None, typer.Option(help="A YAML file with the robot's shape and limits.")] = None
     mapping: Annotated[
-        str, typer.Option(help="Whose map: own, or ros for /map.", autocompletion=one_of(("own", "ros")))
+        str,
+        typer.Option(help="Provider of the map: own, or ros for /map.", autocompletion=name_completion(("own", "ros"))),
     ] = "own"
     localization: Annotated[
         str,
         typer.Option(
-            help="Whose pose: own, or ros for map → odom on /tf, or /amcl_pose.",
-            autocompletion=one_of(("own", "ros")),
+            help="Provider of the pose: own, or ros for map → odom on /tf, or /amcl_pose.",
+            autocompletion=name_completion(("own", "ros")),
         ),
     ] = "own"
     wait: Annotated[float, typer.Option(min=0, help="Seconds to wait for the robot, a map, a pose.")] = 30.0
     use_sim_time: Annotated[
         bool | None,
-        typer.Option("--use-sim-time/--use-real-time", help="Without it: whether anybody publishes /clock."),
+        typer.Option(
+            "--use-sim-time/--use-real-time",
+            help="Whether the robot's clock is /clock; by default, if a node publishes it.",
+        ),
     ] = None
     stamped: Annotated[bool, typer.Option("--stamped", help="Send TwistStamped (ROS 2).")] = False
     seed: SeedOption = 0
@@ -102,7 +110,7 @@ def ros_app(ros_version: int) -> typer.Typer:
         invoke_without_command=True,
         callback=help_without_command,
         rich_markup_mode=None,
-        help=f"Speak ROS {ros_version}.",
+        help=f"Run the simulated robot, the agent or a monitor as a ROS {ros_version} node.",
     )
     _add_simulate(app, ros_version)
     _add_deliver(app, ros_version)
@@ -122,7 +130,7 @@ def _add_simulate(app: typer.Typer, ros_version: int) -> None:
         world: WorldArgument,
         arguments: LaunchArguments = None,
         boxes: BoxesOption = None,
-        rate: Annotated[float, typer.Option(help="Simulated seconds a second.")] = 1.0,
+        rate: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
         duration: Annotated[float | None, typer.Option(min=0, help="Simulated seconds after which to end.")] = None,
         seed: SeedOption = 0,
         *,
@@ -130,7 +138,7 @@ def _add_simulate(app: typer.Typer, ros_version: int) -> None:
         record: RecordOption = None,
         output: OutputOptions,
     ) -> None:
-        """A simulated robot with /scan, /odom, /tf and /clock that obeys /cmd_vel; until Ctrl-C."""
+        """Simulate a robot that publishes /scan, /odom, /tf and /clock and obeys /cmd_vel, until Ctrl-C."""
         from wherry.pipelines.delivery.simulator import SimulatorSettings, build_simulation, referee_summary
         from wherry.ros.nodes.simulator import simulator_node
 
@@ -140,7 +148,7 @@ def _add_simulate(app: typer.Typer, ros_version: int) -> None:
         with (
             open_transport(ros_version, node_name, node.namespace, node.interface) as transport,
             recorded_transport(record, transport, names) as recorded,
-            _termination_event() as terminated,  # innermost, so that a recording does not end with the signal
+            _termination_event() as terminated,  # innermost, so that SIGTERM does not interrupt the recording
         ):
 
             def is_over() -> bool:
@@ -179,13 +187,13 @@ def _add_deliver(app: typer.Typer, ros_version: int) -> None:
         *,
         task: DeliverOptions,
         node: NodeOptions,
-        out: Annotated[Path | None, typer.Option(help="Where to write map and rules.")] = None,
+        out: Annotated[Path | None, typer.Option(help="Folder to write map and rules to.")] = None,
         record: RecordOption = None,
         page: PageOptions,
         output: OutputOptions,
     ) -> None:
-        """The agent on a robot of ROS: it explores, maps, learns what its actions do, and delivers every box."""
-        from wherry.files import make_folder
+        """Run the agent on a ROS robot: explore, map, learn, and deliver every box."""
+        from wherry.files import ensure_writable_folder
         from wherry.pipelines.delivery.ros import save
         from wherry.ros.body_files import load_body
         from wherry.ros.nodes.robot import RosRobot
@@ -195,7 +203,7 @@ def _add_deliver(app: typer.Typer, ros_version: int) -> None:
         settings = parse_delivery(task)
         body = load_body(task.body)
         if out is not None:
-            make_folder(out)
+            ensure_writable_folder(out)
         console = output.console()
         _compile_kernels(console)
         with (
@@ -236,11 +244,11 @@ def parse_delivery(task: DeliverOptions) -> RosDeliverySettings:
 
 
 def _compile_kernels(console: Console) -> None:
-    from wherry.kernels import are_compiled
+    from wherry.kernels import are_kernels_cached
     from wherry.pipelines.delivery.simulated import warm_up
 
-    if not are_compiled():
-        console.print("Compiling the inner loops; that takes half a minute, and is done once.")
+    if not are_kernels_cached():
+        console.print("Compiling the inner loops, which takes half a minute and happens once.")
         warm_up()
 
 
@@ -299,7 +307,7 @@ def _add_monitor(app: typer.Typer, ros_version: int) -> None:
         *,
         output: OutputOptions,
     ) -> None:
-        """Listen to a robot and its agent: messages that are missing, and the time from a scan to a velocity."""
+        """Measure missing messages and the latency from scan to velocity."""
         import time
 
         from wherry.ros.names import load_names
@@ -328,7 +336,7 @@ def _add_gazebo_latch(app: typer.Typer) -> None:
     @app.command()
     def gazebo_latch(
         settings_file: Annotated[
-            Path, typer.Argument(metavar="LATCH.YAML", help="Of an export; its launch file starts this.")
+            Path, typer.Argument(metavar="LATCH.YAML", help="The file of an export; its launch file runs this command.")
         ],
         names: NamesOption = None,
         namespace: NamespaceOption = "",
@@ -336,7 +344,7 @@ def _add_gazebo_latch(app: typer.Typer) -> None:
         interface: InterfaceOption = "",
         quiet: QuietOption = False,
     ) -> None:
-        """Make Gazebo's detachable joints the latch that the agent works; until Ctrl-C."""
+        """Operate Gazebo's detachable joints as the latch that the agent uses, until Ctrl-C."""
         from wherry.gazebo.latch import GazeboLatch
         from wherry.gazebo.latch_settings import load_latch_settings
         from wherry.ros.names import load_names
@@ -359,8 +367,8 @@ def parse_names(arguments: list[str] | None, node_name: str, node: NodeOptions) 
     """Return a node's name and the names of its topics and frames.
 
     Args:
-        arguments: What roslaunch appends to a command line: ``__name:=``, ``__log:=``, and remappings.
-        node_name: Name without ``__name:=``.
+        arguments: Arguments that roslaunch appends to a command line: ``__name:=``, ``__log:=``, and remappings.
+        node_name: Name of the node if there is no ``__name:=``.
         node: The command's options.
 
     Raises:
@@ -381,7 +389,7 @@ def parse_names(arguments: list[str] | None, node_name: str, node: NodeOptions) 
 
 @contextlib.contextmanager
 def _termination_event() -> Iterator[threading.Event]:
-    """An event that is set by Ctrl-C, and by a launch file that ends the node."""
+    """An event that SIGINT (Ctrl-C) and SIGTERM (a launch file that ends) set."""
     import signal
     import threading
 

@@ -14,8 +14,8 @@ def rviz(
         int | None, typer.Option(min=1, max=2, help="ROS version; by default that of the sourced environment.")
     ] = None,
     names: Annotated[Path | None, typer.Option(help="A YAML file with the names of topics and frames.")] = None,
-    namespace: Annotated[str, typer.Option(envvar="ROS_NAMESPACE", help="The robot's namespace.")] = "",
-    remap: Annotated[list[str] | None, typer.Option(help="NAME:=NEW, as in ROS; several times for several.")] = None,
+    namespace: Annotated[str, typer.Option(envvar="ROS_NAMESPACE", help="Prefix of every relative topic name.")] = "",
+    remap: Annotated[list[str] | None, typer.Option(help="NAME:=NEW for a topic; may be repeated.")] = None,
     centre: Annotated[tuple[float, float], typer.Option(help="Centre of the view in the map frame, m.")] = (0.0, 0.0),
     scale: Annotated[float, typer.Option(min=1.0, max=2000.0, help="Pixels per metre.")] = 80.0,
     robot_model: Annotated[

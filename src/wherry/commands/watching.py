@@ -1,4 +1,4 @@
-"""Options of commands that show a run on a page, and the trace sinks behind them."""
+"""Options of commands that show a run on a page, and the trace sinks that implement them."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ PageHostOption = Annotated[
 PagePortOption = Annotated[int, typer.Option("--port", min=0, max=65535, help="Port of the page.")]
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8642
-FIRST_PAGE_TIMEOUT = 10.0  # s to wait after a run for the page to be opened, where no browser was started
-OPENED_PAGE_TIMEOUT = 60.0  # s to wait where a browser was started, which may fail to load the page
+MANUAL_OPEN_TIMEOUT = 10.0  # s to wait after a run for a first page if no browser was started
+BROWSER_OPEN_TIMEOUT = 60.0  # s to wait after a run for a first page if a browser was started
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +56,13 @@ class PageOptions:
 def trace_sink(title: str, out: Path | None, console: Console, page: PageOptions) -> Iterator[Sink]:
     """A sink that records the run and, with ``--view``, shows it on a page.
 
-    After the run the page is served until all pages are closed, until Ctrl-C or, if it was never opened, for
-    `OPENED_PAGE_TIMEOUT` or `FIRST_PAGE_TIMEOUT`.
+    After the run the page is served until all pages are closed or Ctrl-C is pressed. If no page was opened, it is
+    served for `BROWSER_OPEN_TIMEOUT` or `MANUAL_OPEN_TIMEOUT`.
 
     Args:
         title: Title of the page.
-        out: Folder for trace.wherry; None to record nothing.
-        console: Console for the address of the page.
+        out: Folder for trace.wherry; None to record no trace.
+        console: Console on which the address of the page is printed.
         page: Options of the page.
 
     Raises:
@@ -77,10 +77,10 @@ def trace_sink(title: str, out: Path | None, console: Console, page: PageOptions
     with contextlib.ExitStack() as stack:
         sinks: list[Sink] = []
         if out is not None:
-            from wherry.files import make_folder
+            from wherry.files import ensure_writable_folder
             from wherry.trace.recordings import TRACE_FILE_NAME, TraceRecorder
 
-            make_folder(out)
+            ensure_writable_folder(out)
             sinks.append(stack.enter_context(TraceRecorder(out / TRACE_FILE_NAME)))
         if page.view:
             from wherry.views.web.broadcast import TraceBroadcast
@@ -93,15 +93,15 @@ def trace_sink(title: str, out: Path | None, console: Console, page: PageOptions
         yield combine_sinks(*sinks) if sinks else null_sink
         if page.view:
             broadcast.end()
-            _serve_finished_run(server, OPENED_PAGE_TIMEOUT if has_browser else FIRST_PAGE_TIMEOUT, console)
+            _serve_finished_run(server, BROWSER_OPEN_TIMEOUT if has_browser else MANUAL_OPEN_TIMEOUT, console)
 
 
 def _serve_finished_run(server: PageServer, timeout: float, console: Console) -> None:
-    """Wait until all pages are closed or Ctrl-C is pressed.
+    """Serve the page of a finished run until all pages are closed or Ctrl-C is pressed.
 
     Args:
         server: The server of the page.
-        timeout: Time to wait for the page to be opened, s.
+        timeout: Time to wait for a first page, s.
         console: Console for messages.
     """
     say(console, f"The run is over. Close the page, or press Ctrl-C: {server.url}")
@@ -113,13 +113,13 @@ def _serve_finished_run(server: PageServer, timeout: float, console: Console) ->
 
 
 @contextlib.contextmanager
-def film_sinks(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> Iterator[Sink]:
-    """A sink that records a run for the Rerun viewer, as a film of the simulated world, or both.
+def recording_sink(simulation: Simulation, *, rerun: Path | None, video: Path | None) -> Iterator[Sink]:
+    """A sink that records a run for the Rerun viewer, as a video of the simulated world, or both.
 
     Args:
         simulation: The simulated world.
-        rerun: The .rrd file to write; None for none.
-        video: The .mp4 file to write; None for none.
+        rerun: Path of the .rrd file; None to write none.
+        video: Path of the .mp4 file; None to write none.
 
     Raises:
         InputError: An optional dependency is not installed, or a file cannot be written.
@@ -133,14 +133,18 @@ def film_sinks(simulation: Simulation, *, rerun: Path | None, video: Path | None
 
             sinks.append(stack.enter_context(rerun_recording(rerun)))
         if video is not None:
-            from wherry.pipelines.delivery.film import filmed
+            from wherry.pipelines.delivery.film import film_recording
 
-            sinks.append(stack.enter_context(filmed(video, simulation)))
+            sinks.append(stack.enter_context(film_recording(video, simulation)))
         yield combine_sinks(*sinks) if sinks else null_sink
 
 
 def open_page(server: PageServer, console: Console) -> bool:
-    """Print the address of a page and open it in a browser if there is a screen; whether a browser was started."""
+    """Print the address of a page and open it in a browser if there is a screen.
+
+    Returns:
+        Whether a browser was started.
+    """
     if server.occupied_port is not None:
         say(console, f"Port {server.occupied_port} is occupied; another one is used.")
     say(console, f"Page: {server.url}")

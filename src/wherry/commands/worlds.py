@@ -42,7 +42,7 @@ def show_world(world: WorldArgument) -> None:
 
 @worlds.command("edit")
 def edit_world(
-    file: Annotated[Path, typer.Argument(help="A world file; a new one is created if it does not exist.")],
+    file: Annotated[Path, typer.Argument(help="A world file; it is created if it does not exist.")],
     host: PageHostOption = DEFAULT_HOST,
     port: PagePortOption = DEFAULT_PORT,
 ) -> None:

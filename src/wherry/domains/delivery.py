@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from wherry.domains.walls import WALL, wall_objects
 from wherry.errors import InputError
 from wherry.floorplan.generation import place_boxes
 from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
@@ -36,7 +37,6 @@ DELIVERY_REWARD = 20.0
 MOVES = {Action(name): name for name in DIRECTIONS}
 PICKUP, DROPOFF = Action("PICKUP"), Action("DROPOFF")
 
-WALL = ObjectClass("Wall", (integer("x"), integer("y"), boolean("north")), static=True)
 WAREHOUSE = ObjectClass("Warehouse", (integer("x"), integer("y")), static=True)
 ON_FLOOR = Relation("on", lambda robot, box: not box.in_bot and ON.holds(robot, box))
 
@@ -119,13 +119,11 @@ class DeliverySite:
     scene: Scene = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        walls = [
-            WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north)
-            for index, wall in enumerate(sorted(self.walls))
-        ]
-        cells = [WAREHOUSE(f"warehouse{index}", x=cell.x, y=cell.y) for index, cell in enumerate(sorted(self.warehouse))]
+        cells = (
+            WAREHOUSE(f"warehouse{index}", x=cell.x, y=cell.y) for index, cell in enumerate(sorted(self.warehouse))
+        )
         object.__setattr__(self, "domain", delivery_domain(self.x_range, self.y_range))
-        object.__setattr__(self, "scene", Scene((*walls, *cells)))
+        object.__setattr__(self, "scene", Scene((*wall_objects(self.walls), *cells)))
 
     @classmethod
     def of_cells(cls, cells: Iterable[Cell], walls: Iterable[Wall], warehouse: Iterable[Cell]) -> DeliverySite:

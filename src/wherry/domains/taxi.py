@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from wherry.domains.walls import WALL, wall_objects
 from wherry.floorplan.plan import Cell, Direction, FloorPlan, Wall
 from wherry.floorplan.world_files import find_world
 from wherry.oomdp.attributes import boolean, integer
@@ -37,7 +38,6 @@ PROBES = (
 )
 """Initial states of the published policy test: the taxi's cell, the passenger's mark, the destination's mark."""
 
-WALL = ObjectClass("Wall", (integer("x"), integer("y"), boolean("north")), static=True)
 ON_STREET = Relation("on", lambda taxi, passenger: not passenger.in_taxi and ON.holds(taxi, passenger))
 
 
@@ -72,17 +72,13 @@ class TaxiGrid(DeterministicMdp):
     def __init__(self, plan: FloorPlan) -> None:
         super().__init__(taxi_domain(plan.width, plan.height), self._transition, self._draw_initial_state)
         self.plan = plan
-        edges = sorted(
-            {
-                Wall.between(cell, direction)
-                for cell in plan.cells()
-                for direction in Direction
-                if plan.is_blocked(cell, direction)
-            }
+        walls = (
+            Wall.between(cell, direction)
+            for cell in plan.cells()
+            for direction in Direction
+            if plan.is_blocked(cell, direction)
         )
-        self.scene = Scene(
-            tuple(WALL(f"wall{index}", x=wall.cell.x, y=wall.cell.y, north=wall.north) for index, wall in enumerate(edges))
-        )
+        self.scene = Scene(wall_objects(walls))
 
     def state_of(self, taxi: tuple[int, int], passenger: str, destination: str) -> State:
         """The state with the taxi in a cell and the passenger at one mark with another mark as destination."""

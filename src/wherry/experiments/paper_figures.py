@@ -23,7 +23,7 @@ from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
 from wherry.navigation.controller import safe_velocity
 from wherry.pipelines.delivery.agent import DeliveryEpisode, delivery_learner
-from wherry.pipelines.delivery.page import choose_pictures
+from wherry.pipelines.delivery.page import draw_pictures
 from wherry.realization.mission import Mission, order_from_plan
 from wherry.robot import Odometry
 from wherry.simulation import Simulation, build
@@ -101,7 +101,7 @@ def _delivery_pictures(simulation: Simulation, plan: FloorPlan) -> tuple[str, st
     delivery = DeliveryEpisode(ready, delivery_learner("bayes"), records.append, rng)
     for _ in delivery:
         pass
-    carrying, _, mapping, _ = choose_pictures(records, delivery.world, plan, world_from_map)
+    carrying, _, mapping, _ = draw_pictures(records, delivery.world, plan, world_from_map)
     return mapping.svg, carrying.svg
 
 

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from wherry.errors import InputError
-from wherry.files import make_folder, read_text, write_atomically
+from wherry.files import ensure_writable_folder, read_text, write_atomically
 
 MAX_FILE_SIZE = 2_000_000  # bytes
 HEADING = "# Results\nEvery section is written by the command named in it, and by nothing else.\n"
@@ -23,7 +23,7 @@ def write_section(path: Path, name: str, markdown: str) -> None:
     Raises:
         InputError: The file cannot be read or written.
     """
-    text = read_text(path, limit=MAX_FILE_SIZE) if path.exists() else HEADING
+    text = read_text(path, max_bytes=MAX_FILE_SIZE) if path.exists() else HEADING
     begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
     section = f"{begin}\n{markdown.strip()}\n\n`wherry reproduce {name}` wrote this section.\n{end}"
     pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
@@ -46,7 +46,7 @@ def write_picture(images: Path, name: str, content: bytes, alternative: str) -> 
     Raises:
         InputError: The picture cannot be written.
     """
-    make_folder(images)
+    ensure_writable_folder(images)
     write_atomically(images / name, content)
     return f"![{alternative}]({images.name}/{name})"
 

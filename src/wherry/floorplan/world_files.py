@@ -63,7 +63,7 @@ def load_world(path: str | Path) -> FloorPlan:
     Raises:
         InputError: The file cannot be read, or is not a world.
     """
-    return parse_world(read_text(path, limit=MAX_FILE_SIZE), source=str(path))
+    return parse_world(read_text(path, max_bytes=MAX_FILE_SIZE), source=str(path))
 
 
 def parse_world(text: str, source: str) -> FloorPlan:

@@ -1,4 +1,4 @@
-"""Gazebo: worlds with the robot for Gazebo Sim and classic Gazebo, and the latch as a node."""
+"""Gazebo: worlds with the robot for Gazebo Sim and classic Gazebo, and the node that operates the latch."""
 
 import lazy_loader
 

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from wherry.errors import InputError
-from wherry.files import make_folder, read_text, write_atomically
+from wherry.files import ensure_writable_folder, read_text, write_atomically
 from wherry.floorplan.plan import FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.gazebo.latch_settings import GazeboLatchSettings, format_latch_settings
@@ -23,8 +23,8 @@ from wherry.gazebo.latch_topics import (
     box_name,
     close_topic,
     pose_topic,
+    removal_topic,
     state_topic,
-    take_in_topic,
 )
 from wherry.gazebo.sdf import (
     GENERATIONS,
@@ -55,10 +55,10 @@ class GazeboExportSettings:
     Attributes:
         world: Name of a built-in world, or path of a world file.
         folder: Folder to write.
-        generation: Key of `GENERATIONS`.
+        generation: Name of a generation of Gazebo Sim in `GENERATIONS`.
         boxes: Number of boxes; None for the world's own.
         seed: Seed of the boxes' positions, which are those of ``wherry deliver`` with the same seed.
-        force: Whether to write into a folder that holds other files.
+        force: Whether to write into a folder that contains other files.
     """
 
     world: str
@@ -78,7 +78,7 @@ def export_world(settings: GazeboExportSettings) -> tuple[Path, ...]:
         Paths of the files.
 
     Raises:
-        InputError: There is no such world or generation, or the folder holds other files or cannot be written to.
+        InputError: There is no such world or generation, or the folder contains other files or cannot be written to.
     """
     if settings.generation not in GENERATIONS:
         raise InputError("--generation", settings.generation, f"is none of {', '.join(GENERATIONS)}")
@@ -97,7 +97,7 @@ def export_files(plan: FloorPlan, rng: np.random.Generator, generation: GazeboGe
     Args:
         plan: The building, with a robot and with its boxes placed.
         rng: Source of the boxes' positions in their cells, as in the simulator.
-        generation: Of Gazebo Sim.
+        generation: Generation of Gazebo Sim.
 
     Raises:
         InputError: The plan has no robot.
@@ -136,7 +136,7 @@ def bridge_config(plan: FloorPlan, generation: GazeboGeneration) -> str:
     entries.append(_bridged(OPEN.name, *empty, to_ros=False))
     for box in boxes:
         entries.append(_bridged(close_topic(box).name, *empty, to_ros=False))
-        entries.append(_bridged(take_in_topic(box).name, *empty, to_ros=False))
+        entries.append(_bridged(removal_topic(box).name, *empty, to_ros=False))
         entries.append(_bridged(state_topic(box).name, "std_msgs/msg/String", f"{package}.StringMsg"))
     return yaml.safe_dump(entries, sort_keys=False)
 
@@ -159,12 +159,12 @@ def _bridged(
 
 
 def _prepare_folder(folder: Path, *, force: bool) -> None:
-    """Make the folder, or check that it holds an export or nothing.
+    """Make the folder, or check that it is empty or contains an export.
 
     Raises:
-        InputError: The folder cannot be made, or holds other files.
+        InputError: The folder cannot be made, or contains other files.
     """
-    make_folder(folder)
+    ensure_writable_folder(folder)
     if any(folder.iterdir()) and not force and not _is_export(folder / MARKER_FILE):
         raise InputError(folder, "", "holds files that are not an export; choose another folder, or --force")
 
@@ -185,7 +185,7 @@ def _is_export(marker: Path) -> bool:
     if not marker.is_file():
         return False
     try:
-        content = json.loads(read_text(marker, limit=MAX_MARKER_BYTES))
+        content = json.loads(read_text(marker, max_bytes=MAX_MARKER_BYTES))
     except ValueError:
         return False
     return isinstance(content, dict) and "wherry-export" in content

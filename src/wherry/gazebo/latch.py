@@ -1,17 +1,17 @@
-"""A node that makes the detachable joints of Gazebo Sim the latch that the agent uses.
+"""A node that operates the detachable joints of Gazebo Sim as the latch that the agent uses.
 
-Gazebo's joints do not implement ``latch/command`` and ``latch/state``, nor the warehouse's interlock. Each box of an
-exported world has a joint of its own, which an empty message attaches to the box in its present pose, and which reports
-"attached" or "detached" only when that changes. The node therefore
+Gazebo's joints implement neither ``latch/command`` and ``latch/state`` nor the warehouse's interlock. Each box of an
+exported world has its own joint. An empty message attaches it to the box in the current pose, and it reports "attached"
+or "detached" only when that changes. The node therefore
 
-- attaches the joint of the box that stands in the fork, judged by the models' poses;
+- attaches the joint of the box in the fork, which it determines from the models' poses;
 - detaches it over the warehouse only, as the simulator's interlock does, and has Gazebo move the box out of the
   building;
 - answers a command once Gazebo has reported the change. The client repeats a command that is not answered, and the node
   then repeats its request.
 
-It publishes nothing until the world itself has opened the joints, which begin attached; and it first opens them once
-more, in case an earlier node has left one attached.
+It publishes nothing until the world itself has detached the joints, which begin attached. It first detaches them once
+more, in case an earlier node left one attached.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from wherry.gazebo.latch_topics import (
     box_name,
     close_topic,
     pose_topic,
+    removal_topic,
     state_topic,
-    take_in_topic,
 )
 from wherry.ros import messages as ros
 from wherry.ros.decoding import MessageError, decode_pose, decode_stamp
@@ -44,12 +44,12 @@ from wherry.space.pose import Pose
 
 
 class GazeboLatch:
-    """The node.
+    """The latch node of an exported world.
 
     Args:
-        settings: Of the exported world.
-        transport: ROS.
-        names: RosNames of the agent's topics, and the rate of the latch's state.
+        settings: Settings of the latch in the world.
+        transport: Connection to ROS.
+        names: Names of the agent's topics, and the rate of the latch's state.
     """
 
     def __init__(self, settings: GazeboLatchSettings, transport: Transport, names: RosNames) -> None:
@@ -63,8 +63,8 @@ class GazeboLatch:
         self._attached: set[int] = set()
         self._delivered: set[int] = set()
         self._is_reset = False
-        self._pending: LatchCommand | None = None  # requested from Gazebo, not reported yet
-        self._answered = 0.0  # s, stamp of the last command that was carried out
+        self._pending: LatchCommand | None = None  # requested from Gazebo, but not reported by it yet
+        self._answered = 0.0  # s, stamp of the last command carried out
         self._connect()
 
     def run(self, stopped: Callable[[], bool] = lambda: False) -> None:
@@ -82,7 +82,7 @@ class GazeboLatch:
 
     @property
     def is_ready(self) -> bool:
-        """Whether Gazebo is running and has opened all joints."""
+        """Whether Gazebo is running and has detached all joints."""
         return self._is_reset and self._time >= OPENING_SECONDS[-1] + 1
 
     def _connect(self) -> None:
@@ -93,11 +93,11 @@ class GazeboLatch:
             subscriptions.add(pose_topic(model), partial(self._on_pose, model))
         for box in range(self._settings.boxes):
             transport.advertise(close_topic(box))
-            transport.advertise(take_in_topic(box))
+            transport.advertise(removal_topic(box))
             subscriptions.add(state_topic(box), partial(self._on_joint_state, box))
         subscriptions.add(self._command, self._on_command)
 
-    # ---- callbacks, with the lock held
+    # ---- callbacks; called with the lock held
 
     def _on_pose(self, model: str, message: ros.PoseStamped) -> None:
         seconds, pose = decode_stamp(message.header.stamp), decode_pose(message.pose)
@@ -123,7 +123,7 @@ class GazeboLatch:
             self._execute(command)
         self._publish_state()
 
-    # ---- with the lock held
+    # ---- joints; called with the lock held
 
     def _execute(self, command: LatchCommand) -> None:
         """Request the change from Gazebo; a command that changes nothing is answered at once."""
@@ -142,7 +142,7 @@ class GazeboLatch:
         self._answered, self._pending = command.stamp, None
 
     def _box_in_fork(self) -> int | None:
-        """The box that the latch can close around."""
+        """Number of the box that the latch can close around; None if there is none."""
         robot = self._poses[ROBOT]
         for box in sorted(set(range(self._settings.boxes)) - self._delivered):
             pose = self._poses.get(box_name(box))
@@ -151,13 +151,13 @@ class GazeboLatch:
         return None
 
     def _remove_if_delivered(self, box: int) -> None:
-        """Have a box that was detached on command moved out of the building."""
+        """Have Gazebo move a box out of the building if it was detached on command."""
         if self._pending is not None and not self._pending.close:
             self._delivered.add(box)
-            self._transport.publish(take_in_topic(box), ros.Empty())
+            self._transport.publish(removal_topic(box), ros.Empty())
 
     def _reset(self) -> None:
-        """Open every joint as soon as Gazebo is running."""
+        """Detach every joint once, as soon as Gazebo is running."""
         if not self._is_reset and ROBOT in self._poses and self._transport.count_subscribers(OPEN):
             self._is_reset = True
             self._transport.publish(OPEN, ros.Empty())

@@ -1,4 +1,4 @@
-"""What the latch needs to know of an exported world, as a file."""
+"""Settings of the latch in an exported world, and the YAML file that contains them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Length = Annotated[float, Field(gt=0, le=MAX_LENGTH)]
 
 @dataclass(frozen=True, slots=True)
 class GazeboLatchSettings:
-    """An exported world, as far as the latch needs it.
+    """Properties of an exported world that the latch depends on.
 
     Attributes:
         boxes: Number of boxes.

@@ -1,4 +1,4 @@
-"""Topics between Gazebo Sim and the latch, and the names of the models that they are about."""
+"""Topics between Gazebo Sim and the latch node, and the names of Gazebo's models."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from wherry.ros import messages as ros
 from wherry.ros.topics import Topic
 
 ROBOT = "wherry"  # name of the robot's model
-OPENING_SECONDS = (0, 1)  # s of the world's clock in which the world itself opens the joints, which begin attached
+OPENING_SECONDS = (0, 1)  # s on the world's clock when the world detaches its joints, which begin attached
 ATTACHED, DETACHED = "attached", "detached"  # states of a detachable joint, as Gazebo spells them
 OPEN = Topic("/latch/open", ros.Empty)  # detaches all joints
 
@@ -17,7 +17,7 @@ def box_name(box: int) -> str:
 
 
 def pose_topic(model: str) -> Topic[ros.PoseStamped]:
-    """Pose of a model in the world; Gazebo's PosePublisher chooses the name."""
+    """Pose of a model in the world frame; the topic has the name that Gazebo's PosePublisher gives it."""
     return Topic(f"/model/{model}/pose", ros.PoseStamped)
 
 
@@ -26,11 +26,11 @@ def close_topic(box: int) -> Topic[ros.Empty]:
     return Topic(f"/latch/close/{box_name(box)}", ros.Empty)
 
 
-def take_in_topic(box: int) -> Topic[ros.Empty]:
+def removal_topic(box: int) -> Topic[ros.Empty]:
     """Moves a delivered box out of the building."""
     return Topic(f"/latch/take_in/{box_name(box)}", ros.Empty)
 
 
 def state_topic(box: int) -> Topic[ros.String]:
-    """`ATTACHED` or `DETACHED`, published when a joint changes."""
+    """State of a box's joint, `ATTACHED` or `DETACHED`; published when it changes."""
     return Topic(f"/latch/state/{box_name(box)}", ros.String)

@@ -1,4 +1,4 @@
-"""The robot's URDF as links, shapes and joints, with the coefficients of friction that Gazebo needs beside it."""
+"""The robot's URDF as links, shapes and joints, with the coefficients of friction that Gazebo needs in addition."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from wherry.simulation.model import WHEEL_FRICTION, robot_urdf
 ROOT_LINK = "base_footprint"  # has no mass
 TREAD_WIDTH = 0.002  # m, of the disc that replaces a wheel: a wide one scrubs when the robot turns on the spot
 DEFAULT_FRICTION = 1.0  # coefficient where the URDF sets none, in MuJoCo and in Gazebo
+FRICTION = {"left_wheel": WHEEL_FRICTION, "right_wheel": WHEEL_FRICTION, "caster": 0.0}  # coefficients by link
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +38,14 @@ class Link:
     """A rigid body of the robot.
 
     Attributes:
-        name: Of the link and of its frame.
-        position: Of its origin in base_footprint, m.
-        mass: kg, as the URDF writes it.
+        name: Name of the link and of its frame.
+        position: Origin of the link in base_footprint, [3] m.
+        mass: Mass, kg, as the URDF writes it.
         inertial_pose: Pose of the centre of mass in the link, as SDF writes it; empty for the link's own.
         inertia: Moments of inertia by name, kg m², as the URDF writes them.
-        friction: Coefficient of friction of its surface.
-        collisions: Shapes that touch.
-        visuals: Shapes that are seen.
+        friction: Coefficient of friction of the link's surface.
+        collisions: Shapes for collision detection.
+        visuals: Shapes for rendering.
     """
 
     name: str
@@ -62,10 +63,10 @@ class Joint:
     """A connection of two links.
 
     Attributes:
-        name: Of the joint.
-        parent: Name of a link.
-        child: Name of a link.
-        axis: Axis of rotation in the child, as the URDF writes it; empty for a fixed joint.
+        name: Name of the joint.
+        parent: Name of the parent link.
+        child: Name of the child link.
+        axis: Axis of rotation in the child's frame, as the URDF writes it; empty for a fixed joint.
     """
 
     name: str
@@ -79,8 +80,8 @@ class RobotModel:
     """The robot without its massless root link.
 
     Attributes:
-        links: base_link first.
-        joints: Between these links.
+        links: All links; base_link is the first.
+        joints: Joints between these links.
     """
 
     links: tuple[Link, ...]
@@ -135,7 +136,7 @@ def _link(element: ET.Element, positions: Mapping[str, tuple[float, float, float
         mass=_child(inertial, "mass").get("value", ""),
         inertial_pose=_pose(inertial),
         inertia=dict(_child(inertial, "inertia").items()),
-        friction=WHEEL_FRICTION if is_wheel else 0.0 if name == "caster" else DEFAULT_FRICTION,
+        friction=FRICTION.get(name, DEFAULT_FRICTION),
         collisions=tuple(_collisions(element, is_wheel=is_wheel)),
         visuals=tuple(_visuals(element, colours)),
     )

@@ -4,11 +4,11 @@ The templates in ``templates/`` hold the structure; sizes, poses, masses, inerti
 simulator's. Where MuJoCo and Gazebo differ:
 
 - For two surfaces in contact, Gazebo's engines use the smaller coefficient of friction, MuJoCo the larger. The floor
-  therefore has the wheels' coefficient and a box its own, so that every pair that matters has the simulator's.
+  therefore has the wheels' coefficient, so that wheels, caster and boxes slide on it as in the simulator.
 - A wheel's edge touches the floor along a line and scrubs when the robot turns on the spot. The simulator's wheels are
   ellipsoids, which Gazebo's engines lack; here a thin disc of the wheel's radius touches.
-- A detachable joint begins attached. Publishers of the world itself open the latch during the first 2 s.
-- There is no conveyor. A message on `take_in_topic` moves a delivered box out of the building.
+- A detachable joint begins attached. Publishers of the world itself detach all joints during the first 2 s.
+- There is no conveyor. A message on `removal_topic` moves a delivered box out of the building.
 - A rendering lidar would see its own housing from inside; the housing is invisible to it.
 """
 
@@ -26,7 +26,7 @@ from wherry.floorplan.plan import FloorPlan
 from wherry.gazebo import latch_topics
 from wherry.gazebo.latch_topics import OPENING_SECONDS, ROBOT, box_name
 from wherry.gazebo.robot_model import read_robot_model
-from wherry.simulation.drive import TRACK, WHEEL_RADIUS
+from wherry.simulation.drive import TRACK_WIDTH, WHEEL_RADIUS
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.model import (
     BODY,
@@ -48,10 +48,10 @@ TIME_STEP = 0.001  # s, Gazebo's default; contacts jitter at the simulator's 5 m
 GRAVITY = -9.81  # m/s²
 PAINT_THICKNESS = 0.002  # m, of the warehouse's floor marking
 FLOOR_MARGIN = 2.0  # m of floor around the building
-STORAGE_SPACING, STORAGE_DISTANCE = 0.3, 1.0  # m, between removed boxes, and from the building to them
+STORAGE_SPACING, STORAGE_DISTANCE = 0.3, 1.0  # m between removed boxes, and m from the building to them
 SERVICE_TIMEOUT = 3000  # ms that Gazebo waits for its own service
 HOUSING_FLAG = 0x10  # bit of Gazebo's visibility flags that only the lidar's housing has
-VISIBILITY_MASK = 0xFFFFFFFF & ~HOUSING_FLAG  # of the lidar
+VISIBILITY_MASK = 0xFFFFFFFF & ~HOUSING_FLAG  # flags of what the lidar sees: everything but its housing
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ def sim_world(
         robot: base_footprint in the world frame.
         boxes: Centres of the boxes, [B, 2] m, world frame.
         lidar: The lidar's data sheet.
-        generation: Of Gazebo Sim.
+        generation: Generation of Gazebo Sim.
     """
     return _render("world.sdf.j2", plan, robot, boxes, lidar=lidar, generation=generation)
 
@@ -119,9 +119,9 @@ class _Cuboid:
     """A wall, an obstacle, or a painted cell.
 
     Attributes:
-        name: Unique in the building.
-        centre: m, world frame.
-        size: Along x, y and z, m.
+        name: Name, unique in the building.
+        centre: Centre, [3] m, world frame.
+        size: Lengths along x, y and z, [3] m.
         colour: Red, green, blue and alpha from 0 to 1.
         is_solid: Whether other bodies collide with it.
     """
@@ -138,9 +138,9 @@ class _Box:
     """A box to be delivered.
 
     Attributes:
-        number: Counted from 0.
-        name: Of its model.
-        position: Of its centre, m, world frame.
+        number: Number of the box, from 0.
+        name: Name of its model.
+        position: Centre on the floor, [2] m, world frame.
         removal_request: Request to Gazebo's set_pose service that moves the box out of the building.
     """
 
@@ -155,9 +155,9 @@ class _World:
     """The floor, the building and its boxes.
 
     Attributes:
-        name: Of the world.
-        centre: Of the floor, m, world frame.
-        floor_size: Along x and y, m.
+        name: Name of the world, as topics contain it.
+        centre: Centre of the floor, [2] m, world frame.
+        floor_size: Lengths of the floor along x and y, [2] m.
         building: Walls, obstacles and painted cells.
         boxes: Boxes to be delivered.
     """
@@ -202,7 +202,7 @@ def _painted_cells(plan: FloorPlan) -> Iterator[_Cuboid]:
 
 
 def _removal_request(box: int) -> str:
-    """Request that puts a box down south of the building."""
+    """Request that places a box south of the building."""
     x, y, z = map(_number, (STORAGE_SPACING * (box + 0.5), -STORAGE_DISTANCE, BOX_HEIGHT / 2))
     return f"name: '{box_name(box)}', position: {{x: {x}, y: {y}, z: {z}}}, orientation: {{w: 1}}"
 
@@ -211,7 +211,7 @@ def _removal_request(box: int) -> str:
 
 
 def _render(template: str, plan: FloorPlan, robot: Pose, boxes: Floats, **values: object) -> str:
-    """Fill in a template, and lay it out with two spaces per level."""
+    """Render a template as indented XML."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("wherry.gazebo"), autoescape=True, undefined=jinja2.StrictUndefined
     )
@@ -242,7 +242,7 @@ def _constants() -> dict[str, object]:
         "ROBOT": ROBOT,
         "SERVICE_TIMEOUT": SERVICE_TIMEOUT,
         "TIME_STEP": TIME_STEP,
-        "TRACK": TRACK,
+        "TRACK_WIDTH": TRACK_WIDTH,
         "VISIBILITY_MASK": VISIBILITY_MASK,
         "WHEEL_FRICTION": WHEEL_FRICTION,
         "WHEEL_RADIUS": WHEEL_RADIUS,

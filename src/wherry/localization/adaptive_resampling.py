@@ -1,4 +1,4 @@
-"""Adaptive resampling: KLD sampling sets the number of particles, and random ones are injected for recovery."""
+"""Adaptive resampling: KLD sampling of the number of particles, and injection of random particles for recovery."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wherry.localization.particles import ParticleSet
 from wherry.localization.recovery import RecoveryProbability
 from wherry.localization.resampling import BIN_SIZE, Integers, adaptive_sample_size, low_variance_resample
 
-SELECTIVE_MAX_EFFECTIVE = 0.5  # fraction of the particles, effective sample size above which selective resampling waits
+SELECTIVE_MAX_EFFECTIVE = 0.5  # effective sample size, as fraction of the particles, up to which they are resampled
 
 
 class AdaptiveResampler:
@@ -34,7 +34,6 @@ class AdaptiveResampler:
         self._table = table
         self._rng = rng
         self._bin_size = np.array(BIN_SIZE)
-        self._limits = np.array([p.pf_err, p.pf_z, p.min_particles, p.max_particles], np.float64)
         self._recovery = RecoveryProbability(p.recovery_alpha_slow, p.recovery_alpha_fast)
         self._updates = 0
 
@@ -73,10 +72,18 @@ class AdaptiveResampler:
         return not p.selective_resampling or particles.effective_size <= SELECTIVE_MAX_EFFECTIVE * len(particles)
 
     def _sample_size(self, particles: ParticleSet, random_probability: float) -> int:
-        """Number of particles by KLD sampling, where each random particle occupies a bin of its own."""
+        """Number of particles by KLD sampling, counting a bin for each random particle."""
         p = self._parameters
         count = adaptive_sample_size(
-            particles.poses, particles.weights, self._table, self._bin_size, self._limits, self._rng.random()
+            particles.poses,
+            particles.weights,
+            self._table,
+            self._bin_size,
+            p.pf_err,
+            p.pf_z,
+            p.min_particles,
+            p.max_particles,
+            self._rng.random(),
         )
         growth = random_probability / (2.0 * p.pf_err)
         return p.max_particles if growth >= 1.0 else min(math.ceil(count / (1.0 - growth)), p.max_particles)

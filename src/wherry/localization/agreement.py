@@ -1,8 +1,8 @@
 """Agreement of a scan with the map at a pose: every beam is an inlier, blocked, passed through, or in unknown space.
 
 An unmapped box and a wrong pose both leave few inliers, but differently: a box blocks beams before they reach the map's
-walls, a wrong pose sends beams through walls. Beams that end in unknown space are hardly informative, since maps have
-holes.
+walls, a wrong pose sends beams through walls. Beams that end in unknown space carry little
+information, since maps have holes.
 """
 
 from __future__ import annotations
@@ -18,13 +18,11 @@ from numpy.typing import NDArray
 from wherry.kernels import kernel
 from wherry.localization.sensor import trace_ray
 from wherry.space.distance_field import DistanceField
-from wherry.space.pose import Pose
-
-Floats = NDArray[np.float64]
+from wherry.space.pose import Floats, Pose
 
 INLIER_MAX_DISTANCE = 0.15  # m, distance of an inlier's end from the nearest obstacle
-PASS_MIN_CLEARANCE = 0.3  # m, distance from all obstacles at which a beam that entered one has left it behind
-SIGMA = 0.1  # m, standard deviation of inliers
+PASS_MIN_CLEARANCE = 0.3  # m, distance from all obstacles beyond which a beam has left the obstacle that it entered
+SIGMA = 0.1  # m, standard deviation of the beam ends around the obstacles
 OUTLIER_LIKELIHOOD = 0.05  # likelihood of an outlier relative to a perfect inlier's
 PASS_LIKELIHOOD = 0.01  # likelihood of a beam through an obstacle relative to a perfect inlier's
 
@@ -38,7 +36,7 @@ class ScanAgreement:
         blocked_fraction: Fraction of the beams that end in the map's free space, on something unmapped.
         passed_fraction: Fraction of the beams that went through one of the map's obstacles.
         unknown_fraction: Fraction of the beams that end in the map's unknown space.
-        log_likelihood: Mean over the beams of the logarithm of their likelihood, 0 for a perfect scan.
+        log_likelihood: Mean log likelihood per beam, relative to a beam that ends exactly on an obstacle: 0 at most.
         beam_count: Number of beams.
     """
 
@@ -66,13 +64,13 @@ def scan_agreement(
         return ScanAgreement(0.0, 0.0, 0.0, 0.0, 0.0, 0)
     in_grid = field.origin.inverse @ pose
     start = (in_grid @ lidar).as_array()[:2]
-    counts, total = _compare(field.distance, known, field.resolution, start, in_grid.transform(ends))
+    counts, total = _classify_beams(field.distance, known, field.resolution, start, in_grid.transform(ends))
     inliers, blocked, passed, unknown = (counts / len(ends)).tolist()
     return ScanAgreement(inliers, blocked, passed, unknown, total / len(ends), len(ends))
 
 
 def mean_agreement(scans: Sequence[ScanAgreement]) -> ScanAgreement:
-    """The mean agreement of one or more scans with the map, all weighing the same."""
+    """The unweighted mean of the agreement of one or more scans with the map."""
     return ScanAgreement(
         inlier_fraction=fmean(scan.inlier_fraction for scan in scans),
         blocked_fraction=fmean(scan.blocked_fraction for scan in scans),
@@ -84,14 +82,14 @@ def mean_agreement(scans: Sequence[ScanAgreement]) -> ScanAgreement:
 
 
 @kernel
-def _compare(
+def _classify_beams(
     distance: NDArray[np.float32], known: NDArray[np.bool_], resolution: float, start: Floats, ends: Floats
 ) -> tuple[NDArray[np.int64], float]:
-    """Count the beams of every kind.
+    """Classify the beams and compute their likelihoods.
 
     Args:
         distance: [H, W] m, distances to the nearest obstacle.
-        known: [H, W] whether the map's cells are known.
+        known: [H, W] whether each cell of the map is known to be free or occupied.
         resolution: Side of a cell, m.
         start: [2] m, position of the lidar in the grid's frame.
         ends: [B, 2] m, ends of the beams in the grid's frame.

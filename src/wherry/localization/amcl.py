@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,7 +21,7 @@ from wherry.localization.sensor import Beams, valid_beams
 from wherry.robot import Odometry, Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Floats, Pose
+from wherry.space.pose import Floats, Pose, wrap_angles
 
 NO_READINGS = "the scan has no readings"
 
@@ -88,7 +87,7 @@ class Amcl:
         """Draw the particles from a mixture of Gaussian modes, of free space and of the current particles.
 
         Args:
-            modes: The modes, which share the weight that is left; at least one.
+            modes: The modes, at least one; they share the weight that the two other components leave.
             uniform_weight: Weight of the uniform distribution over the map's free space, 0 to 1.
             prior_weight: Weight of the current particles, 0 to 1.
         """
@@ -111,7 +110,7 @@ class Amcl:
             InputError: The map has no free space.
         """
         if self._free_space.is_empty:
-            raise InputError("map", "", "has no free space, so the robot can be nowhere on it")
+            raise InputError("map", "", "has no free space to draw particles from")
         poses = self._free_space.draw(self.parameters.max_particles, self._rng)
         self._restart(poses, Pose.from_array(poses[0]), weight=0.0)
 
@@ -123,12 +122,12 @@ class Amcl:
         """Process one scan and the odometry of the same instant.
 
         The filter is updated when the robot has moved update_min_d or turned update_min_a; in between, the last
-        estimate is moved on by odometry. Unusable measurements are left out, and ``problem`` says why.
+        estimate is moved on by odometry. An unusable measurement is ignored, and ``problem`` gives the reason.
 
         Args:
             odometry: Pose of base_link in the odom frame when the scan was taken.
             scan: The scan.
-            beams: The scan's valid beams, if they are known already; see `sensor.valid_beams`.
+            beams: The scan's valid beams; None to select them here by `sensor.valid_beams`.
 
         Returns:
             The pose of base_link in the map frame when the scan was taken, never NaN.
@@ -152,8 +151,9 @@ class Amcl:
         """Propagate, reweight, estimate, resample."""
         propagated = self._motion.propagate(self._particles, self._odometry.since_last_update(odometry))
         self._odometry.mark_update(odometry)
-        weighed = beams.evenly_spaced(self.parameters.max_beams)
-        reweighted, likelihood = self._measurement.reweight(propagated, weighed, is_unimodal=self._estimate.is_unimodal)
+        self._update_policy.mark_update()
+        spaced = beams.evenly_spaced(self.parameters.max_beams)
+        reweighted, likelihood = self._measurement.reweight(propagated, spaced, is_unimodal=self._estimate.is_unimodal)
         estimate = cluster_estimate(reweighted, predicted.time, likelihood, self._bins)
         self._particles = self._resampler.resample(reweighted, likelihood)
         return self._matched(estimate, [predicted.pose, estimate.pose], beams)
@@ -173,7 +173,7 @@ class Amcl:
             weight: Posterior weight around the estimated pose, 0 to 1.
         """
         wrapped = poses.copy()
-        wrapped[:, 2] = np.remainder(poses[:, 2] + math.pi, math.tau) - math.pi
+        wrapped[:, 2] = wrap_angles(poses[:, 2])
         self._particles = ParticleSet.uniform(wrapped)
         self._resampler.reset()
         self._update_policy.request()

@@ -1,11 +1,10 @@
 """Branch and bound over all poses on a map (Olson 2009; Hess et al. 2016, section V-B).
 
-A window of positions is bounded from above by looking every beam up in a map of windowed maxima, so that a few lookups
-rule out most of the map, and the poses that remain are exact. The search continues past the best pose to all other
-modes.
+The score of all poses in a window is bounded from above by looking every beam up in a map of windowed maxima, so that
+few lookups prune most of the map without missing a pose. The search continues past the best pose to all other modes.
 
-`wherry.mapping.correlative` bounds windows in the same way, but searches a small window of a growing grid for its best
-pose, and needs neither free space nor all modes.
+`wherry.mapping.correlative` bounds windows in the same way, but searches only a small window of a growing grid for the
+best pose, with neither a check of free space nor other modes.
 """
 
 from __future__ import annotations
@@ -16,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.kernels import kernel
-from wherry.space.pose import Floats
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int32]
 
 MAX_LIKELIHOOD = 255  # score of a beam that ends on an obstacle
-MAX_POSES = 64  # modes after which the search gives up
-MAX_EXPANSIONS = 250_000  # expanded windows after which the search gives up
+MAX_MODES = 64  # modes after which the search ends incomplete
+MAX_EXPANSIONS = 250_000  # expanded windows after which the search ends incomplete
 
 
 def window_maxima(values: Bytes, levels: int) -> Bytes:
@@ -50,7 +48,7 @@ def window_maxima(values: Bytes, levels: int) -> Bytes:
 
 
 def with_border(levels: Bytes, offsets: Integers) -> tuple[Bytes, Integers]:
-    """Add a border of zeros that all beams from cells of the map stay within, so that lookups need no bounds check.
+    """Add a border of zeros as wide as the longest beam, so that lookups need no bounds check.
 
     Args:
         levels: Maxima from `window_maxima`, [L, H + P, W + P].
@@ -71,32 +69,36 @@ def with_border(levels: Bytes, offsets: Integers) -> tuple[Bytes, Integers]:
 
 
 @kernel
-def branch_and_bound(levels: Bytes, free: Bytes, offsets: Integers, limits: Floats) -> tuple[Integers, bool]:
-    """Best-first search for all distinct poses whose score is close to the best one.
+def branch_and_bound(
+    levels: Bytes, free: Bytes, offsets: Integers, min_fraction: float, mode_radius: float, mode_turn: float
+) -> tuple[Integers, bool]:
+    """Best-first search for the best pose of every mode whose score is close to the overall best score.
 
     Args:
         levels: Maxima of the likelihoods with a border of R cells, [L, H + 2R, W + 2R], see `with_border`.
         free: Whether each window has a free cell, [L, H, W].
         offsets: Offsets of the beams' ends in a flattened level at each heading, [A, B].
-        limits: Smallest share of the best score, and the extent of a mode in cells and in headings, [3].
+        min_fraction: Fraction of the best score that a pose must reach, 0 to 1.
+        mode_radius: Distance from a mode's best pose within which poses belong to the mode, cells.
+        mode_turn: Difference from its heading within which poses belong to the mode, in steps of the headings.
 
     Returns:
         Heading, row and column of each pose, best first, [K, 3], and whether the search was exhaustive.
     """
     top = len(levels) - 1
     border, width = (levels.shape[1] - free.shape[1]) // 2, levels.shape[2]
-    found = np.empty((MAX_POSES, 3), np.int32)
+    found = np.empty((MAX_MODES, 3), np.int32)
     count = 0
     bounds = _window_bounds(levels[top], free[top], offsets, 1 << top)
     best = _descend(levels, free, offsets, bounds)
-    heads, windows, used = _open_list(bounds, math.ceil(limits[0] * best), top, MAX_LIKELIHOOD * offsets.shape[1])
+    heads, windows, used = _open_list(bounds, math.ceil(min_fraction * best), top, MAX_LIKELIHOOD * offsets.shape[1])
     expansions = 0
-    for score in range(len(heads) - 1, -1, -1):  # no window's score exceeds that of the window it is part of
-        while heads[score] >= 0 and score >= limits[0] * best:
-            if count == MAX_POSES or expansions == MAX_EXPANSIONS:
+    for score in range(len(heads) - 1, -1, -1):  # a quarter never scores more than its window, so scores only fall
+        while heads[score] >= 0 and score >= min_fraction * best:
+            if count == MAX_MODES or expansions == MAX_EXPANSIONS:
                 return found[:count], False
             heads[score], level, heading, row, column = windows[heads[score]]
-            if _is_covered(found[:count], limits, len(offsets), heading, row, column, 1 << level):
+            if _is_covered(found[:count], mode_radius, mode_turn, len(offsets), heading, row, column, 1 << level):
                 continue
             if level == 0:
                 found[count, 0], found[count, 1], found[count, 2] = heading, row, column
@@ -109,7 +111,7 @@ def branch_and_bound(levels: Bytes, free: Bytes, offsets: Integers, limits: Floa
             scores = _quarter_scores(levels[level - 1].ravel(), offsets[heading], origin, half, half * width)
             for quarter in range(4):
                 y, x = row + half * (quarter // 2), column + half * (quarter % 2)
-                is_good = scores[quarter] >= limits[0] * best
+                is_good = scores[quarter] >= min_fraction * best
                 if is_good and y < free.shape[1] and x < free.shape[2] and free[level - 1, y, x]:
                     _push(heads, windows, used, scores[quarter], (level - 1, heading, y, x))
                     used += 1
@@ -204,14 +206,16 @@ def _descend(levels: Bytes, free: Bytes, offsets: Integers, bounds: Integers) ->
 
 
 @kernel
-def _is_covered(found: Integers, limits: Floats, headings: int, heading: int, row: int, column: int, size: int) -> bool:
-    """Whether a whole window is within the extent of a mode that has been found."""
+def _is_covered(
+    found: Integers, radius: float, max_turn: float, headings: int, heading: int, row: int, column: int, size: int
+) -> bool:
+    """Whether a whole window belongs to a mode that has been found."""
     for k in range(len(found)):
         turn = abs(heading - found[k, 0])
-        if min(turn, headings - turn) > limits[2]:
+        if min(turn, headings - turn) > max_turn:
             continue
         dy = max(abs(row - found[k, 1]), abs(row + size - 1 - found[k, 1]))
         dx = max(abs(column - found[k, 2]), abs(column + size - 1 - found[k, 2]))
-        if dy * dy + dx * dx <= limits[1] * limits[1]:
+        if dy * dy + dx * dx <= radius * radius:
             return True
     return False

@@ -1,4 +1,4 @@
-"""The dominant cluster of the particles: a multi-modal posterior is not averaged to a pose between its modes."""
+"""The dominant cluster of the particles; a multi-modal posterior must not be averaged to a pose between its modes."""
 
 from __future__ import annotations
 
@@ -8,17 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.kernels import kernel, reordering_kernel
-from wherry.localization.resampling import BIN_SIZE, TURN_BINS, bin_slot, pack
-from wherry.space.pose import Pose
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from wherry.kernels import fastmath_kernel, kernel
+from wherry.localization.resampling import BIN_SIZE, HEADING_BINS, Integers, bin_slot, pack
+from wherry.space.pose import Floats, Pose
 
 
 @dataclass(frozen=True, slots=True)
 class Cluster:
-    """Particles in adjoining bins.
+    """Particles in connected bins.
 
     Attributes:
         weight: Posterior weight of the cluster, 0 to 1.
@@ -32,11 +29,11 @@ class Cluster:
 
 
 def dominant_cluster(particles: Floats, weights: Floats, table: Integers) -> Cluster:
-    """Find the cluster with the most weight, as amcl does: adjoining bins of 0.5 m and 10° form a cluster.
+    """Find the cluster with the most weight, as amcl does: connected bins of 0.5 m and 10° form a cluster.
 
     Args:
         particles: [N, 3] m, m, rad.
-        weights: [N] summing to 1.
+        weights: [N] importance weights, summing to 1.
         table: Scratch memory from `resampling.hash_table` for at least N bins.
     """
     weight, mean, covariance = _heaviest_cluster(particles, weights, table, np.array(BIN_SIZE))
@@ -47,6 +44,7 @@ def dominant_cluster(particles: Floats, weights: Floats, table: Integers) -> Clu
 def _heaviest_cluster(
     particles: Floats, weights: Floats, table: Integers, bin_size: Floats
 ) -> tuple[float, Floats, Floats]:
+    """Posterior weight, mean pose [3] m, m, rad, and covariance [3, 3] of the cluster with the most weight."""
     members, bins = _bin_particles(particles, table, bin_size)
     root = _join_neighbours(table, bins)
     mass = np.zeros(len(bins))
@@ -66,11 +64,11 @@ def _bin_particles(particles: Floats, table: Integers, bin_size: Floats) -> tupl
     members = np.empty(count, np.int64)
     bins = np.empty((count, 3), np.int64)
     found = 0
-    previous, previous_member = -1, 0  # copies of one particle follow each other after resampling
+    previous, previous_member = -1, 0  # after resampling, copies of a particle are adjacent and share its bin
     for i in range(count):
         x = math.floor(particles[i, 0] / bin_size[0])
         y = math.floor(particles[i, 1] / bin_size[1])
-        theta = math.floor(particles[i, 2] / bin_size[2]) % TURN_BINS
+        theta = math.floor(particles[i, 2] / bin_size[2]) % HEADING_BINS
         packed = pack(x, y, theta)
         if packed == previous:
             members[i] = previous_member
@@ -100,7 +98,7 @@ def _join_neighbours(table: Integers, bins: Integers) -> Integers:
             x, y, theta = bins[queue[head]]
             head += 1
             for step in range(27):
-                near = pack(x + step // 9 - 1, y + step // 3 % 3 - 1, (theta + step % 3 - 1) % TURN_BINS)
+                near = pack(x + step // 9 - 1, y + step // 3 % 3 - 1, (theta + step % 3 - 1) % HEADING_BINS)
                 other = table[bin_slot(table, near), 1] - 1
                 if other >= 0 and root[other] < 0:
                     root[other] = first
@@ -109,9 +107,9 @@ def _join_neighbours(table: Integers, bins: Integers) -> Integers:
     return root
 
 
-@reordering_kernel
+@fastmath_kernel
 def moments(particles: Floats, weights: Floats, chosen: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Weighted mean and covariance of the chosen particles; headings are averaged on the circle."""
+    """Weighted mean [3] m, m, rad and covariance [3, 3] of the chosen particles, with circular mean of the headings."""
     total, x, y, cos, sin = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(particles)):
         if chosen[i]:

@@ -1,7 +1,7 @@
 """EKF localization: one Gaussian, predicted by odometry and corrected by matching each scan to the map.
 
 Probabilistic Robotics, table 7.2, with a scan match (`refinement.match_scan`) instead of landmarks: the match measures
-the pose itself, so that H is the identity. The paper's section 5.A calls it the Kalman filter.
+the pose itself, so that the measurement Jacobian H is the identity. The paper's section 5.A calls it the Kalman filter.
 """
 
 from __future__ import annotations
@@ -9,19 +9,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wherry.localization.parameters import AmclParameters
-from wherry.localization.refinement import match_scan
+from wherry.localization.refinement import MAX_MATCHED_BEAMS, match_scan
 from wherry.localization.sensor import valid_beams
 from wherry.robot import Odometry, Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Pose
-
-Floats = NDArray[np.float64]
-
-MAX_MATCHED_BEAMS = 360  # beams of a scan that are matched
+from wherry.space.pose import Floats, Pose
 
 
 class EkfLocalization:

@@ -9,17 +9,16 @@ import numpy as np
 
 from wherry.localization.clusters import dominant_cluster
 from wherry.localization.particles import ParticleSet
-from wherry.localization.refinement import is_within_gate, match_scan
+from wherry.localization.refinement import MAX_MATCHED_BEAMS, is_within_gate, match_scan
 from wherry.localization.resampling import Integers
 from wherry.localization.sensor import Beams
 from wherry.space.distance_field import DistanceField
 from wherry.space.pose import Floats, Pose
 
-UNIMODAL_MIN_WEIGHT = 0.8  # posterior weight that the dominant cluster of a unimodal posterior exceeds
-UNIMODAL_MAX_DEVIATION = 1.0  # m, standard deviation of the position that a unimodal posterior stays below
-MAX_MATCHED_BEAMS = 360  # beams; more do not improve the match
-MATCH_MIN_INLIER_GAIN = 0.02  # fraction of the beams by which a later start must beat an earlier one
-SAME_START_DISTANCE, SAME_START_HEADING = 0.03, 0.01  # m, rad: matches from starts so close together coincide
+UNIMODAL_MIN_WEIGHT = 0.8  # posterior weight of the dominant cluster above which the posterior is unimodal
+UNIMODAL_MAX_DEVIATION = 1.0  # m, standard deviation of the position below which the posterior is unimodal
+MATCH_MIN_INLIER_GAIN = 0.02  # inlier fraction by which the match of a later start must exceed that of an earlier one
+SAME_START_DISTANCE, SAME_START_ANGLE = 0.03, 0.01  # m, rad, from an earlier match within which a start is skipped
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +47,7 @@ class PoseEstimate:
 
     @property
     def is_unimodal(self) -> bool:
-        """Whether nearly all of the posterior is near the pose; a dominant cluster may also spread over the map."""
+        """Whether the dominant cluster holds most of the posterior weight and is compact."""
         variance = float(np.trace(self.covariance[:2, :2]))
         return self.weight > UNIMODAL_MIN_WEIGHT and variance < UNIMODAL_MAX_DEVIATION**2
 
@@ -82,21 +81,21 @@ def match_estimate(
 ) -> PoseEstimate:
     """Match the estimate to the map with all beams.
 
-    A pose that was matched before is more precise than the particles' mean, so it is kept as a start as long as the
-    particles support it, and its match is kept unless another one has more inliers.
+    A pose that was matched before is more precise than the particles' mean. It is therefore the first start while it is
+    within the particles' gate, and its match is kept unless that of another start has more inliers.
 
     Args:
-        estimate: The particles' estimate; its covariance limits how far a match may be from it.
+        estimate: The particles' estimate; starts and matches outside of its gate are rejected.
         starts: Start poses of the matching, map frame, in order of preference.
         beams: All beams of the scan.
         field: Distances to the map's obstacles.
         sigma: Standard deviation σ of the beam ends around the obstacles, m.
     """
     ends = beams.evenly_spaced(MAX_MATCHED_BEAMS).ends
-    supported = [pose for pose in starts if is_within_gate(pose, estimate.pose, estimate.covariance)]
+    gated = [pose for pose in starts if is_within_gate(pose, estimate.pose, estimate.covariance)]
     best, best_inliers = estimate.pose, -1.0
-    for start in supported:
-        if best_inliers >= 0.0 and start.is_near(best, SAME_START_DISTANCE, SAME_START_HEADING):
+    for start in gated:
+        if best_inliers >= 0.0 and start.is_near(best, SAME_START_DISTANCE, SAME_START_ANGLE):
             continue
         match = match_scan(field, ends, start, estimate.covariance, sigma)
         if match.inlier_fraction > best_inliers + MATCH_MIN_INLIER_GAIN:

@@ -1,7 +1,7 @@
 """Grid Markov localization: a histogram filter over positions and headings (Fox et al., 1999).
 
-The paper's section 5.A compares Monte Carlo localization with it. It localizes globally, at the price of storing and
-updating every cell, however improbable, and its resolution is a cell.
+The paper's section 5.A compares Monte Carlo localization with it. It localizes globally, but every cell is stored and
+updated, even the improbable ones, and the precision is limited to the size of a cell.
 """
 
 from __future__ import annotations
@@ -18,15 +18,13 @@ from wherry.robot import Odometry, Scan
 from wherry.space.distance_field import DistanceField
 from wherry.space.grid_cells import cell_centres
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import Pose
+from wherry.space.pose import Floats, Pose, wrap_angles
 
-Floats = NDArray[np.float64]
-
-CELL_SIZE = 0.25  # m
-HEADINGS = 72  # bins of 5°
-SELECTIVE_UPDATE_THRESHOLD = 1e-4  # fraction of the peak; cells below it are not weighed (selective updating)
-MIN_PROBABILITY = 1e-12  # lower limit of a cell's probability, so that a kidnapped robot can be found again
-PEAK_RADIUS = 2  # cells around the most probable one that the estimate is averaged over
+CELL_SIZE = 0.25  # m, side of the cells of the position
+HEADINGS = 72  # bins of the heading, 5° each
+SELECTIVE_UPDATE_THRESHOLD = 1e-4  # fraction of the peak below which a cell is left out of the measurement update
+MIN_PROBABILITY = 1e-12  # probability that is added to every free cell, so that a kidnapped robot can be found again
+PEAK_RADIUS = 2  # cells and bins around the most probable cell over which the estimate is averaged
 
 
 class GridMarkov:
@@ -35,8 +33,8 @@ class GridMarkov:
     Args:
         grid: The map.
         lidar: The lidar's pose, base_link frame.
-        parameters: Those of the motion and sensor models are used.
-        cell: Side of the histogram's cells, m.
+        parameters: The filter's parameters, of which those of the motion and sensor models are used.
+        cell_size: Side of the cells of the position, m.
         headings: Number of heading bins.
     """
 
@@ -45,25 +43,25 @@ class GridMarkov:
         grid: OccupancyGrid,
         lidar: Pose,
         parameters: AmclParameters,
-        cell: float = CELL_SIZE,
+        cell_size: float = CELL_SIZE,
         headings: int = HEADINGS,
     ) -> None:
         self._parameters = parameters
         self._lidar = lidar
         self._origin = grid.origin
-        self._cell = cell
+        self._cell_size = cell_size
         field = DistanceField.of(grid, parameters.laser_likelihood_max_dist)
         self._sensor = SENSOR_MODELS[parameters.laser_model_type](field, parameters)
-        height, width = (math.ceil(side * grid.resolution / cell) for side in grid.probability.shape)
+        height, width = (math.ceil(side * grid.resolution / cell_size) for side in grid.probability.shape)
         self._headings = np.arange(headings) * math.tau / headings
         free_rows, free_columns = np.nonzero(grid.free)
         self._free = np.zeros((height, width), np.bool_)
-        ratio = grid.resolution / cell
+        ratio = grid.resolution / cell_size
         self._free[(free_rows * ratio).astype(int), (free_columns * ratio).astype(int)] = True
         self._belief = np.zeros((headings, height, width), np.float32)
-        self._pending = Pose()
+        self._pending_motion = Pose()
         self._odometry: Pose | None = None
-        self._is_new = True
+        self._is_update_due = True
         self.initialize_globally()
 
     @property
@@ -75,7 +73,7 @@ class GridMarkov:
         """Spread the probability evenly over the map's free space."""
         self._belief[:] = self._free
         self._belief /= max(float(self._belief.sum()), 1.0)
-        self._is_new = True
+        self._is_update_due = True
 
     def initialize(self, pose: Pose, covariance: Floats) -> None:
         """Set the histogram to a Gaussian.
@@ -85,40 +83,43 @@ class GridMarkov:
             covariance: [3, 3] m, m, rad.
         """
         offset = self._poses(np.arange(self._belief.size)) - pose.as_array()
-        offset[:, 2] = np.remainder(offset[:, 2] + math.pi, math.tau) - math.pi
-        widened = covariance + np.diag([self._cell**2, self._cell**2, (math.tau / len(self._headings)) ** 2]) / 4.0
+        offset[:, 2] = wrap_angles(offset[:, 2])
+        cell_size = np.array([self._cell_size, self._cell_size, math.tau / len(self._headings)])
+        widened = covariance + np.diag(cell_size**2) / 4.0
         distance = np.einsum("ni,ij,nj->n", offset, np.linalg.inv(widened), offset)
         self._belief[:] = np.exp(-0.5 * distance).reshape(self._belief.shape)
-        self._is_new = True
+        self._is_update_due = True
         self._normalize()
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
         """Process one scan and the odometry of the same instant.
 
-        Scans are skipped until the robot has moved by a cell, as smaller shifts would be lost to interpolation.
+        The histogram is updated once the robot has moved by a cell or turned by a bin, since interpolating smaller
+        shifts would only blur it; in between, the estimate is moved on by odometry.
 
         Returns:
             The mean pose of base_link around the most probable cell, map frame.
         """
         motion = Pose() if self._odometry is None else odometry.pose.relative_to(self._odometry)
         self._odometry = odometry.pose
-        self._pending = self._pending @ motion
-        turned = abs(self._pending.theta) >= math.tau / len(self._headings)
-        if self._is_new or turned or math.hypot(self._pending.x, self._pending.y) >= self._cell:
-            self._predict(self._pending)
+        self._pending_motion = self._pending_motion @ motion
+        has_moved = math.hypot(self._pending_motion.x, self._pending_motion.y) >= self._cell_size
+        has_turned = abs(self._pending_motion.theta) >= math.tau / len(self._headings)
+        if self._is_update_due or has_moved or has_turned:
+            self._predict(self._pending_motion)
             self._correct(scan)
-            self._pending = Pose()
-            self._is_new = False
+            self._pending_motion = Pose()
+            self._is_update_due = False
         return self._mean()
 
     def _predict(self, motion: Pose) -> None:
-        """Bel'(x) = Σ p(x | u, x') Bel(x'): every heading's layer is shifted along it, then all are blurred."""
+        """Shift the layer of every heading by the motion, and blur by its noise: Bel'(x) = Σ p(x | u, x') Bel(x')."""
         moved = np.empty_like(self._belief)
         _, rows, columns = np.indices((1, *self._free.shape))
         for index, heading in enumerate(self._headings):
             angle = heading - self._origin.theta
-            dx = (math.cos(angle) * motion.x - math.sin(angle) * motion.y) / self._cell
-            dy = (math.sin(angle) * motion.x + math.cos(angle) * motion.y) / self._cell
+            dx = (math.cos(angle) * motion.x - math.sin(angle) * motion.y) / self._cell_size
+            dy = (math.sin(angle) * motion.x + math.cos(angle) * motion.y) / self._cell_size
             moved[index] = map_coordinates(self._belief[index], [rows[0] - dy, columns[0] - dx], order=1)
         turned = motion.theta * len(self._headings) / math.tau
         whole = math.floor(turned)
@@ -126,30 +127,30 @@ class GridMarkov:
         moved = (1.0 - share) * np.roll(moved, whole, axis=0) + share * np.roll(moved, whole + 1, axis=0)
         p = self._parameters
         length, turn = math.hypot(motion.x, motion.y), abs(motion.theta)
-        blur = math.sqrt(p.alpha3 * length**2 + p.alpha4 * turn**2) / self._cell
-        twist = math.sqrt(p.alpha1 * turn**2 + p.alpha2 * length**2) * len(self._headings) / math.tau
+        blur = math.sqrt(p.alpha3 * length**2 + p.alpha4 * turn**2) / self._cell_size
+        heading_blur = math.sqrt(p.alpha1 * turn**2 + p.alpha2 * length**2) * len(self._headings) / math.tau
         self._belief[:] = gaussian_filter(
-            moved, (twist, blur, blur), mode=("wrap", "constant", "constant"), truncate=3.0
+            moved, (heading_blur, blur, blur), mode=("wrap", "constant", "constant"), truncate=3.0
         )
         self._normalize()
 
     def _correct(self, scan: Scan) -> None:
-        """Bel(x) ∝ p(z | x, m) Bel'(x), in the cells that are not negligible."""
+        """Multiply all but negligible cells by the scan's likelihood: Bel(x) ∝ p(z | x, m) Bel'(x)."""
         beams = valid_beams(scan, self._lidar, self._parameters).evenly_spaced(self._parameters.max_beams)
         if not len(beams):
             return
         flat = self._belief.ravel()
-        weighed = np.flatnonzero(flat > SELECTIVE_UPDATE_THRESHOLD * flat.max())
-        log_likelihood = np.zeros(len(weighed))
-        self._sensor.add_log_likelihood(self._poses(weighed), beams, log_likelihood)
+        updated = np.flatnonzero(flat > SELECTIVE_UPDATE_THRESHOLD * flat.max())
+        log_likelihood = np.zeros(len(updated))
+        self._sensor.add_log_likelihood(self._poses(updated), beams, log_likelihood)
         log_likelihood *= min(1.0, self._parameters.independent_beams / len(beams))
-        flat[weighed] *= np.exp(log_likelihood - log_likelihood.max())
+        flat[updated] *= np.exp(log_likelihood - log_likelihood.max())
         self._normalize()
 
     def _poses(self, cells: NDArray[np.int64]) -> Floats:
         """[N, 3] m, m, rad, map frame: centres of cells given by flat indices [N]."""
         heading, row, column = np.unravel_index(cells, self._belief.shape)
-        positions = cell_centres(np.column_stack([row, column]), self._origin, self._cell)
+        positions = cell_centres(np.column_stack([row, column]), self._origin, self._cell_size)
         return np.column_stack([positions, self._headings[heading]])
 
     def _normalize(self) -> None:
@@ -158,7 +159,7 @@ class GridMarkov:
         self._belief += np.float32(MIN_PROBABILITY) * self._free
 
     def _mean(self) -> Pose:
-        """The mean pose over the cells around the most probable one, moved on by the pending odometry."""
+        """The mean pose over the cells around the most probable one, moved on by the pending motion."""
         peak = np.unravel_index(int(self._belief.argmax()), self._belief.shape)
         ranges = [np.arange(i - PEAK_RADIUS, i + PEAK_RADIUS + 1) for i in peak]
         layer = ranges[0] % self._belief.shape[0]
@@ -171,4 +172,4 @@ class GridMarkov:
         poses = self._poses(cells)
         x, y = weights @ poses[:, :2]
         heading = math.atan2(weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2]))
-        return Pose(float(x), float(y), heading) @ self._pending
+        return Pose(float(x), float(y), heading) @ self._pending_motion

@@ -28,7 +28,7 @@ class PoseMode:
     weight: float
 
     def __post_init__(self) -> None:
-        """Check that the mode is a Gaussian.
+        """Check that the mode is a valid Gaussian.
 
         Raises:
             InputError: Pose or covariance is not finite, or the covariance has a negative eigenvalue.
@@ -36,7 +36,9 @@ class PoseMode:
         if not np.isfinite(self.pose.as_array()).all():
             raise InputError("initial pose", "", f"{self.pose} is not finite")
         if not np.isfinite(self.covariance).all() or float(np.linalg.eigvalsh(self.covariance).min()) < -1e-9:
-            raise InputError("initial pose", "covariance", "is not a covariance: finite, symmetric and not negative")
+            raise InputError(
+                "initial pose", "covariance", "is not a covariance: it must be finite and positive semidefinite"
+            )
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """Draw [count, 3] poses m, m, rad, map frame."""

@@ -1,4 +1,4 @@
-"""Localization with failure detection: a particle filter that is relocalized on the whole map when it is lost."""
+"""Localization with failure detection: a particle filter that relocalizes on the whole map when it is lost."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ AGREEMENT_BEAMS = 180  # beams of a scan that are compared with the map
 # When to relocalize
 WINDOW_MIN_LOST_PROBABILITY = 0.02  # probability of being lost below which the window of scans is cleared
 RELOCALIZATION_MIN_LOST_PROBABILITY = 0.1  # probability of being lost above which the whole map is searched
-RELOCALIZATION_MIN_SCANS = 3  # scans in the window before the whole map is searched
-LOST_SUSTAINED_PROBABILITY = 0.9  # sustained probability above which the robot is certainly lost
-LOST_WINDOW_PROBABILITY = 0.5  # probability of being lost above which at every scan the robot is certainly lost
+RELOCALIZATION_MIN_SCANS = 3  # scans that the window must hold before the whole map is searched
+LOST_SUSTAINED_PROBABILITY = 0.9  # sustained probability of being lost above which the robot is certainly lost
+LOST_WINDOW_PROBABILITY = 0.5  # probability of being lost that all scans of a window must exceed instead
 
 # Which hypotheses replace the estimate
 TRACKING_MIN_GAIN = 0.8  # gain of mean log likelihood per beam over the estimate, unless certainly lost
 TRACKING_MIN_INLIERS = 0.95  # fraction of inlier beams, unless certainly lost
 LOST_MIN_GAIN = 0.2  # gain of mean log likelihood per beam over the estimate, if certainly lost
-HYPOTHESIS_MAX_EVIDENCE = -0.5  # log likelihood ratio of being lost that remains at the hypothesis
+HYPOTHESIS_MAX_EVIDENCE = -0.5  # evidence of being lost (log likelihood ratio) at the hypothesis's pose
 
-# How the particles are drawn anew
-EVEN_WEIGHT = 0.5  # weight divided evenly among the hypotheses, as a single scan may mislead
-AMBIGUOUS_UNIFORM_WEIGHT = 0.5  # weight of the whole free space at the start, if the first scan is ambiguous
+# How the particles are redrawn
+EVEN_WEIGHT = 0.5  # weight divided evenly among the hypotheses, as their probabilities are of few scans
+AMBIGUOUS_UNIFORM_WEIGHT = 0.5  # weight of free space after a global start with an ambiguous scan
 PRIOR_WEIGHT = 0.5  # weight of the current particles after a relocalization or slip correction
-MODE_MIN_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.02**2])  # m², m², rad², added to each hypothesis's covariance
+MODE_MARGIN = np.diag([0.05**2, 0.05**2, 0.02**2])  # m², m², rad², added to the covariance of a mode
 
 # Wheel slip
-SLIP_MIN_Z_SCORE = 3.0  # standard deviations above the baseline from which a scan is an outlier
+SLIP_MIN_Z_SCORE = 3.0  # standard deviations of a scan's evidence above the baseline from which it is an outlier
 SLIP_MIN_GAIN = 0.5  # gain of mean log likelihood per beam over the estimate
-SLIP_COVARIANCE = np.diag([0.2**2, 0.2**2, 0.15**2])  # m², m², rad², of the slip between two scans
-SLIP_STARTS = tuple(  # m, m, rad: start poses of the matching, relative to the estimate
+SLIP_COVARIANCE = np.diag([0.2**2, 0.2**2, 0.15**2])  # m², m², rad², of the error that slip adds between two scans
+SLIP_STARTS = tuple(  # start poses of the scan matching, relative to the estimate; m, m, rad
     Pose(*offset)
     for offset in ((0.0, 0.0), (0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3), (0.0, 0.0, 0.2), (0.0, 0.0, -0.2))
 )
@@ -59,7 +59,7 @@ class Localization:
         estimate: Estimate of the particle filter.
         lost_probability: Probability that the robot is not where the estimate says, 0 to 1.
         agreement: Agreement of the scan with the map at the estimated pose.
-        hypotheses: Candidate poses from which the particles were just drawn anew; otherwise empty.
+        hypotheses: Hypotheses around which the particles were redrawn at this scan; empty if they were not.
     """
 
     estimate: PoseEstimate
@@ -74,7 +74,7 @@ class Localization:
 
 
 class Localizer:
-    """`Amcl` with failure detection: it reports when it is lost, and relocalizes itself on the whole map.
+    """`Amcl` with failure detection: states how probably it is lost, and relocalizes itself on the whole map.
 
     Args:
         grid: The map.
@@ -93,7 +93,7 @@ class Localizer:
         self._relocalizer = Relocalizer(grid, lidar, parameters)
         self._detector = LostDetector()
         self._window = ScanWindow()
-        self._is_started = True
+        self._needs_global_search = False
 
     @property
     def particles(self) -> Floats:
@@ -106,25 +106,25 @@ class Localizer:
         return self.amcl.weights
 
     def initialize(self, pose: Pose, covariance: Floats) -> None:
-        """Start at a known pose; see `Amcl.initialize`."""
+        """Start at a pose with covariance [3, 3] m, m, rad; see `Amcl.initialize`."""
         self.amcl.initialize(pose, covariance)
         self._detector.reset()
-        self._is_started = True
+        self._needs_global_search = False
 
     def initialize_globally(self) -> None:
-        """Start anywhere on the map: the next scan is searched for on all of it.
+        """Start without a pose; the next scan is matched to the whole map.
 
         Raises:
             InputError: The map has no free space.
         """
         self.amcl.initialize_globally()
         self._detector.reset()
-        self._is_started = False
+        self._needs_global_search = True
 
     def update(self, odometry: Odometry, scan: Scan) -> Localization:
         """Process one scan and the odometry of the same instant; see `Amcl.update`."""
         beams = valid_beams(scan, self._lidar, self.amcl.parameters)
-        hypotheses = () if self._is_started else self._start(beams)
+        hypotheses = self._search_globally(beams) if self._needs_global_search else ()
         estimate = self.amcl.update(odometry, scan, beams)
         ends = beams.evenly_spaced(AGREEMENT_BEAMS).ends
         agreement = self._agreement(ends, estimate.pose)
@@ -135,12 +135,12 @@ class Localizer:
             window_scan = WindowScan(scan.time, odometry.pose, ends, agreement, lost)
             if self._add_to_window(window_scan, is_unimodal=estimate.is_unimodal) and self._should_relocalize:
                 hypotheses = self._relocalize(beams, odometry.pose)
-        wrong = 1.0 - estimate.weight * (1.0 - lost)
-        return Localization(estimate, min(max(wrong, 0.0), 1.0), agreement, hypotheses)
+        not_at_estimate = 1.0 - estimate.weight * (1.0 - lost)
+        return Localization(estimate, min(max(not_at_estimate, 0.0), 1.0), agreement, hypotheses)
 
     @property
     def _max_lost_probability(self) -> float:
-        """The larger of both probabilities of being lost, since either of them justifies a search."""
+        """The larger of both probabilities of being lost; either of them justifies a search."""
         return max(self._detector.sustained_probability, self._detector.probability)
 
     @property
@@ -154,7 +154,7 @@ class Localizer:
     def _correct_slip(
         self, estimate: PoseEstimate, agreement: ScanAgreement, ends: Floats
     ) -> tuple[PoseEstimate, ScanAgreement]:
-        """Move the estimate nearby if the scan is an outlier here and an inlier there: the wheels have slipped."""
+        """Move the estimate to a nearby pose if the scan is an outlier at the estimate but not there (wheel slip)."""
         if not estimate.is_unimodal or self._detector.z_score(agreement) < SLIP_MIN_Z_SCORE:
             return estimate, agreement
         sigma = self.amcl.parameters.refine_sigma
@@ -169,25 +169,25 @@ class Localizer:
         if not is_inlier or agreements[best].log_likelihood < agreement.log_likelihood + SLIP_MIN_GAIN:
             return estimate, agreement
         match = matches[best]
-        mode = PoseMode(match.pose, match.covariance + MODE_MIN_COVARIANCE, 1.0)
+        mode = PoseMode(match.pose, match.covariance + MODE_MARGIN, 1.0)
         self.amcl.initialize_modes([mode], prior_weight=PRIOR_WEIGHT)
         return replace(estimate, pose=match.pose), agreements[best]
 
-    def _start(self, beams: Beams) -> tuple[Hypothesis, ...]:
-        """Draw the particles around the hypotheses for the first scan; if there are too many, keep all free space."""
+    def _search_globally(self, beams: Beams) -> tuple[Hypothesis, ...]:
+        """Redraw the particles around the hypotheses for the first scan, unless the search was incomplete."""
         found = self._relocalizer.search_beams(beams)
         if found.hypotheses:
             if found.is_complete:
                 uniform_weight = AMBIGUOUS_UNIFORM_WEIGHT if found.is_ambiguous else 0.0
                 self.amcl.initialize_modes(_modes(found.hypotheses), uniform_weight=uniform_weight)
-            self._is_started = True
+            self._needs_global_search = False
         return found.hypotheses
 
     def _add_to_window(self, scan: WindowScan, *, is_unimodal: bool) -> bool:
-        """Add a scan to the window while the robot may be lost; returns whether it was added.
+        """Add a scan to the window while the robot is suspected of being lost; returns whether it was added.
 
-        Earlier scans may be of another place. A multi-modal posterior is not lost but still being narrowed down by the
-        filter.
+        Otherwise the window is cleared, also while the posterior is multi-modal: the filter still resolves the
+        ambiguity by itself.
         """
         if self._max_lost_probability < WINDOW_MIN_LOST_PROBABILITY or not is_unimodal:
             self._window.clear()
@@ -195,7 +195,7 @@ class Localizer:
         return self._window.add(scan)
 
     def _relocalize(self, beams: Beams, odometry: Pose) -> tuple[Hypothesis, ...]:
-        """Draw the particles around the hypotheses that agree with the window better than the estimate, if any."""
+        """Redraw the particles around the hypotheses that agree with the window better than the estimate, if any."""
         candidates = self._relocalizer.search_beams(beams).hypotheses
         confirmed = self._relocalizer.confirm(candidates, self._window.relative_to(odometry))
         current = self._window.mean_agreement()
@@ -217,10 +217,9 @@ class Localizer:
 
     @property
     def _is_certainly_lost(self) -> bool:
-        """Whether the robot was lost during all of a full window."""
-        is_lost = (
-            self._detector.sustained_probability > LOST_SUSTAINED_PROBABILITY
-            or self._window.has_lost_probability_above(LOST_WINDOW_PROBABILITY)
+        """Whether the window is full and the robot was lost all the time."""
+        is_lost = self._detector.sustained_probability > LOST_SUSTAINED_PROBABILITY or self._window.is_lost_throughout(
+            LOST_WINDOW_PROBABILITY
         )
         return is_lost and self._window.is_full
 
@@ -229,6 +228,5 @@ def _modes(hypotheses: tuple[Hypothesis, ...]) -> list[PoseMode]:
     """Modes for the particles, with part of the weight divided evenly among the hypotheses."""
     even = EVEN_WEIGHT / len(hypotheses)
     return [
-        PoseMode(h.pose, h.covariance + MODE_MIN_COVARIANCE, (1.0 - EVEN_WEIGHT) * h.probability + even)
-        for h in hypotheses
+        PoseMode(h.pose, h.covariance + MODE_MARGIN, (1.0 - EVEN_WEIGHT) * h.probability + even) for h in hypotheses
     ]

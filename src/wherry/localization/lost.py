@@ -4,12 +4,13 @@ The *evidence* of a scan is the log likelihood ratio of a lost robot against a l
 fractions of the scan's beams that are inliers, blocked or passed through walls (`agreement.ScanAgreement`); its weights
 are those of a logistic regression. Two probabilities are made from it.
 
-The *sustained probability* decides about relocalization, which a single outlier scan must not cause. It is the mean
-evidence of the last seconds, in which one scan counts once, however rare scans are, and all scans count as a few,
-however many there are, since the errors of consecutive scans are correlated.
+The *sustained probability* decides about relocalization, which a single outlier scan must not cause. It is computed
+from the mean evidence of the last scans, in which the last one has weight 1 and the weight of earlier ones decays with
+time. The total weight is the number of independent scans that the mean is worth. It is limited, since the errors of
+consecutive scans are correlated.
 
-The *probability* is calibrated. On a map that is up to date a scan with few inliers is proof of being lost; in a
-building that has changed since it was mapped it is not. It therefore depends on the z-score of the scan's evidence
+The *probability* is calibrated. A scan with few inliers proves that the robot is lost on an accurate map, but not in a
+building that has changed since it was mapped. The probability therefore depends on the z-score of the scan's evidence
 against the evidence of inlier scans on this map, and on the mean evidence before the scan. Its three coefficients were
 fitted by `wherry.experiments.localization.calibration` to kidnapped robots on the maps of three buildings and two
 simulated worlds; the reliability diagrams in the results are of a fourth building and a third world.
@@ -22,9 +23,12 @@ from dataclasses import dataclass
 
 from wherry.localization.agreement import ScanAgreement
 
-BASELINE_MEAN, BASELINE_DEVIATION = -2.4, 0.35  # log odds, evidence of inlier scans before any is observed
-BASELINE_PRIOR_SCANS = 20  # scans that the initial baseline is worth
-BASELINE_MAX_SCANS = 100  # scans, memory of the baseline's moving averages
+BASELINE_MEAN, BASELINE_DEVIATION = (
+    -2.4,
+    0.35,
+)  # log odds, mean and standard deviation of the evidence of inlier scans before the first scan
+BASELINE_PRIOR_SCANS = 20  # scans that the initial baseline weighs as much as
+BASELINE_MAX_SCANS = 100  # scans over which the baseline's moving averages extend
 BASELINE_MAX_Z_SCORE = 3.0  # standard deviations at which evidence is clipped before it updates the baseline
 BASELINE_MIN_DEVIATION = 0.15  # log odds, lower limit of the baseline's standard deviation
 BASELINE_MAX_LOST_PROBABILITY = 0.1  # probability of being lost above which a scan does not update the baseline
@@ -37,14 +41,14 @@ class EvidenceModel:
     Beams that end in unknown space carry no evidence, since maps have holes and borders.
 
     Attributes:
-        inlier_weight: Log odds of a scan of inliers only.
-        blocked_weight: Log odds of a scan of blocked beams only.
-        passed_weight: Log odds of a scan of beams through walls only.
+        inlier_weight: Evidence of a scan of inliers only, log odds.
+        blocked_weight: Evidence of a scan of blocked beams only, log odds.
+        passed_weight: Evidence of a scan of beams through walls only, log odds.
         max_evidence: Absolute value at which a scan's evidence is clipped, log odds.
         prior: Prior probability of being lost, 0 to 1.
         time_constant: Time in which the weight of a past scan decays to 1/e, s.
-        min_decay: Lower limit of the decay from one scan to the next, 0 to 1.
-        max_independent_scans: Number of independent scans that the averaged scans are worth at most.
+        min_decay: Lower limit of the factor by which past scans decay from one scan to the next, 0 to 1.
+        max_independent_scans: Upper limit of the number of independent scans that the mean evidence is worth.
     """
 
     inlier_weight: float = -3.0
@@ -71,7 +75,7 @@ class LostFeatures:
     """Features of one scan from which the probability of being lost is computed.
 
     Attributes:
-        mean_evidence: Mean evidence of the scans before, log odds.
+        mean_evidence: Mean evidence of the earlier scans, log odds.
         z_score: Standard deviations by which the scan's evidence exceeds the baseline; 0 if it does not.
     """
 
@@ -85,8 +89,8 @@ class LostCalibration:
 
     Attributes:
         intercept: Log odds at features of 0.
-        mean_evidence_weight: Coefficient of the mean evidence of the scans before.
-        z_score_weight: Coefficient of the square root of the scan's z-score; larger z-scores add ever less.
+        mean_evidence_weight: Coefficient of the mean evidence of the earlier scans.
+        z_score_weight: Coefficient of the square root of the scan's z-score.
     """
 
     intercept: float = -8.8
@@ -139,7 +143,7 @@ class LostDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last scans, as after a new start; the baseline of this map stays."""
+        """Forget the last scans but keep the baseline, which belongs to the map."""
         self._mean_evidence = 0.0
         self._weight = 0.0
         self._time = -math.inf
@@ -150,7 +154,7 @@ class LostDetector:
         """Add the agreement of a scan with the map at the estimated pose.
 
         Args:
-            time: Time of the scan, s, not before the last one's.
+            time: Time of the scan, s; it must not decrease.
             agreement: Agreement of the scan with the map.
 
         Returns:
@@ -189,7 +193,7 @@ class LostDetector:
 
     @property
     def sustained_probability(self) -> float:
-        """Probability of being lost by the mean evidence of the last seconds, 0 to 1; slower than ``probability``."""
+        """Probability of being lost by the mean evidence of the last seconds, 0 to 1; it reacts after several scans."""
         if not self._weight:
             return self.model.prior
         prior = math.log(self.model.prior / (1.0 - self.model.prior))

@@ -1,4 +1,4 @@
-"""The measurement update: particles weighed by a scan, with a tempered likelihood and a better proposal if needed."""
+"""The measurement update: importance weights by a tempered likelihood, and a proposal around a scan match if needed."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from wherry.localization.sensor import SENSOR_MODELS, Beams
 from wherry.space.distance_field import DistanceField
 from wherry.space.pose import Floats, Pose
 
-UNIMODAL_EFFECTIVE_FRACTION = 0.1  # of least_effective; a unimodal posterior has no other modes to keep alive
+UNIMODAL_EFFECTIVE_FACTOR = 0.1  # factor on least_effective for a unimodal posterior, which has no modes to preserve
 
 
 class MeasurementUpdate:
-    """Weighs particles by a scan.
+    """Updates the importance weights of particles with a scan.
 
     Args:
         field: Distances to the map's obstacles.
@@ -33,7 +33,7 @@ class MeasurementUpdate:
         self._sensor = SENSOR_MODELS[parameters.laser_model_type](field, parameters)
 
     def reweight(self, particles: ParticleSet, beams: Beams, *, is_unimodal: bool) -> tuple[ParticleSet, float]:
-        """w_t ∝ p(z_t | x_t, m) w_{t−1}, in logarithms.
+        """Multiply the weights by the scan's likelihood: w_t ∝ p(z_t | x_t, m) w_{t−1}.
 
         Args:
             particles: The particles after the motion update.
@@ -53,12 +53,12 @@ class MeasurementUpdate:
         if is_unimodal and particles.is_uniform and tempering_exponent(prior, log_likelihood, min_effective) < 1.0:
             poses, correction = self._redraw(poses, beams, log_likelihood)
             prior = prior + correction
-            min_effective *= UNIMODAL_EFFECTIVE_FRACTION
+            min_effective *= UNIMODAL_EFFECTIVE_FACTOR
         log_likelihood *= tempering_exponent(prior, log_likelihood, min_effective)
         return ParticleSet.weighted(poses, prior + log_likelihood), mean_likelihood
 
     def _redraw(self, poses: Floats, beams: Beams, log_likelihood: Floats) -> tuple[Floats, Floats]:
-        """Draw some particles around a match, as too few are left where the likelihood is high.
+        """Draw some particles around a scan match, since too few of them have a high likelihood.
 
         Args:
             poses: [N, 3] m, m, rad.

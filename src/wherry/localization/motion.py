@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from wherry.kernels import kernel
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.particles import ParticleSet
-from wherry.space.pose import Pose, wrap
+from wherry.space.pose import Floats, Pose, wrap
 
-Floats = NDArray[np.float64]
 Noise = NDArray[np.float32]
 
-MIN_DIRECTED_TRANSLATION = 0.01  # m; a shorter motion has no direction of travel
+MIN_DIRECTED_TRANSLATION = 0.01  # m, translation below which the direction of travel is undefined
 
 MotionModel = Callable[[Floats, Pose, AmclParameters, Noise], None]
+"""Moves particles [N, 3] in place by a motion, with parameters and standard normal noise [N, 3] or [N, 4]."""
 
 
 def propagate_differential(particles: Floats, motion: Pose, parameters: AmclParameters, noise: Noise) -> None:
@@ -32,7 +32,7 @@ def propagate_differential(particles: Floats, motion: Pose, parameters: AmclPara
 
     Args:
         particles: [N, 3] m, m, rad, map frame; changed in place.
-        motion: New odometry pose relative to the old one.
+        motion: New pose of base_link by odometry relative to the old one.
         parameters: alpha1 to alpha4 and turn_slip are used.
         noise: [N, 3] standard normal samples; [N, 4] if turn_slip is not 0.
     """
@@ -61,7 +61,7 @@ def propagate_omnidirectional(particles: Floats, motion: Pose, parameters: AmclP
 
     Args:
         particles: [N, 3] m, m, rad, map frame; changed in place.
-        motion: New odometry pose relative to the old one.
+        motion: New pose of base_link by odometry relative to the old one.
         parameters: alpha1 to alpha5 are used; alpha5 is the noise across the direction of travel.
         noise: [N, 3] standard normal samples.
     """
@@ -101,7 +101,7 @@ class MotionUpdate:
         self._noise_columns = 4 if parameters.turn_slip else 3
 
     def propagate(self, particles: ParticleSet, motion: Pose) -> ParticleSet:
-        """Draw x_t ~ p(x_t | u_t, x_{t−1}).
+        """Sample the new poses of all particles, x_t ~ p(x_t | u_t, x_{t−1}).
 
         Args:
             particles: The particles at the last filter update.
@@ -114,8 +114,14 @@ class MotionUpdate:
 
 
 def _undirected_turn(angle: float) -> float:
-    """The size of a turn, where a half turn to drive backwards counts as none, rad."""
+    """Absolute angle of a turn, rad, measured from straight ahead or straight back, whichever is nearer."""
     return min(abs(wrap(angle)), abs(wrap(angle - math.pi)))
+
+
+@kernel
+def _wrapped(angle: float) -> float:
+    """The equivalent angle in [−π, π), rad."""
+    return angle - math.tau * math.floor((angle + math.pi) / math.tau)
 
 
 @kernel
@@ -128,7 +134,7 @@ def _move_differential(particles: Floats, motion: Floats, spread: Floats, noise:
         particles[i, 0] += translation * cos - slip * sin
         particles[i, 1] += translation * sin + slip * cos
         heading = direction + motion[2] - spread[2] * noise[i, 2]
-        particles[i, 2] = heading - math.tau * math.floor((heading + math.pi) / math.tau)
+        particles[i, 2] = _wrapped(heading)
 
 
 @kernel
@@ -141,4 +147,4 @@ def _move_omnidirectional(particles: Floats, motion: Floats, spread: Floats, noi
         particles[i, 0] += along * cos - across * sin
         particles[i, 1] += along * sin + across * cos
         heading = particles[i, 2] + motion[2] + spread[2] * noise[i, 2]
-        particles[i, 2] = heading - math.tau * math.floor((heading + math.pi) / math.tau)
+        particles[i, 2] = _wrapped(heading)

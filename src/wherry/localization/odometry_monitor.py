@@ -9,7 +9,7 @@ import numpy as np
 from wherry.robot import Odometry, Scan
 from wherry.space.pose import Pose
 
-JUMP_TOLERANCE = 0.5  # m; smaller changes of the odometry's pose are never treated as a jump
+JUMP_TOLERANCE = 0.5  # m, change of the odometry's pose up to which it is no jump, however short the time
 
 
 class OdometryMonitor:
@@ -17,6 +17,9 @@ class OdometryMonitor:
 
     Args:
         max_speed: Speed above which a change of the odometry's pose is a jump of the odom frame, m/s.
+
+    Attributes:
+        scan_time: Time of the last usable scan, s; −inf before the first one.
     """
 
     def __init__(self, max_speed: float) -> None:
@@ -36,7 +39,7 @@ class OdometryMonitor:
         return ""
 
     def absorb_jump(self, odometry: Odometry) -> str:
-        """Treat a jump of the odometry as a new odom frame and not as a motion.
+        """Treat a jump of the odometry as a change of the odom frame instead of a motion.
 
         Returns:
             A message about the jump; empty if there is none.
@@ -73,8 +76,8 @@ class UpdatePolicy:
     """A filter update is due after enough motion, or on request (nav2's update_min_d, update_min_a).
 
     Args:
-        min_translation: m.
-        min_rotation: rad.
+        min_translation: Translation from which an update is due, m.
+        min_rotation: Absolute rotation from which an update is due, rad.
     """
 
     def __init__(self, min_translation: float, min_rotation: float) -> None:
@@ -83,15 +86,17 @@ class UpdatePolicy:
         self._is_requested = True
 
     def request(self) -> None:
-        """Make the next update due whatever the motion."""
+        """Make an update due at the next scan, even without any motion."""
         self._is_requested = True
 
     def is_due(self, motion: Pose) -> bool:
-        """Whether a motion since the last update makes the next one due; a request is thereby fulfilled."""
-        is_due = (
+        """Whether an update is due after a motion since the last one."""
+        return (
             self._is_requested
             or math.hypot(motion.x, motion.y) >= self._min_translation
             or abs(motion.theta) >= self._min_rotation
         )
+
+    def mark_update(self) -> None:
+        """Note that the filter was updated, which fulfils a request."""
         self._is_requested = False
-        return is_due

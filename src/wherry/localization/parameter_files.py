@@ -1,4 +1,4 @@
-"""Parameter files of amcl, as nav2 and ROS 1 use them."""
+"""Parameter files of amcl in the YAML formats of nav2 and ROS 1."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from wherry.errors import InputError
 from wherry.localization.parameters import AmclParameters
 from wherry.space.pose import Pose
 
-MAX_BYTES = 1_000_000  # of a parameter file, which may hold the parameters of all nodes
-NODE = "amcl"
+MAX_FILE_SIZE = 1_000_000  # bytes; a file may contain the parameters of all nodes of a robot
+NODE = "amcl"  # name of the ROS node
 SECTION_NAMES = (NODE, f"/{NODE}", "ros__parameters", "/**")  # keys below which amcl's parameters are nested
 
 ROS1_NAMES = MappingProxyType(
@@ -54,7 +54,7 @@ MODEL_NAMES = MappingProxyType(
 )
 INITIAL_POSE = MappingProxyType({"initial_pose_x": 0, "initial_pose_y": 1, "initial_pose_a": 2})
 INITIAL_COVARIANCE = MappingProxyType({"initial_cov_xx": 0, "initial_cov_yy": 1, "initial_cov_aa": 2})
-NODE_PARAMETERS = frozenset(  # parameters of the ROS node and not of the filter, which are ignored
+NODE_PARAMETERS = frozenset(  # parameters of the ROS node, which are ignored since the filter has none of them
     [
         "always_reset_initial_pose",
         "base_frame_id",
@@ -120,7 +120,7 @@ class LoadedParameters:
 
     Attributes:
         parameters: Parameters of the filter.
-        unknown: Keys that amcl does not know; they are probably misspelt.
+        unknown: Keys of the file that are no parameters of amcl, probably misspelt.
     """
 
     parameters: AmclParameters
@@ -128,16 +128,16 @@ class LoadedParameters:
 
 
 def load_parameters(path: str | Path) -> LoadedParameters:
-    """Read amcl's parameters from a YAML file of nav2 or of ROS 1.
+    """Read amcl's parameters from a YAML file of nav2 or ROS 1.
 
-    They may be nested in ``amcl: ros__parameters:``, below a namespace, beside other nodes' parameters, in ``amcl:``
-    alone, or at the top. In a file with names of ROS 1 missing parameters have the defaults of ROS 1.
+    The parameters may be nested in ``amcl: ros__parameters:`` or in ``amcl:``, below a namespace or beside other nodes,
+    or be at the top level. In a file with names of ROS 1, missing parameters have the defaults of ROS 1.
 
     Raises:
         InputError: The file cannot be read, is not a YAML mapping, has no parameters of amcl, or a value is invalid.
     """
     try:
-        section = _section(read_yaml(path, max_bytes=MAX_BYTES))
+        section = _section(read_yaml(path, max_bytes=MAX_FILE_SIZE))
     except RecursionError as error:
         raise InputError(path, "", "is nested too deeply") from error
     return _parse(section, str(path))

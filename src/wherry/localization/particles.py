@@ -38,7 +38,7 @@ class ParticleSet:
 
     @classmethod
     def weighted(cls, poses: Floats, log_weights: Floats) -> ParticleSet:
-        """Particles with weights of any scale, which are normalized.
+        """Particles with given weights, which are normalized.
 
         Args:
             poses: [N, 3] m, m, rad, map frame.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class RecoveryProbability:
-    """A slow and a fast moving average of the scans' likelihood; recovery starts when the fast one is lower.
+    """Compares a slow and a fast moving average of the scans' likelihood; recovery starts when the fast one is lower.
 
     Args:
         alpha_slow: Decay rate of the slow average, 0 ≤ alpha_slow ≪ alpha_fast; 0 turns recovery off.
@@ -22,7 +22,7 @@ class RecoveryProbability:
         self._fast = 0.0
 
     def update(self, likelihood: float) -> None:
-        """Add the likelihood of a scan, averaged over the particles."""
+        """Update both averages with the likelihood of a scan, which is averaged over the particles."""
         if self._slow == 0.0:
             self._slow = self._fast = likelihood
         self._slow += self._alpha_slow * (likelihood - self._slow)

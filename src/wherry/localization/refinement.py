@@ -1,8 +1,8 @@
 """Matching of a whole scan to a finished map: Gauss–Newton on the distance field, with a Gaussian prior.
 
-The mean of particles is as precise as their number allows; from there one optimization over all beams is precise to
-centimetres. The particles are the prior, so that along a featureless corridor, where the scan determines nothing, the
-result stays at their mean.
+The precision of the particles' mean is limited by their number; an optimization over all beams that starts there is
+precise to a centimetre. The particles are the prior, so that along a featureless corridor, where the scan determines
+only the position across it, the result stays at their mean.
 
 `wherry.mapping.refinement` takes the same steps, but measures distances to surfels, since a distance field would have
 to be recomputed with every scan that is added to a growing map.
@@ -21,12 +21,13 @@ from wherry.space.distance_field import DistanceField
 from wherry.space.gauss_newton import gauss_newton_step
 from wherry.space.pose import Floats, Pose, wrap
 
-MAX_ITERATIONS = 10
+MAX_MATCHED_BEAMS = 360  # beams of a scan that are matched; more do not improve the match
+MAX_ITERATIONS = 10  # Gauss–Newton steps
 CONVERGENCE_TOLERANCE = 1e-4  # m and rad, step below which the iteration ends
 OUTLIER_DENSITY = 0.05  # density of outliers relative to that of a perfect hit, the scale of the robust weights
-MIN_DEVIATIONS = (0.01, 0.01, 0.005)  # m, m, rad, standard deviations that are added to those of the prior
+PRIOR_MARGIN = np.diag([0.01**2, 0.01**2, 0.005**2])  # m², m², rad², added to the prior's covariance
 GATE = 11.34  # squared Mahalanobis distance, 99 % of χ² with three degrees of freedom
-NO_DAMPING = 0.0
+NO_DAMPING = 0.0  # Levenberg–Marquardt damping factor of a plain Gauss–Newton step
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,9 +35,9 @@ class ScanMatch:
     """A scan matched to the map.
 
     Attributes:
-        pose: base_link in the map frame; the prior's mean if the match is not accepted.
-        covariance: Covariance of the pose given scan and prior, [3, 3] m, m, rad.
-        inlier_fraction: Share of the beams that end on the map's obstacles, 0 to 1.
+        pose: Pose of base_link, map frame; the prior's mean if the match is not accepted.
+        covariance: [3, 3] m, m, rad, posterior covariance of the pose; the prior's if the match is not accepted.
+        inlier_fraction: Fraction of the beams that end on the map's obstacles, 0 to 1.
         is_accepted: Whether the match is within the gate around the prior.
     """
 
@@ -55,13 +56,13 @@ def match_scan(
 
     Args:
         field: Distances to the map's obstacles.
-        ends: Ends of the beams in the base_link frame, [B, 2] m.
-        prior: Mean of the prior, base_link in the map frame.
-        covariance: Covariance of the prior, [3, 3] m, m, rad.
+        ends: [B, 2] m, ends of the beams, base_link frame.
+        prior: Mean of the prior, pose of base_link in the map frame.
+        covariance: [3, 3] m, m, rad, covariance of the prior.
         sigma: Standard deviation σ of the distances of beams from obstacles, m.
-        start: Initial pose in the map frame; None for the prior's mean.
+        start: Pose from which the optimization starts, map frame; None for the prior's mean.
     """
-    widened = covariance + np.diag(np.square(MIN_DEVIATIONS))
+    widened = covariance + PRIOR_MARGIN
     rotation = np.array([*_rotation_rows(-field.origin.theta), (0.0, 0.0, 1.0)])
     mean = field.origin.inverse @ prior
     begin = mean if start is None else field.origin.inverse @ start
@@ -78,7 +79,7 @@ def match_scan(
 def is_within_gate(pose: Pose, mean: Pose, covariance: Floats) -> bool:
     """Whether a pose is within the 99 % gate of a Gaussian with this mean and covariance [3, 3] m, m, rad."""
     offset = np.array([pose.x - mean.x, pose.y - mean.y, wrap(pose.theta - mean.theta)])
-    widened = covariance + np.diag(np.square(MIN_DEVIATIONS))
+    widened = covariance + PRIOR_MARGIN
     return bool(offset @ np.linalg.solve(widened, offset) < GATE)
 
 
@@ -98,7 +99,7 @@ def _gauss_newton(
     prior_information: Floats,
     sigma: float,
 ) -> tuple[Floats, Floats, float]:
-    """As `match_scan` in the grid's frame; return the pose [3], the Hessian there [3, 3], and the inlier fraction."""
+    """Minimize the cost of `match_scan` in the grid's frame; return pose [3], Hessian [3, 3] and inlier fraction."""
     pose = start.copy()
     information, gradient = np.zeros((3, 3)), np.zeros(3)
     inlier_fraction = 0.0

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.kernels import kernel
+from wherry.space.pose import Floats
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-BIN_SIZE = (0.5, 0.5, math.radians(10.0))  # m, m, rad, of amcl's histogram of the posterior
-TURN_BINS = 36  # bins of BIN_SIZE[2] in a full turn
-GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # its multiples, modulo 1, cover [0, 1) evenly for any number of samples
+BIN_SIZE = (0.5, 0.5, math.radians(10.0))  # m, m, rad, bins of the posterior's histogram, as in amcl
+HEADING_BINS = 36  # bins of the heading in a full turn
+GOLDEN_RATIO_STEP = (math.sqrt(5.0) - 1.0) / 2.0  # step modulo 1 whose multiples cover [0, 1) evenly at any number
 
 
 def log_sum(logarithms: Floats) -> float:
@@ -101,22 +101,29 @@ def _kld_sample_size(occupied_bins: int, error: float, quantile: float, min_coun
 
 @kernel
 def adaptive_sample_size(
-    particles: Floats, weights: Floats, table: Integers, bin_size: Floats, limits: Floats, start: float
+    particles: Floats,
+    weights: Floats,
+    table: Integers,
+    bin_size: Floats,
+    error: float,
+    quantile: float,
+    min_count: int,
+    max_count: int,
+    start: float,
 ) -> int:
-    """Draw particles by weight until KLD sampling needs no more for the bins that they occupy.
+    """Number of particles by KLD sampling: draw by weight until the drawn ones suffice for the bins that they occupy.
 
     Args:
         particles: [N, 3] m, m, rad.
         weights: [N] summing to 1.
         table: Scratch memory from `hash_table`.
         bin_size: [3] m, m, rad.
-        limits: [4] ε, z, lower and upper limit of the result.
+        error: Bound ε on the Kullback-Leibler distance, see `kld_sample_size`.
+        quantile: Upper standard normal quantile z_{1−δ} of the probability that the bound holds.
+        min_count: Lower limit of the result.
+        max_count: Upper limit of the result.
         start: A uniform random number in [0, 1).
-
-    Returns:
-        The number of particles to keep.
     """
-    min_count, max_count = int(limits[2]), int(limits[3])
     if min_count == max_count:
         return max_count
     table[:, 1] = 0
@@ -133,16 +140,16 @@ def adaptive_sample_size(
         if table[slot, 1] == 0:
             bins += 1
             table[slot, 0], table[slot, 1] = pack_bin(particles[i], bin_size), bins
-            needed = _kld_sample_size(bins, limits[0], limits[1], min_count, max_count)
+            needed = _kld_sample_size(bins, error, quantile, min_count, max_count)
         drawn += 1
-        position += GOLDEN
+        position += GOLDEN_RATIO_STEP
         position -= math.floor(position)
     return needed
 
 
 @kernel
 def _guide(cumulative: Floats) -> Integers:
-    """[N] index at which the search for every Nth part of the total weight begins (indexed search)."""
+    """[N] guide table: index of the particle at which the search for each 1/N of the total weight starts."""
     count = len(cumulative)
     guide = np.empty(count, np.int64)
     i = 0
@@ -159,7 +166,7 @@ def low_variance_resample(particles: Floats, weights: Floats, start: float, resa
 
     Args:
         particles: [N, 3].
-        weights: [N] summing to 1.
+        weights: [N] importance weights, summing to 1.
         start: A uniform random number in [0, 1).
         resampled: [M, 3] output; particle i is copied M·weights[i] times, rounded up or down.
     """
@@ -181,7 +188,7 @@ def pack_bin(pose: Floats, bin_size: Floats) -> int:
     """The packed index of the histogram bin of a pose [3] m, m, rad with θ in [−π, π)."""
     x = math.floor(pose[0] / bin_size[0])
     y = math.floor(pose[1] / bin_size[1])
-    return pack(x, y, math.floor(pose[2] / bin_size[2]) % TURN_BINS)
+    return pack(x, y, math.floor(pose[2] / bin_size[2]) % HEADING_BINS)
 
 
 @kernel

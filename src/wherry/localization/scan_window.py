@@ -1,4 +1,4 @@
-"""The last scans of a robot that may be lost, by which candidate poses are judged."""
+"""A window of the last scans, on which relocalization hypotheses are compared with the estimate."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from dataclasses import dataclass
 from wherry.localization.agreement import ScanAgreement, mean_agreement
 from wherry.space.pose import Floats, Pose
 
-MIN_PERIOD = 0.5  # s from one scan in the window to the next
-MAX_SCANS = 6  # scans in the window
+MIN_PERIOD = 0.5  # s, minimum time from one scan in the window to the next
+MAX_SCANS = 6  # maximum number of scans in the window
 
 
 @dataclass(frozen=True, slots=True)
 class WindowScan:
-    """A scan that was taken while the robot may have been lost.
+    """A scan of the window with the estimate at its time.
 
     Attributes:
         time: Time of the scan, s.
         odometry: Pose of base_link, odom frame.
         ends: [B, 2] m, ends of the beams, base_link frame.
-        agreement: Agreement with the map at the estimated pose.
-        lost_probability: Probability of being lost at the scan, 0 to 1.
+        agreement: Agreement of the scan with the map at the estimated pose.
+        lost_probability: Probability of being lost after the scan, 0 to 1.
     """
 
     time: float
@@ -57,11 +57,11 @@ class ScanWindow:
         return True
 
     def mean_agreement(self) -> ScanAgreement:
-        """The mean agreement of the scans with the map at the estimated poses; there must be a scan."""
+        """The mean agreement of the scans, at least one, with the map at the estimated poses."""
         return mean_agreement([scan.agreement for scan in self._scans])
 
-    def has_lost_probability_above(self, threshold: float) -> bool:
-        """Whether the probability of being lost exceeded a threshold, 0 to 1, at every scan."""
+    def is_lost_throughout(self, threshold: float) -> bool:
+        """Whether the probability of being lost exceeded a threshold at every scan."""
         return all(scan.lost_probability > threshold for scan in self._scans)
 
     def relative_to(self, odometry: Pose) -> list[tuple[Pose, Floats]]:

@@ -1,6 +1,6 @@
 """Sensor models: the likelihood p(z | x, m) of a scan at every particle's pose (Probabilistic Robotics, chapter 6).
 
-All of them add logarithms, since the product of sixty beams' likelihoods underflows.
+All of them sum logarithms, since the product of many beams' likelihoods underflows.
 """
 
 from __future__ import annotations
@@ -14,13 +14,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.kernels import kernel, reordering_kernel
+from wherry.kernels import fastmath_kernel, kernel
 from wherry.localization.parameters import AmclParameters
 from wherry.robot import Scan
 from wherry.space.distance_field import DistanceField
-from wherry.space.pose import Pose
-
-Floats = NDArray[np.float64]
+from wherry.space.pose import Floats, Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +29,7 @@ class Beams:
         ends: [B, 2] m, ends of the beams, base_link frame.
         origin: Pose of the lidar, base_link frame.
         ranges: [B] m, lengths of the beams.
-        range_max: Range above which readings are invalid, m.
+        range_max: Range from which readings are invalid, m.
     """
 
     ends: Floats
@@ -47,7 +45,7 @@ class Beams:
         return Beams(self.ends[chosen], self.origin, self.ranges[chosen], self.range_max)
 
     def evenly_spaced(self, max_count: int) -> Beams:
-        """At most ``max_count`` beams, evenly spaced among all."""
+        """At most ``max_count`` beams, evenly spaced in the order of the beams."""
         if len(self) <= max_count:
             return self
         return self.select(np.linspace(0, len(self) - 1, max_count).astype(np.int64))
@@ -59,7 +57,7 @@ def valid_beams(scan: Scan, lidar: Pose, parameters: AmclParameters) -> Beams:
     Args:
         scan: The scan.
         lidar: Pose of the lidar, base_link frame.
-        parameters: The range limits and the robot's radius are used.
+        parameters: The filter's parameters, of which the range limits and the robot's radius are used.
     """
     max_range = min(scan.range_max, parameters.laser_max_range)
     min_range = max(scan.range_min, parameters.laser_min_range)
@@ -92,7 +90,7 @@ class SensorModel(Protocol):
 class LikelihoodField:
     """The likelihood field: a reading is likely if it ends near an obstacle of the map (table 6.3).
 
-    The log likelihoods of all cells are tabulated, so that a beam costs one look-up.
+    The log likelihoods of all cells are tabulated, so that a beam takes a single lookup.
     """
 
     def __init__(self, field: DistanceField, parameters: AmclParameters) -> None:
@@ -127,7 +125,7 @@ class BeamSkippingLikelihoodField(LikelihoodField):
         agreeing = _count_agreeing(self._distance, grid_frame, particles, ends, p.beam_skip_distance)
         kept = agreeing >= p.beam_skip_threshold * len(particles)
         if np.count_nonzero(~kept) > p.beam_skip_error_threshold * len(beams):
-            kept[:] = True  # most beams disagree when the posterior itself is wrong, and then all of them are needed
+            kept[:] = True  # if most beams disagree, the posterior itself may be wrong, and all beams are needed
         super().add_log_likelihood(particles, beams.select(kept), log_weights)
 
 
@@ -137,19 +135,19 @@ def log_likelihood(distance: NDArray[np.float32], range_max: float, parameters: 
     Args:
         distance: Distances of any shape, m.
         range_max: Maximum range of the lidar, m.
-        parameters: z_hit, z_rand and sigma_hit are used.
+        parameters: The filter's parameters, of which z_hit, z_rand and sigma_hit are used.
     """
     p = parameters
     hit = np.float32(p.z_hit) * np.exp(np.square(distance) * np.float32(-0.5 / p.sigma_hit**2))
-    found: NDArray[np.float32] = np.log(hit + np.float32(p.z_rand / range_max))
-    return found
+    logarithm: NDArray[np.float32] = np.log(hit + np.float32(p.z_rand / range_max))
+    return logarithm
 
 
 class BeamModel:
     """The beam model: a reading is likely if it is as long as the ray to the first obstacle of the map (table 6.1).
 
-    Rays are cast by sphere tracing in the distance field. Unlike the likelihood field it knows that a beam cannot pass
-    through a wall.
+    Rays are cast by sphere tracing in the distance field. Unlike the likelihood field, the model makes beams through
+    walls improbable.
     """
 
     def __init__(self, field: DistanceField, parameters: AmclParameters) -> None:
@@ -164,8 +162,9 @@ class BeamModel:
             _grid_frame(self._field),
             particles,
             beams.ends,
-            np.array([beams.origin.x, beams.origin.y, beams.range_max]),
+            np.array([beams.origin.x, beams.origin.y]),
             beams.ranges,
+            beams.range_max,
             self._mixture,
             log_weights,
         )
@@ -191,18 +190,18 @@ def _grid_frame(field: DistanceField) -> Floats:
 
 
 def _padded(table: NDArray[np.float32], outside: float) -> NDArray[np.float32]:
-    """[H + 2, W + 2] the table with a border of cells that stand for everything off the map."""
+    """[H + 2, W + 2] the table with a border that holds the value of all cells off the map."""
     return np.pad(table, 1, constant_values=np.float32(outside))
 
 
-@reordering_kernel
+@fastmath_kernel
 def _add_from_table(
     table: NDArray[np.float32], grid_frame: Floats, particles: Floats, ends: NDArray[np.float32], log_weights: Floats
 ) -> None:
-    """Sum up the table's values at the beams' ends for every particle.
+    """Add the sum of the table's values at the beams' ends to the log weight of every particle.
 
     Args:
-        table: [H + 2, W + 2] padded.
+        table: [H + 2, W + 2] padded log likelihoods.
         grid_frame: [4] the grid's origin and resolution, see `_grid_frame`.
         particles: [N, 3] m, m, rad.
         ends: [2, B] m, base_link frame.
@@ -215,9 +214,9 @@ def _add_from_table(
         log_weights[i] += _sum_of(flat, cells)
 
 
-@reordering_kernel
+@fastmath_kernel
 def _sum_of(flat: NDArray[np.float32], cells: NDArray[np.int32]) -> float:
-    """The sum of the table's values at the cells, in the compiler's order."""
+    """The sum of the flattened table's values at the cells [B], in an order that the compiler may vectorize."""
     total = np.float32(0.0)
     for b in range(len(cells)):
         total += flat[np.uint64(cells[b])]  # unsigned, so that numba does not check for negative indices
@@ -239,11 +238,11 @@ def _count_agreeing(
     return agreeing
 
 
-@reordering_kernel
+@fastmath_kernel
 def _find_cells(
     shape: tuple[int, int], grid_frame: Floats, pose: Floats, ends: NDArray[np.float32], cells: NDArray[np.int32]
 ) -> None:
-    """Write [B] the flat indices of the beams' ends in a padded table; without branches, so that it is vectorized."""
+    """Write the flat indices [B] of the beams' ends in a padded table, without branches so that the loop vectorizes."""
     width, last_column, last_row = np.int32(shape[1]), np.float32(shape[1] - 1), np.float32(shape[0] - 1)
     zero = np.float32(0.0)
     turned_cos, turned_sin = math.cos(grid_frame[2]), math.sin(grid_frame[2])
@@ -305,10 +304,23 @@ def _add_from_rays(
     ends: Floats,
     lidar: Floats,
     ranges: Floats,
+    range_max: float,
     mixture: Floats,
     log_weights: Floats,
 ) -> None:
-    """Add the beam model's log likelihoods, equations 6.4 to 6.12."""
+    """Add the beam model's log likelihood to the log weight of every particle, equations 6.4 to 6.12.
+
+    Args:
+        distance: [H, W] m, distances to the nearest obstacle.
+        grid_frame: [4] the grid's origin and resolution, see `_grid_frame`.
+        particles: [N, 3] m, m, rad, map frame.
+        ends: [B, 2] m, ends of the beams, base_link frame.
+        lidar: [2] m, position of the lidar, base_link frame.
+        ranges: [B] m, lengths of the beams.
+        range_max: Maximum range of the lidar, m.
+        mixture: [6] z_hit, z_short, z_max, z_rand, sigma_hit m, lambda_short 1/m.
+        log_weights: [N] added to in place.
+    """
     z_hit, z_short, z_max, z_rand, sigma, decay = mixture
     turned_cos, turned_sin = math.cos(grid_frame[2]), math.sin(grid_frame[2])
     for i in range(len(particles)):
@@ -323,13 +335,13 @@ def _add_from_rays(
             along = (ends[b, 0] - lidar[0]) / ranges[b]
             across = (ends[b, 1] - lidar[1]) / ranges[b]
             expected = trace_ray(
-                distance, grid_frame[3], column, row, cos * along - sin * across, sin * along + cos * across, lidar[2]
+                distance, grid_frame[3], column, row, cos * along - sin * across, sin * along + cos * across, range_max
             )
             error = ranges[b] - expected
-            p = z_hit * math.exp(-0.5 * error * error / (sigma * sigma)) + z_rand / lidar[2]
+            p = z_hit * math.exp(-0.5 * error * error / (sigma * sigma)) + z_rand / range_max
             if error < 0.0:
                 p += z_short * decay * math.exp(-decay * ranges[b])
-            if ranges[b] >= lidar[2]:
+            if ranges[b] >= range_max:
                 p += z_max
             total += math.log(p)
         log_weights[i] += total

@@ -286,7 +286,7 @@ def _tracking(head: Mapping[str, Any], arrays: Arrays) -> TrackingState:
 
 def _read(path: Path) -> tuple[Mapping[str, Any], Arrays]:
     """The file's head and arrays, checked."""
-    data = io.BytesIO(read_bytes(path, limit=MAX_FILE_SIZE))
+    data = io.BytesIO(read_bytes(path, max_bytes=MAX_FILE_SIZE))
     try:
         with zipfile.ZipFile(data) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > MAX_FILE_SIZE:

@@ -1,8 +1,8 @@
 """Frontier exploration: the next best viewpoint on a map that is being built (Yamauchi 1997).
 
-A frontier is where known free space borders on unknown space. At candidate positions near the frontiers, rays are cast
-to compute the unknown area that a lidar would see there; the best viewpoint sees much for a low travel cost
-(González-Baños & Latombe 2002).
+A frontier is the border between known free space and unknown space. At candidate positions near the frontiers, ray
+casting computes the unknown area that a lidar would see, the gain. The best viewpoint has the highest utility: gain
+discounted by travel cost (González-Baños & Latombe 2002).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.raycast import traverse
 
-SENSOR_RANGE = 6.0  # m that the lidar is assumed to see
-RAYS = 360  # rays cast from a candidate
+SENSOR_RANGE = 6.0  # m, assumed range of the lidar
+RAYS = 360  # rays cast from each candidate
 MAX_CANDIDATES = 48  # candidate positions that are evaluated
-CANDIDATE_SPACING = 0.5  # m, side of the square blocks of which each gives one candidate
+CANDIDATE_SPACING = 0.5  # m, side of the square blocks that each yield one candidate
 MIN_GAIN = 0.05  # m² of visible unknown area that make a viewpoint worthwhile
-MIN_FRONTIER_LENGTH = 0.15  # m; shorter frontiers are gaps between beams
-VISITED_RADIUS = 0.35  # m around a visited viewpoint within which no candidate shows anything new
-COST_SCALE = 4.0  # m of travel cost that reduce a viewpoint's utility by a factor e
+MIN_FRONTIER_LENGTH = 0.15  # m; shorter ones are gaps between beams
+VISITED_RADIUS = 0.35  # m around a visited viewpoint within which candidates are discarded
+COST_SCALE = 4.0  # m of travel cost by which a viewpoint's utility falls by a factor e
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,8 @@ class Viewpoint:
 
     Attributes:
         position: [2] m, map frame.
-        gain: Unknown area that a lidar would see there, m².
-        travel_cost: Cost of the way there, m, from `travel_costs`.
+        gain: Unknown area that a lidar would see from the position, m².
+        travel_cost: Cost of the path to the position, m, from `travel_costs`.
     """
 
     position: Floats
@@ -57,16 +57,16 @@ def next_viewpoint(
 
     Args:
         grid: The map so far.
-        costmap: Where the robot fits on it.
+        costmap: The costmap of the map.
         pose: base_link in the map frame.
-        visited: [K, 2] viewpoints tried before, m, map frame, which are not chosen again.
-        min_gain: Smallest gain of a viewpoint, m².
+        visited: [K, 2] viewpoints that were tried before and are not chosen again, m, map frame.
+        min_gain: Smallest gain that makes a viewpoint worthwhile, m².
 
     Returns:
-        The best viewpoint; None if no reachable one has the smallest gain, and the map is complete.
+        The best viewpoint; None if no reachable one is worthwhile, that is, the map is complete.
     """
     costs = travel_costs(costmap, np.array([pose.x, pose.y]))
-    candidates = _not_visited(_candidates(grid, costmap, costs), visited)
+    candidates = _unvisited(_candidates(grid, costmap, costs), visited)
     viewpoints = [
         Viewpoint(position, visible_unknown_area(grid, position), float(costs[costmap.cell_at(position)]))
         for position in candidates
@@ -98,7 +98,7 @@ def visible_unknown_area(grid: OccupancyGrid, position: Floats) -> float:
 
 
 def _candidates(grid: OccupancyGrid, costmap: Costmap, costs: Floats) -> Floats:
-    """[N, 2] m, map frame: for each frontier cell the nearest reachable cell, thinned out to `MAX_CANDIDATES`."""
+    """[N, 2] m, map frame: the reachable cells nearest to frontier cells, subsampled to `MAX_CANDIDATES`."""
     frontier = frontier_cells(grid)
     reachable = np.isfinite(costs)
     if not frontier.any() or not reachable.any():
@@ -112,14 +112,14 @@ def _candidates(grid: OccupancyGrid, costmap: Costmap, costs: Floats) -> Floats:
 
 
 def _cheapest_of_each_block(cells: NDArray[np.int64], costs: Floats, block: int) -> NDArray[np.int64]:
-    """[M, 2] of cells [N, 2] the one with the lowest travel cost in each block of block × block cells, by cost."""
+    """[M, 2] the cell with the lowest travel cost in each block of block × block cells, sorted by cost."""
     order = np.lexsort((cells[:, 1], cells[:, 0], costs[cells[:, 0], cells[:, 1]]))
     _, first = np.unique(cells[order] // block, axis=0, return_index=True)
     return cells[order][np.sort(first)]
 
 
-def _not_visited(candidates: Floats, visited: Floats) -> Floats:
-    """[M, 2] m: the candidates [N, 2] that are not near a visited viewpoint [K, 2]."""
+def _unvisited(candidates: Floats, visited: Floats) -> Floats:
+    """[M, 2] m: the candidates [N, 2] outside `VISITED_RADIUS` of all visited viewpoints [K, 2]."""
     if not len(visited):
         return candidates
     nearest = np.hypot(*(candidates[:, None, :] - visited[None, :, :]).transpose(2, 0, 1)).min(axis=1)
@@ -129,14 +129,14 @@ def _not_visited(candidates: Floats, visited: Floats) -> Floats:
 
 @kernel
 def _count_unknown(
-    occupied: NDArray[np.bool_], unknown: NDArray[np.bool_], start: Floats, directions: Floats, limit: float
+    occupied: NDArray[np.bool_], unknown: NDArray[np.bool_], start: Floats, directions: Floats, max_range: float
 ) -> int:
-    """Number of distinct unknown cells that rays cross before an occupied one; start and limit in cells."""
+    """Number of distinct unknown cells that rays cross before an occupied one; start and max_range in cells."""
     height, width = occupied.shape
     counted = np.zeros((height, width), np.bool_)
     count = 0
     for n in range(len(directions)):
-        for column, row, _ in traverse(start[0], start[1], directions[n, 0], directions[n, 1], limit):
+        for column, row, _ in traverse(start[0], start[1], directions[n, 0], directions[n, 1], max_range):
             if not (0 <= row < height and 0 <= column < width) or occupied[row, column]:
                 break
             if unknown[row, column] and not counted[row, column]:

@@ -1,4 +1,4 @@
-"""Checks of the installation; each dependency is tried in the way in which wherry uses it."""
+"""Checks of the installation, which try each dependency in the way that wherry uses it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from wherry.errors import InputError
-from wherry.kernels import are_compiled
+from wherry.kernels import are_kernels_cached
 
 MIN_PYTHON = (3, 11)
 REQUIRED_PACKAGES = (
@@ -32,14 +32,14 @@ REQUIRED_PACKAGES = (
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """The result of one check.
+    """The result of checking one dependency.
 
     Attributes:
         name: Name of the dependency.
         works: Whether it is installed and works.
-        detail: Version or path that was found, or an error.
-        advice: How to install it.
-        is_required: Whether wherry cannot be used without it.
+        detail: Version or path of the dependency, or an error.
+        advice: How to install the dependency.
+        is_required: Whether wherry needs the dependency to run.
     """
 
     name: str
@@ -49,7 +49,7 @@ class CheckResult:
     is_required: bool = False
 
     def as_json(self) -> dict[str, object]:
-        """The entry of ``wherry doctor --json``."""
+        """The result as in ``wherry doctor --json``."""
         return {"works": self.works, "detail": self.detail, "advice": self.advice, "required": self.is_required}
 
 
@@ -64,12 +64,13 @@ def failed_check(name: str, error: Exception) -> CheckResult:
     )
 
 
-def _python() -> CheckResult:
+def _check_python() -> CheckResult:
+    """Whether Python is recent enough."""
     works = sys.version_info >= MIN_PYTHON
     return CheckResult("Python", works, platform.python_version(), "install Python 3.11 or newer", is_required=True)
 
 
-def _packages() -> CheckResult:
+def _check_packages() -> CheckResult:
     """Whether the required packages are installed."""
     missing, found = [], []
     for name in REQUIRED_PACKAGES:
@@ -81,16 +82,17 @@ def _packages() -> CheckResult:
     return CheckResult("packages", not missing, detail, "reinstall with pip install wherry", is_required=True)
 
 
-def _kernels() -> CheckResult:
-    works = are_compiled()
+def _check_kernels() -> CheckResult:
+    """Whether the numba kernels are in the cache."""
+    works = are_kernels_cached()
     detail = "compiled" if works else "not compiled yet"
     return CheckResult(
-        "numba cache", works, detail, "none needed: the first run compiles the kernels, in about half a minute"
+        "numba cache", works, detail, "nothing: the first run compiles the kernels in about half a minute"
     )
 
 
-def _rendering() -> CheckResult:
-    """Whether the simulated world can be rendered without a screen: renders a small image that must not be blank."""
+def _render_image() -> CheckResult:
+    """Whether the simulated world can be rendered without a screen; a blank image counts as a failure."""
     import numpy as np  # noqa: PLC0415 - a broken package must not break the other checks
 
     from wherry.floorplan.world_files import find_world  # noqa: PLC0415
@@ -106,15 +108,16 @@ def _rendering() -> CheckResult:
 RENDERING_ADVICE = "apt install libegl1 libgl1-mesa-dri; needed for images and videos of the simulated world"
 
 
-def _rendering_or_error() -> CheckResult:
+def _check_rendering() -> CheckResult:
+    """Whether rendering works, with the error in one line if it does not."""
     try:
-        return _rendering()
-    except Exception as error:  # noqa: BLE001, RUF100 - GL libraries raise many kinds of errors
+        return _render_image()
+    except Exception as error:  # noqa: BLE001, RUF100 - GL libraries raise various errors
         return CheckResult("rendering", works=False, detail=str(error).splitlines()[0], advice=RENDERING_ADVICE)
 
 
-def _module(name: str, module: str, advice: str) -> CheckResult:
-    """Whether a module is installed; it is not imported."""
+def _check_module(name: str, module: str, advice: str) -> CheckResult:
+    """Whether a Python module is installed; the module is not imported."""
     try:
         works = importlib.util.find_spec(module) is not None
     except ModuleNotFoundError:
@@ -126,13 +129,13 @@ def _module(name: str, module: str, advice: str) -> CheckResult:
     return CheckResult(name, works, detail, advice)
 
 
-def _program(name: str, programs: tuple[str, ...], advice: str) -> CheckResult:
-    """Whether one of several programs is on the path."""
-    place = next((found for program in programs if (found := shutil.which(program))), None)
-    return CheckResult(name, place is not None, place or "not found", advice)
+def _check_program(name: str, programs: tuple[str, ...], advice: str) -> CheckResult:
+    """Whether one of several programs is on the PATH."""
+    path = next((found for program in programs if (found := shutil.which(program))), None)
+    return CheckResult(name, path is not None, path or "not found", advice)
 
 
-def _ros1() -> CheckResult:
+def _check_ros1() -> CheckResult:
     """Whether rospy can be imported, from a sourced ROS environment or from Debian's packages."""
     from wherry.ros.transports.ros1_messages import ros1_module  # noqa: PLC0415 - a broken package must not break the other checks
 
@@ -143,7 +146,8 @@ def _ros1() -> CheckResult:
     return CheckResult("ROS 1", works=True, detail=str(Path(found or "").parent), advice="")
 
 
-def _data() -> CheckResult:
+def _check_logs() -> CheckResult:
+    """Whether the recorded lidar logs are in the data folder."""
     folder = Path(os.environ.get("WHERRY_DATA", "../shared/data"))
     works = (folder / "intel").is_dir()
     advice = "set WHERRY_DATA to the folder that contains intel/; needed by reproduce and bench"
@@ -151,26 +155,26 @@ def _data() -> CheckResult:
 
 
 CHECKS: Mapping[str, Callable[[], CheckResult]] = {
-    "Python": _python,
-    "packages": _packages,
-    "numba cache": _kernels,
-    "rendering": _rendering_or_error,
-    "ROS 1": _ros1,
-    "ROS 2": partial(_module, "ROS 2", "cyclonedds", "pip install 'wherry[ros2]'"),
-    "RViz": partial(_program, "RViz", ("rviz2", "rviz"), "apt install ros-…-rviz2 (ROS 2) or rviz (ROS 1)"),
-    "Gazebo": partial(_program, "Gazebo", ("gz", "ign"), "install Gazebo, to drive its robots"),
-    "bags": partial(_module, "bags", "rosbags", "pip install 'wherry[bags]', to read ROS bags"),
-    "MiniGrid": partial(_module, "MiniGrid", "minigrid", "pip install 'wherry[minigrid]'"),
-    "PDDL": partial(_module, "PDDL", "unified_planning", "pip install 'wherry[pddl]'"),
-    "Rerun": partial(_module, "Rerun", "rerun", "pip install 'wherry[rerun]', for deliver --rerun"),
-    "films": partial(_module, "films", "av", "pip install 'wherry[video]', for deliver --video"),
+    "Python": _check_python,
+    "packages": _check_packages,
+    "numba cache": _check_kernels,
+    "rendering": _check_rendering,
+    "ROS 1": _check_ros1,
+    "ROS 2": partial(_check_module, "ROS 2", "cyclonedds", "pip install 'wherry[ros2]'"),
+    "RViz": partial(_check_program, "RViz", ("rviz2", "rviz"), "apt install ros-…-rviz2 (ROS 2) or rviz (ROS 1)"),
+    "Gazebo": partial(_check_program, "Gazebo", ("gz", "ign"), "install Gazebo; needed to drive its robots"),
+    "bags": partial(_check_module, "bags", "rosbags", "pip install 'wherry[bags]'; needed for ROS bags"),
+    "MiniGrid": partial(_check_module, "MiniGrid", "minigrid", "pip install 'wherry[minigrid]'"),
+    "PDDL": partial(_check_module, "PDDL", "unified_planning", "pip install 'wherry[pddl]'"),
+    "Rerun": partial(_check_module, "Rerun", "rerun", "pip install 'wherry[rerun]'; needed for deliver --rerun"),
+    "films": partial(_check_module, "films", "av", "pip install 'wherry[video]'; needed for deliver --video"),
     "Chromium": partial(
-        _program,
+        _check_program,
         "Chromium",
         ("chromium", "chromium-browser", "google-chrome"),
-        "apt install chromium; only the page's tests need it, any browser shows the page",
+        "apt install chromium; needed only for the tests of the page",
     ),
-    "Playwright": partial(_module, "Playwright", "playwright", "pip install playwright; only tests need it"),
-    "recorded logs": _data,
+    "Playwright": partial(_check_module, "Playwright", "playwright", "pip install playwright; needed only for tests"),
+    "recorded logs": _check_logs,
 }
-"""The checks, in the order of their output."""
+"""The check of each dependency, in the order of their output."""

@@ -1,4 +1,4 @@
-"""Trace records of the symbolic half, which deliveries and grids share."""
+"""Trace records of states and learnt models, for deliveries and grid worlds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ from wherry.trace.records import LearntModel, LearntRule, ObjectSnapshot, Percei
 
 
 def perceived_state(domain: Domain, state: State, time: float) -> PerceivedState:
-    """The record of a state's condition and of its objects that can change, at a time, s, on the robot's clock."""
+    """Record a state: its condition and its non-static objects.
+
+    Args:
+        domain: The domain of the state.
+        state: The state.
+        time: Time of the state, s, robot's clock.
+    """
     objects = (
         ObjectSnapshot(
             item.object_class.name, item.name, tuple(zip(item.object_class.attribute_indexes, item.values, strict=True))
@@ -20,7 +26,12 @@ def perceived_state(domain: Domain, state: State, time: float) -> PerceivedState
 
 
 def learnt_model(learner: RuleLearner, time: float) -> LearntModel:
-    """The record of everything learnt so far, at a time, s, on the robot's clock."""
+    """Record the learnt rules and failure conditions.
+
+    Args:
+        learner: The learner.
+        time: Time of the record, s, robot's clock.
+    """
     rules = tuple(LearntRule(rule.action, str(rule.condition), rule.effect) for rule in learner.rules())
     failures = learner.failure_conditions().items()
     return LearntModel(time, rules, tuple((action, tuple(map(str, conditions))) for action, conditions in failures))

@@ -164,7 +164,8 @@ def sweep(states: Integers, tolerance: float, tables: BackupTables) -> None:
     for index in range(n_states):
         state = states[index]
         for action in range(n_actions):
-            constants[index, action] = linear_backup(state, action, tables, weights[index, action], targets[index, action])
+            row = index, action
+            constants[row] = linear_backup(state, action, tables, weights[row], targets[row])
         for outcome in outcomes[group[state]].flat:
             if outcome != NO_OUTCOME:
                 lowest_reward = min(lowest_reward, tables.reward[outcome, state])

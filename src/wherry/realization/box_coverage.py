@@ -1,4 +1,4 @@
-"""Which cells of the map the robot has already searched for boxes."""
+"""Coverage of the search for boxes: the cells in which a box would have been detected."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.raycast import cast_rays
 
-MIN_OBSERVATIONS = MIN_DETECTIONS + 2  # scans of a cell after which a box in it would be a confirmed track
-BACKGROUND_OFFSET = 1.8  # box radii from a cell's centre at which beams must pass it for a box to stand out
+MIN_OBSERVATIONS = MIN_DETECTIONS + 2  # scans that observe a covered cell; a box in it would be a confirmed track
+BACKGROUND_OFFSET = 1.8  # distance from a cell's centre of the beams that must pass on both sides ÷ box radius
 
 
 class BoxCoverage:
     """Counts, for each cell, the scans in which a box at its centre would have been detected.
 
     Args:
-        tracker: Source of the observations; it may add more.
-        frame: Where the cells lie on the map.
+        tracker: Source of the observations; later ones are counted too.
+        frame: The cell frame on the map.
         plan: The cells.
     """
 
@@ -38,14 +38,19 @@ class BoxCoverage:
         self._processed = 0
 
     def covered_cells(self) -> set[Cell]:
-        """The cells observed in at least `MIN_OBSERVATIONS` scans, from detection range and without occlusion."""
+        """The cells that at least `MIN_OBSERVATIONS` scans observe within detection range and without occlusion."""
         for lidar, scan in self._tracker.observations[self._processed :]:
-            self._counts += self._is_observed(lidar, scan)
+            self._counts += self._observed_cells(lidar, scan)
         self._processed = len(self._tracker.observations)
         return {cell for cell, count in zip(self._cells, self._counts, strict=True) if count >= MIN_OBSERVATIONS}
 
-    def _is_observed(self, lidar: Pose, scan: Scan) -> NDArray[np.bool_]:
-        """[C] which cells a scan observes: a beam reaches the centre, and beams pass beyond it on both sides."""
+    def _observed_cells(self, lidar: Pose, scan: Scan) -> NDArray[np.bool_]:
+        """[C] True for the cells whose centre a beam reaches while beams pass it on both sides.
+
+        Args:
+            lidar: The lidar in the map frame.
+            scan: The scan.
+        """
         offsets = lidar.inverse.transform(self._centres)
         distances = np.hypot(offsets[:, 0], offsets[:, 1])
         bearings = np.arctan2(offsets[:, 1], offsets[:, 0])
@@ -61,26 +66,37 @@ class BoxCoverage:
         return is_reached & is_passed & (distances < MAX_DETECTION_RANGE)
 
     def viewpoints(self, target: Cell, grid: OccupancyGrid, candidates: Sequence[Cell]) -> list[Cell]:
-        """The candidates, in their order, from whose centre the map predicts that a box in the target is detected."""
-        index = {cell: at for at, cell in enumerate(self._cells)}
-        positions = self._centres[[index[cell] for cell in candidates]]
-        offsets = self._centres[index[target]] - positions
+        """The candidates from whose centre a box in the target cell would be detected, according to the map.
+
+        Args:
+            target: The cell to observe.
+            grid: The map.
+            candidates: Cells to observe it from, in order of preference.
+        """
+        index_of = {cell: index for index, cell in enumerate(self._cells)}
+        positions = self._centres[[index_of[cell] for cell in candidates]]
+        offsets = self._centres[index_of[target]] - positions
         distances = np.hypot(offsets[:, 0], offsets[:, 1])
-        near = np.flatnonzero((distances > 0.0) & (distances < MAX_DETECTION_RANGE))
+        in_range = np.flatnonzero((distances > 0.0) & (distances < MAX_DETECTION_RANGE))
         found = []
-        for at in near:
-            half_angle = float(_half_angle(distances[at], self._tracker.box_radius))
-            pose = np.array([[*positions[at], np.arctan2(offsets[at, 1], offsets[at, 0])]])
+        for index in in_range:
+            half_angle = float(_half_angle(distances[index], self._tracker.box_radius))
+            pose = np.array([[*positions[index], np.arctan2(offsets[index, 1], offsets[index, 0])]])
             directions = np.array([-half_angle, 0.0, half_angle])
             left, middle, right = cast_rays(
                 grid.occupied, grid.resolution, grid.origin, pose, directions, MAX_DETECTION_RANGE + grid.resolution
             )[0]
-            if middle > distances[at] - 2 * self._tracker.box_radius and min(left, right) > distances[at]:
-                found.append(candidates[int(at)])
+            if middle > distances[index] - 2 * self._tracker.box_radius and min(left, right) > distances[index]:
+                found.append(candidates[int(index)])
         return found
 
 
 def _half_angle(distances: Floats, radius: float) -> Floats:
-    """Angle between the beam to a cell's centre and a beam that passes a box there, rad."""
+    """[N] angles, rad, between the beam to a cell's centre and the beams that must pass on both sides of it.
+
+    Args:
+        distances: [N] distances of the centres from the lidar, m.
+        radius: Radius of a box, m.
+    """
     angles: Floats = np.arcsin(np.minimum(BACKGROUND_OFFSET * radius / np.maximum(distances, radius), 1.0))
     return angles

@@ -9,24 +9,24 @@ import numpy as np
 from wherry.robot import Scan
 from wherry.space.pose import Floats
 
-# Ranges have noise of about 1 cm; door jambs and wall ends are flat or part of a longer surface.
-MAX_DETECTION_RANGE = 2.2  # m; beyond it a box of radius 10 cm returns fewer than MIN_BEAMS beams, 1° apart
-MIN_BEAMS = 5  # beams on a cylinder
-MIN_FOREGROUND_DEPTH = 0.12  # m by which the beams on both sides must pass beyond the cylinder's nearest point
-MAX_FIT_RESIDUAL = 0.02  # m, rms distance of a segment's points from the fitted circle
+# Tuned for range noise of about 1 cm and to reject door jambs and wall ends, which are flat or part of a surface.
+MAX_DETECTION_RANGE = 2.2  # m; at 1° per beam a box of radius 10 cm is hit by fewer than MIN_BEAMS beams beyond it
+MIN_BEAMS = 5  # beams that must hit a cylinder
+MIN_FOREGROUND_DEPTH = 0.12  # m from the cylinder's nearest point to the background on both sides
+MAX_FIT_RESIDUAL = 0.02  # m, root mean square distance of a segment's points from the fitted circle
 MIN_CHORD_RATIO = 1.2  # length of a segment's chord ÷ radius of the cylinder
-FIT_ITERATIONS = 6  # Gauss–Newton steps
-FIT_DAMPING = 1e-3  # Levenberg's damping, which keeps the centre of a nearly straight segment from diverging
+FIT_ITERATIONS = 6  # Levenberg–Marquardt steps with constant damping
+FIT_DAMPING = 1e-3  # added to the normal matrix, so that the centre of a nearly straight segment does not diverge
 
 
 def detect_cylinders(scan: Scan, radius: float) -> Floats:
     """Find the cylinders of a known radius in a scan.
 
-    The scan is cut into segments where the range jumps. A segment is a cylinder if it stands in front of its
-    background on both sides, is as wide as a cylinder, and fits a circle of that radius.
+    The scan is split into segments at range discontinuities. A segment is a cylinder if it is in front of its
+    background on both sides, has the width of a cylinder, and fits a circle of the radius.
 
     Args:
-        scan: A full turn of the lidar.
+        scan: A scan of 360°.
         radius: Radius of the cylinders, m.
 
     Returns:
@@ -39,7 +39,7 @@ def detect_cylinders(scan: Scan, radius: float) -> Floats:
 
 
 def _segments(ranges: Floats) -> list[tuple[int, int]]:
-    """First and one-past-last beam of each long, near segment without a range jump; one may wrap around beam 0."""
+    """First and one-past-last beam of each segment with enough beams in range; the first index may be negative."""
     following = np.roll(ranges, -1)
     with np.errstate(invalid="ignore"):
         jumps = ~(np.abs(following - ranges) < MIN_FOREGROUND_DEPTH / 2)  # inf - inf is NaN and counts as a jump
@@ -47,13 +47,13 @@ def _segments(ranges: Floats) -> list[tuple[int, int]]:
     if len(lasts) < 2:
         return []
     firsts = np.roll(lasts, 1) + 1
-    firsts[0] -= len(ranges)  # the segment that wraps around starts at a negative index
+    firsts[0] -= len(ranges)  # the segment that wraps around beam 0 starts at a negative index
     is_candidate = (lasts - firsts + 1 >= MIN_BEAMS) & (ranges[firsts] < MAX_DETECTION_RANGE + MIN_FOREGROUND_DEPTH)
     return list(zip(firsts[is_candidate].tolist(), (lasts[is_candidate] + 1).tolist(), strict=True))
 
 
 def _fit_segment(scan: Scan, ranges: Floats, start: int, end: int, radius: float) -> Floats | None:
-    """[2] centre, m, lidar frame, of the cylinder that beams ``start`` to ``end`` hit; None if it is no cylinder."""
+    """[2] centre, m, lidar frame, of the cylinder in beams ``start`` to ``end`` − 1; None if there is none."""
     beams = np.arange(start, end)
     distances = ranges[beams]
     background = np.array([ranges[start - 1], ranges[end % len(ranges)]])

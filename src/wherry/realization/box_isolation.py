@@ -1,4 +1,4 @@
-"""Which box tracks stand free of walls on a map, and the map without its boxes."""
+"""Rejection of box tracks that are parts of walls on the map, and removal of boxes from the map."""
 
 from __future__ import annotations
 
@@ -14,29 +14,43 @@ from wherry.realization.box_tracks import BoxTrack
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats
 
-RIM_WIDTH = 0.05  # m around a box's radius in which occupied cells may still be the box itself
-RING_WIDTH = 0.075  # m beyond the rim in which occupied cells connected to the box make it part of a wall
-UNKNOWN_GAP_WIDTH = 0.05  # m beyond the rim in which a wall may be connected to the box through unknown cells
-PARTIAL_MAP_GAP_WIDTH = 0.25  # m beyond the rim, the same as UNKNOWN_GAP_WIDTH for a map that is still growing
-MIN_FREE_RATIO = 0.7  # share of the ring's cells known to be free; a box seen from one side hides a fifth of its ring
+RIM_WIDTH = 0.05  # m around the box in which occupied cells may be the box itself
+RING_WIDTH = 0.075  # m beyond the rim; a box connected to occupied cells in this ring is part of a wall
+UNKNOWN_GAP_WIDTH = 0.05  # m beyond the rim within which unknown cells count as a connection to a wall
+PARTIAL_MAP_GAP_WIDTH = 0.25  # m, in place of UNKNOWN_GAP_WIDTH while the map is being built
+MIN_FREE_RATIO = 0.7  # fraction of the ring's cells that must be free; seen from one side, a box hides a fifth
 
 
 def isolated_boxes(tracks: Sequence[BoxTrack], grid: OccupancyGrid, radius: float) -> tuple[BoxTrack, ...]:
-    """The confirmed tracks that no wall on the map touches; a track that one touches is a wall's end or a jamb.
+    """The confirmed tracks that are not connected to a wall on the map, as wall ends and door jambs are.
 
     Args:
         tracks: Box tracks.
-        grid: The map; boxes may be on it or not.
+        grid: The map, with or without boxes.
         radius: Radius of a box, m.
     """
-    return tuple(track for track in tracks if track.is_confirmed and not _Surroundings.of(track, grid, radius).has_wall)
+    return tuple(
+        track
+        for track in tracks
+        if track.is_confirmed and not _Surroundings.of(track, grid, radius).is_connected_to_wall
+    )
 
 
 def isolated_boxes_on_partial_map(
     tracks: Sequence[BoxTrack], grid: OccupancyGrid, radius: float
 ) -> tuple[BoxTrack, ...]:
-    """As `isolated_boxes`, but only those with known free space around them, so that no later scan can show a wall."""
-    return tuple(track for track in tracks if track.is_confirmed and _Surroundings.of(track, grid, radius).is_free)
+    """The confirmed tracks surrounded by known free space, so that no later scan can connect them to a wall.
+
+    Args:
+        tracks: Box tracks.
+        grid: The map so far, with or without boxes.
+        radius: Radius of a box, m.
+    """
+    return tuple(
+        track
+        for track in tracks
+        if track.is_confirmed and _Surroundings.of(track, grid, radius).is_surrounded_by_free_space
+    )
 
 
 @dataclass(frozen=True)
@@ -44,7 +58,7 @@ class _Surroundings:
     """The map around a box track.
 
     Attributes:
-        distance: [H, W] distance from the outer edge of the box's rim, m; at most 0 on the box.
+        distance: [H, W] distance beyond the box's rim, m; at most 0 on the box and its rim.
         free: [H, W] True where the map is free.
         occupied: [H, W] True where the map is occupied.
     """
@@ -61,34 +75,40 @@ class _Surroundings:
         return cls(distance, grid.free[window], grid.occupied[window])
 
     @property
-    def has_wall(self) -> bool:
-        """Whether occupied cells beyond the rim are connected to the box, directly or through a small unknown gap."""
-        return self._has_connected_wall(self.occupied, RING_WIDTH) or self._has_connected_wall(
+    def is_connected_to_wall(self) -> bool:
+        """Whether the box is connected to occupied cells beyond its rim, directly or through a small unknown gap."""
+        return self._connects_to_wall(self.occupied, RING_WIDTH) or self._connects_to_wall(
             ~self.free, UNKNOWN_GAP_WIDTH
         )
 
     @property
-    def is_free(self) -> bool:
-        """Whether the ring around the box is known to be free, and no wall can be connected through unknown cells."""
+    def is_surrounded_by_free_space(self) -> bool:
+        """Whether most of the ring is known to be free, and no unknown cells can connect the box to a wall."""
         ring = (self.distance > 0.0) & (self.distance < RING_WIDTH)
-        is_known_free = bool(ring.any()) and float(np.mean(self.free[ring])) >= MIN_FREE_RATIO
-        return is_known_free and not self._has_connected_wall(~self.free, PARTIAL_MAP_GAP_WIDTH)
+        is_ring_free = bool(ring.any()) and float(np.mean(self.free[ring])) >= MIN_FREE_RATIO
+        return is_ring_free and not self._connects_to_wall(~self.free, PARTIAL_MAP_GAP_WIDTH)
 
-    def _has_connected_wall(self, cells: NDArray[np.bool_], width: float) -> bool:
-        """Whether cells within a width, m, of the rim connect the box to an occupied cell beyond the rim."""
-        component = self._component_of_box(cells & (self.distance < width))
+    def _connects_to_wall(self, mask: NDArray[np.bool_], width: float) -> bool:
+        """Whether a mask's cells within a width, m, of the rim connect the box to an occupied cell beyond the rim."""
+        component = self._component_of_box(mask & (self.distance < width))
         return bool(np.any(component & self.occupied & (self.distance > 0.0)))
 
-    def _component_of_box(self, cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """[H, W] the 8-connected component of cells that contains the box."""
+    def _component_of_box(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """[H, W] the 8-connected component of a mask that contains the box."""
         on_box = self.distance <= 0.0
-        labels, _ = ndimage.label(cells | on_box, structure=np.ones((3, 3)))
+        labels, _ = ndimage.label(mask | on_box, structure=np.ones((3, 3)))
         component: NDArray[np.bool_] = (labels > 0) & np.isin(labels, labels[on_box])
         return component
 
 
 def erase_boxes(grid: OccupancyGrid, tracks: Sequence[BoxTrack], radius: float) -> OccupancyGrid:
-    """The map with the cells of boxes set free, since boxes are removed and walls are not; the same map if no boxes."""
+    """The map with the cells of boxes set free.
+
+    Args:
+        grid: The map.
+        tracks: The boxes to erase.
+        radius: Radius of a box, m.
+    """
     if not tracks:
         return grid
     probability = grid.probability.copy()
@@ -100,7 +120,7 @@ def erase_boxes(grid: OccupancyGrid, tracks: Sequence[BoxTrack], radius: float) 
 
 
 def _window(track: BoxTrack, grid: OccupancyGrid, reach: float) -> tuple[slice, slice]:
-    """Rows and columns of the map that contain all cells within a reach, m, of a box's centre."""
+    """Rows and columns of a window of the map with all cells within a distance, m, of a box's centre."""
     row, column = grid.cells_at(np.array([[track.x, track.y]]))[0].tolist()
     half = math.ceil(reach / grid.resolution) + 1
     return (

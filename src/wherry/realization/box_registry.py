@@ -1,4 +1,4 @@
-"""The boxes of a delivery as objects of the State: names, tracks, and which one the latch holds."""
+"""The boxes of a delivery as objects of the State, with their names and tracks."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from wherry.space.pose import Floats, Pose
 
 @dataclass(frozen=True, slots=True)
 class BoxObject:
-    """A box as the robot knows it.
+    """A box that the robot found and has not delivered yet.
 
     Attributes:
         name: Name of the object in the State.
-        track: Where the box was last detected on the floor.
+        track: Track of the box, at its last position on the floor.
         is_held: Whether the latch holds it.
     """
 
@@ -28,45 +28,47 @@ class BoxObject:
 
     @property
     def position(self) -> Floats:
-        """[2] centre where it was last detected on the floor, m, map frame."""
+        """[2] centre of the track, m, map frame."""
         return np.array([self.track.x, self.track.y])
 
 
 class BoxRegistry:
-    """Every box that was found and is not delivered yet.
+    """All boxes that were found and are not delivered yet.
 
     Args:
-        tracks: The boxes on the floor; they are named in this order.
+        tracks: Tracks of the boxes on the floor, which are named in this order.
 
     Attributes:
         boxes: The boxes on the floor and in the fork.
-        picked_up: The tracks of all boxes that were picked up, where they stood before.
-        delivered: Number of boxes delivered.
+        picked_up: Tracks of all boxes that were picked up so far, at their positions before.
+        delivered: Number of delivered boxes.
     """
 
     def __init__(self, tracks: Sequence[BoxTrack]) -> None:
         self.boxes: tuple[BoxObject, ...] = ()
         self.picked_up: tuple[BoxTrack, ...] = ()
         self.delivered = 0
-        self._named = 0
+        self._name_count = 0
         self.add(tracks)
 
     @property
     def on_floor(self) -> tuple[BoxObject, ...]:
-        """The boxes on the floor, one in the fork that is not held included."""
+        """The boxes on the floor, including one between the prongs that the latch does not hold."""
         return tuple(box for box in self.boxes if not box.is_held)
 
     @property
     def held(self) -> BoxObject | None:
-        """The box that the latch holds, if any."""
+        """The box that the latch holds; None for none."""
         return next((box for box in self.boxes if box.is_held), None)
 
     def add(self, tracks: Sequence[BoxTrack]) -> None:
-        """Register the tracks that are not known yet, and name their boxes."""
+        """Add and name the boxes whose tracks are not known yet."""
         known = {box.track.track_id for box in self.on_floor}
         new = [track for track in tracks if track.track_id not in known]
-        self.boxes += tuple(BoxObject(f"box{self._named + at}", track) for at, track in enumerate(new, start=1))
-        self._named += len(new)
+        self.boxes += tuple(
+            BoxObject(f"box{self._name_count + number}", track) for number, track in enumerate(new, start=1)
+        )
+        self._name_count += len(new)
 
     def pick_up(self, picked: BoxObject) -> None:
         """Mark a box as held."""
@@ -74,7 +76,7 @@ class BoxRegistry:
         self.picked_up += (picked.track,)
 
     def deliver(self, delivered: BoxObject) -> None:
-        """Remove a box that the warehouse has taken."""
+        """Remove a box that the warehouse has taken, and count it as delivered."""
         self.remove(delivered)
         self.delivered += 1
 
@@ -83,7 +85,13 @@ class BoxRegistry:
         self.boxes = tuple(box for box in self.boxes if box is not removed)
 
     def update(self, scan: Scan, pose: Pose, body: Body) -> None:
-        """Update the tracks of the boxes on the floor with a scan, taken with base_link at a pose in the map frame."""
+        """Update the tracks of the boxes on the floor with a scan.
+
+        Args:
+            scan: The new scan.
+            pose: base_link in the map frame at the scan's time.
+            body: The robot's shape.
+        """
         on_floor = [box.track for box in self.on_floor]
         if not on_floor:
             return

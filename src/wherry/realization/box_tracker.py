@@ -1,4 +1,4 @@
-"""Tracking of boxes while the robot drives."""
+"""Tracking of boxes during a survey, as a scan callback of the pilot."""
 
 from __future__ import annotations
 
@@ -12,15 +12,18 @@ from wherry.robot import Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
-DETECTION_PERIOD = 3  # scans from one that is searched for boxes to the next
+DETECTION_PERIOD = 3  # boxes are detected in every third scan
 
 
 class BoxTracker:
-    """A scan callback of the pilot that updates box tracks and keeps the scans for `BoxCoverage`.
+    """Updates box tracks with the pilot's scans, and stores these scans for `BoxCoverage`.
+
+    Args:
+        pilot: Source of the scans.
 
     Attributes:
         tracks: The box tracks so far.
-        observations: Every scan that was searched for boxes, with the lidar's pose in the map frame at its time.
+        observations: All scans that were searched for boxes, each with the lidar's pose in the map frame.
         box_radius: Radius of a box, m.
     """
 
@@ -32,15 +35,20 @@ class BoxTracker:
         self._scan_count = 0
 
     def start(self) -> None:
-        """Receive the pilot's scans from now on."""
+        """Begin to receive the pilot's scans."""
         self._pilot.scan_callbacks.append(self)
 
     def stop(self) -> None:
-        """Receive no more scans."""
+        """Stop receiving scans."""
         self._pilot.scan_callbacks.remove(self)
 
     def __call__(self, scan: Scan, pose: Pose) -> None:
-        """Update the tracks with a scan, taken with base_link at a pose in the map frame."""
+        """Update the tracks with every `DETECTION_PERIOD`-th scan.
+
+        Args:
+            scan: The new scan.
+            pose: base_link in the map frame at the scan's time.
+        """
         self._scan_count += 1
         if self._scan_count % DETECTION_PERIOD:
             return
@@ -50,8 +58,11 @@ class BoxTracker:
         self.observations.append((pose @ body.lidar, scan))
 
     def publish(self, grid: OccupancyGrid) -> tuple[BoxTrack, ...]:
-        """Give the pilot the boxes that no later scan can turn into walls; return all that are isolated on the map."""
-        shown = isolated_boxes_on_partial_map(self.tracks, grid, self.box_radius)
-        positions = np.array([(track.x, track.y) for track in shown]).reshape(-1, 2)
+        """Pass the boxes that are certain on the map so far to the pilot; return all isolated boxes.
+
+        The pilot records its boxes for the views, which must not show one that later turns out to be a wall.
+        """
+        certain = isolated_boxes_on_partial_map(self.tracks, grid, self.box_radius)
+        positions = np.array([(track.x, track.y) for track in certain]).reshape(-1, 2)
         self._pilot.boxes = KnownBoxes(positions, is_holding=self._pilot.boxes.is_holding)
         return isolated_boxes(self.tracks, grid, self.box_radius)

@@ -1,4 +1,4 @@
-"""Tracks of boxes on the map: data association, position filter, and confirmation by detection ratio."""
+"""Box tracks on the map: data association, position filter, and confirmation by detection ratio."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from wherry.realization.box_detection import MAX_DETECTION_RANGE, detect_cylinde
 from wherry.robot import Body, Scan
 from wherry.space.pose import Floats, Pose
 
-ASSOCIATION_GATE = 0.25  # m between a track and a detection of the same box
-MIN_DETECTIONS = 5  # detections of a confirmed track
-MIN_DETECTION_RATIO = 0.5  # detections ÷ opportunities of a confirmed track
+ASSOCIATION_GATE = 0.25  # m, largest distance of a detection from the track that it is assigned to
+MIN_DETECTIONS = 5  # detections that confirm a track
+MIN_DETECTION_RATIO = 0.5  # smallest ratio of detections to opportunities of a confirmed track
 RELIABLE_RANGE = 1.5  # m within which an unoccluded box is always detected
-NEAR_RANGE = 1.0  # m within which a detection has at least the weight NEAR_WEIGHT
-NEAR_WEIGHT = 0.3  # smallest weight of a near detection against the track's mean, since pose errors grow with range
+NEAR_RANGE = 1.0  # m within which a detection has at least the weight NEAR_WEIGHT, since errors grow with range
+NEAR_WEIGHT = 0.3  # smallest weight of a near detection in the running mean of a track's position
 
 
 @dataclass(frozen=True, slots=True)
 class BoxTrack:
-    """A box hypothesis at a place on the map.
+    """A hypothesis of a box at a position on the map.
 
     Attributes:
         track_id: Number of the track, from 0 in the order of first detection.
-        x: Estimated centre, m, map frame.
-        y: Estimated centre, m, map frame.
-        detections: Number of scans in which a cylinder was detected at this place.
-        opportunities: Number of scans in which a box at this place would have been detected.
+        x: Estimated x coordinate of the centre, m, map frame.
+        y: Estimated y coordinate of the centre, m, map frame.
+        detections: Number of scans in which a cylinder was detected here.
+        opportunities: Number of scans in which a box here would have been detected.
     """
 
     track_id: int
@@ -47,8 +47,8 @@ class BoxTrack:
 def update_tracks(tracks: Sequence[BoxTrack], scan: Scan, pose: Pose, body: Body) -> tuple[BoxTrack, ...]:
     """Update the tracks with a scan.
 
-    Each track takes the nearest unassigned detection within the association gate. A track without one counts a missed
-    opportunity if the scan shows its place well enough. Detections that are left start new tracks.
+    Each track is assigned the nearest unassigned detection within `ASSOCIATION_GATE`. Without one it counts a missed
+    opportunity if a box there would have been detected. Unassigned detections start new tracks.
 
     Args:
         tracks: The tracks so far.
@@ -57,7 +57,7 @@ def update_tracks(tracks: Sequence[BoxTrack], scan: Scan, pose: Pose, body: Body
         body: The robot's shape.
 
     Returns:
-        The updated tracks in their order, then the new ones.
+        The updated tracks in the same order, then the new ones.
     """
     lidar = pose @ body.lidar
     detections = lidar.transform(detect_cylinders(scan, body.box_radius))
@@ -80,7 +80,7 @@ def update_tracks(tracks: Sequence[BoxTrack], scan: Scan, pose: Pose, body: Body
 
 
 def _with_detection(track: BoxTrack, detection: Floats, lidar: Pose) -> BoxTrack:
-    """The track, its centre moved towards a detection [2], m, map frame: a running mean, weighted more when near."""
+    """Update the running mean of a track's centre with a detection, [2] m, map frame; a near one weighs more."""
     distance = math.hypot(detection[0] - lidar.x, detection[1] - lidar.y)
     weight = max(1 / (track.detections + 1), NEAR_WEIGHT if distance < NEAR_RANGE else 0.0)
     return replace(
@@ -93,9 +93,9 @@ def _with_detection(track: BoxTrack, detection: Floats, lidar: Pose) -> BoxTrack
 
 
 def _would_be_detected(scan: Scan, lidar: Pose, track: BoxTrack, radius: float) -> bool:
-    """Whether a box at the track's place would be detected in this scan.
+    """Whether a box at the track's position would be detected in a scan.
 
-    True if the beams towards it all pass well beyond it, or if it is in reliable range and nothing occludes it.
+    True if all beams towards the position end well beyond it, or if it is within `RELIABLE_RANGE` and not occluded.
     """
     dx, dy = track.x - lidar.x, track.y - lidar.y
     distance, bearing = math.hypot(dx, dy), math.atan2(dy, dx) - lidar.theta
@@ -108,7 +108,7 @@ def _would_be_detected(scan: Scan, lidar: Pose, track: BoxTrack, radius: float) 
 
 
 def _ranges_around(scan: Scan, bearing: float, half_angle: float) -> Floats:
-    """[N] ranges, m, of the beams within half_angle, rad, of a bearing, rad, lidar frame; 0 for invalid beams."""
+    """[N] ranges, m, of the beams within half_angle, rad, of a bearing, rad, lidar frame; 0 for NaN."""
     middle = round((bearing - scan.angle_min) / scan.angle_increment)
     half = max(int(half_angle / abs(scan.angle_increment)), 1)
     beams = np.arange(middle - half, middle + half + 1) % len(scan.ranges)

@@ -1,4 +1,4 @@
-"""From a metric map to a floor plan of cells, and from a live scan to the touch relations (paper, section 7)."""
+"""Discretization of a metric map to a floor plan, and of a scan to touch relations (paper, section 7)."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
-CLEARANCE_TOLERANCE = 0.05  # m by which a passage may be narrower than the robot, as map cells round by about as much
-PASSAGE_SAMPLES = 13  # points at which the clearance between two cells' centres is sampled
+CLEARANCE_TOLERANCE = 0.05  # m by which a passage may seem narrower than the robot, owing to the map's resolution
+PASSAGE_SAMPLES = 13  # points between two cells' centres at which the clearance is sampled
 MIN_BLOCKING_BEAMS = 2  # beams that must end in a passage for it to be blocked
-BOX_MARGIN = 1.5  # box radii around a box's centre within which a beam ends on the box
+BOX_MARGIN = 1.5  # largest distance from a box's centre of a beam end that is attributed to the box ÷ box radius
 
 
 def floor_plan_from_map(grid: OccupancyGrid, frame: CellFrame, radius: float, name: str = "map") -> FloorPlan:
-    """Discretize a map: which cells the robot fits in, and between which neighbours it can drive.
+    """Find the cells in which the robot fits and the walls between them.
 
     Args:
         grid: The map, without boxes.
-        frame: Where the cells lie on the map.
+        frame: The cell frame on the map.
         radius: Radius of the robot's footprint, m.
         name: Name of the plan.
 
     Returns:
-        A plan without robot, boxes or warehouse. Its obstacles are the cells that are unknown, or in whose centre the
-        robot does not fit.
+        A plan without robot, boxes or warehouse. Its obstacles are the cells whose centre is not known to be free or
+        has too little clearance.
     """
     clearance = obstacle_distances(grid.occupied, grid.resolution)
     min_clearance = radius - CLEARANCE_TOLERANCE
@@ -49,7 +49,7 @@ def floor_plan_from_map(grid: OccupancyGrid, frame: CellFrame, radius: float, na
 
 
 def _extent(grid: OccupancyGrid, frame: CellFrame) -> tuple[int, int]:
-    """Columns and rows of cells from the frame's origin to the map's farthest corner."""
+    """Number of columns and rows of cells from the frame's origin to the map's farthest corner."""
     height, width = grid.shape
     corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) * grid.resolution
     last_column, last_row = frame.cells_at(grid.origin.transform(corners)).max(axis=0)
@@ -59,7 +59,7 @@ def _extent(grid: OccupancyGrid, frame: CellFrame) -> tuple[int, int]:
 def _walls_between(
     open_cells: set[Cell], grid: OccupancyGrid, clearance: Floats, frame: CellFrame, min_clearance: float
 ) -> set[Wall]:
-    """The edges between open neighbours where the clearance, m, along the line between their centres is too small."""
+    """The edges between open neighbours without the minimum clearance on the line between their centres."""
     passages = [
         (cell, direction)
         for cell in open_cells
@@ -77,7 +77,7 @@ def _walls_between(
 
 
 def _sample(grid: OccupancyGrid, values: NDArray[np.float64] | NDArray[np.bool_], points: Floats) -> Floats:
-    """[N] the values [H, W] of the map's cells at points [N, 2], m, map frame; 0 beyond its edge."""
+    """[N] values of the grid cells, from [H, W], that contain points [N, 2], m, map frame; 0 outside the map."""
     cells = grid.cells_at(points)
     inside = grid.contains(cells)
     sampled: Floats = np.zeros(len(points))
@@ -86,7 +86,7 @@ def _sample(grid: OccupancyGrid, values: NDArray[np.float64] | NDArray[np.bool_]
 
 
 def occupied_cells(grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan) -> frozenset[Cell]:
-    """The cells whose centre is occupied on the map, by a box perhaps; walls and obstacles' faces lie on the edges."""
+    """The cells that are occupied near their centre, for example by a box; walls lie on the cells' edges."""
     points = grid.occupied_points()
     cells = frame.cells_at(points)
     is_inner = np.hypot(*(points - frame.centres(cells)).T) < frame.cell_size / 3
@@ -97,27 +97,27 @@ def occupied_cells(grid: OccupancyGrid, frame: CellFrame, plan: FloorPlan) -> fr
 def blocked_directions(
     scan: Scan, lidar: Pose, cell: Cell, frame: CellFrame, radius: float, boxes: Floats, box_radius: float
 ) -> dict[Direction, bool]:
-    """touch_N, touch_S, touch_E, touch_W of a live scan, as far as the scan shows them.
+    """Compute touch_N, touch_S, touch_E and touch_W from a scan, for the directions that it observes.
 
-    A passage is the strip, as wide as the robot, from the cell's centre to where the robot's front would be in the next
-    cell. It is blocked if beams end in it on something other than a box, and open if beams cross all of its width and
-    end beyond it. With a box in the fork the lidar may observe neither.
+    A passage is the strip, as wide as the robot, from the cell's centre to the robot's front when it stands in the next
+    cell. It is blocked if beams end in it on anything but a box, and open if beams cross its whole width and end beyond
+    it. A direction may be unobserved where a box in the fork occludes it.
 
     Args:
         scan: The scan.
         lidar: The lidar in the map frame.
         cell: The robot's cell.
-        frame: Where the cells lie on the map.
+        frame: The cell frame on the map.
         radius: Radius of the robot's footprint, m.
         boxes: [B, 2] centres of the boxes on the floor or in the fork, m, map frame.
         box_radius: Radius of a box, m.
 
     Returns:
-        For each direction that the scan shows, whether the passage is blocked.
+        Whether the passage is blocked, for each observed direction.
     """
-    ends, lengths, is_hit = _beam_ends(scan, lidar)
+    ends, lengths, has_return = _beam_ends(scan, lidar)
     for box in boxes:
-        is_hit &= np.hypot(ends[:, 0] - box[0], ends[:, 1] - box[1]) > BOX_MARGIN * box_radius
+        has_return &= np.hypot(ends[:, 0] - box[0], ends[:, 1] - box[1]) > BOX_MARGIN * box_radius
     centre = frame.centre(cell.x, cell.y)
     passage_length = frame.cell_size + radius - CLEARANCE_TOLERANCE
     half_width = radius - CLEARANCE_TOLERANCE / 2
@@ -126,7 +126,7 @@ def blocked_directions(
         heading = frame.heading(direction.dx, direction.dy)
         local = Pose(float(centre[0]), float(centre[1]), heading).inverse.transform(ends)
         along, lateral = local[:, 0], np.abs(local[:, 1])
-        is_inside = is_hit & (along > 0) & (along < passage_length) & (lateral < half_width)
+        is_inside = has_return & (along > 0) & (along < passage_length) & (lateral < half_width)
         is_beyond = (along >= passage_length) & (lateral < along) & (lengths > 0)
         if np.count_nonzero(is_inside) >= MIN_BLOCKING_BEAMS:
             blocked[direction] = True
@@ -136,22 +136,22 @@ def blocked_directions(
 
 
 def _beam_ends(scan: Scan, lidar: Pose) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """[R, 2] beam ends, m, map frame; [R] beam lengths, m; [R] which beams hit something.
+    """[R, 2] beam ends, m, map frame; [R] beam lengths, m; [R] True for beams with a return.
 
-    A beam without a return ends at the maximum range, an invalid one at the lidar.
+    A beam without a return ends at the maximum range, an invalid beam at the lidar.
     """
-    is_hit = scan.valid
-    lengths = np.where(is_hit, scan.ranges, np.where(np.isposinf(scan.ranges), scan.range_max, 0.0))
+    has_return = scan.valid
+    lengths = np.where(has_return, scan.ranges, np.where(np.isposinf(scan.ranges), scan.range_max, 0.0))
     ends = lidar.transform(np.column_stack([lengths * np.cos(scan.angles), lengths * np.sin(scan.angles)]))
-    return ends, lengths, is_hit
+    return ends, lengths, has_return
 
 
 def _cross_whole_width(points: Floats, distance: float, radius: float) -> bool:
-    """Whether beams cross the left, the middle and the right third of a passage's far end.
+    """Whether beams cross the left, the middle and the right third of a passage's end.
 
     Args:
         points: [N, 2] ends of the beams, m, in the frame of the passage's start, x along it.
-        distance: Distance of the passage's far end, m.
+        distance: Distance from the passage's start to its end, m.
         radius: Half the passage's width, m.
     """
     if not len(points):

@@ -1,4 +1,4 @@
-"""The robot's world as an Environment: States are perceived in scans, Actions are driven (paper, section 7)."""
+"""The robot as an `Environment`: perceives States in scans and executes Actions by driving (paper, section 7)."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from wherry.space.frame import CellFrame
 from wherry.space.pose import Pose
 from wherry.trace.records import Narration, Phase
 
-INTAKE_TIMEOUT = 50  # scans that the robot waits for the warehouse's conveyor to take its box
+INTAKE_TIMEOUT = 50  # scans for which the robot waits until the conveyor has taken its box
 
-COMPASS = {name: Direction(step) for name, step in DIRECTIONS.items()}
+DIRECTION_BY_NAME = {name: Direction(step) for name, step in DIRECTIONS.items()}
 
 
 class RobotEnvironment:
-    """A robot that stands in a cell, perceives a State, and executes Actions.
+    """A robot in a world of cells: perceives States and executes Actions.
 
     Args:
         pilot: Drives the robot and tracks its pose.
-        frame: Where the cells lie on the map.
-        site: The walls that the map shows, and the warehouse.
+        frame: The cell frame on the map.
+        site: The map's walls, and the warehouse.
         boxes: Tracks of the boxes that were found.
 
     Attributes:
         pilot: Drives the robot and tracks its pose.
-        frame: Where the cells lie on the map.
-        site: The walls that the map and live scans show, and the warehouse.
+        frame: The cell frame on the map.
+        site: The walls of the map, corrected by scans, and the warehouse.
     """
 
     def __init__(self, pilot: Pilot, frame: CellFrame, site: DeliverySite, boxes: Sequence[BoxTrack]) -> None:
@@ -58,7 +58,7 @@ class RobotEnvironment:
 
     @property
     def domain(self) -> Domain:
-        """Delivery, within the map's bounds."""
+        """The delivery domain within the map's bounds."""
         return self.site.domain
 
     @property
@@ -70,7 +70,7 @@ class RobotEnvironment:
 
     @property
     def delivered(self) -> int:
-        """Number of boxes delivered."""
+        """Number of delivered boxes."""
         return self._boxes.delivered
 
     @property
@@ -85,7 +85,7 @@ class RobotEnvironment:
 
     @property
     def picked_up(self) -> tuple[BoxTrack, ...]:
-        """Tracks of the boxes that were picked up so far, where they stood before."""
+        """Tracks of the boxes that were picked up so far, at their positions before."""
         return self._boxes.picked_up
 
     @property
@@ -94,11 +94,11 @@ class RobotEnvironment:
         return self._boxes.held is not None
 
     def update_map(self, frame: CellFrame, site: DeliverySite, boxes: Sequence[BoxTrack]) -> None:
-        """Replace the map by one that shows more; the known boxes keep their names.
+        """Replace the map by an extended one; the known boxes keep their names.
 
         Args:
-            frame: Where the cells lie on the new map.
-            site: The walls that the new map shows, and the warehouse.
+            frame: The cell frame on the new map.
+            site: The new map's walls, and the warehouse.
             boxes: Tracks of the boxes on the floor; those with a new track id are added.
         """
         self._boxes.add(boxes)
@@ -106,7 +106,7 @@ class RobotEnvironment:
         self._update_pilot()
 
     def leave_unheld_box(self) -> bool:
-        """Drive out of a cell with a box that is not held; return whether the robot's cell has none now."""
+        """Leave a cell with a box that is not held, if the robot is in one; return whether its cell has no box now."""
         here = self.cell
         if self._box_in(here) is None:
             return True
@@ -118,17 +118,17 @@ class RobotEnvironment:
         return False
 
     def reset(self, rng: np.random.Generator) -> State:
-        """Perceive the present State; a real world is not put back."""
+        """Perceive the present State; the real world is not reset."""
         return self._perceive()
 
     def step(self, action: Action) -> Transition:
-        """Execute an action and perceive its outcome.
+        """Execute an action and perceive the next State.
 
-        An action during which the robot was lost is not a valid sample: it is executed again from the cell in which the
-        robot is then localized.
+        An action during which the robot got lost is not a valid sample; it is executed again from the cell in which the
+        robot is localized afterwards.
 
         Raises:
-            ValueError: There is no such action.
+            ValueError: The domain has no such action.
         """
         while True:
             times_lost = self.pilot.times_lost
@@ -143,14 +143,15 @@ class RobotEnvironment:
             self._centre_in_cell()
 
     def _without_false_boxes(self, state: State) -> State:
-        """The state without the boxes that proved to be false detections, as no action has removed them."""
+        """The state without the boxes that turned out to be false detections, so that no effect removes them."""
         for name in self._false_boxes:
             state = state.without(name) if state.get(name) is not None else state
         return state
 
     def _execute(self, action: Action) -> None:
+        """Drive a move, or close or open the latch."""
         if action in MOVES:
-            self._move(COMPASS[MOVES[action]])
+            self._move(DIRECTION_BY_NAME[MOVES[action]])
         elif action == PICKUP:
             self._pick_up()
         elif action == DROPOFF:
@@ -164,22 +165,26 @@ class RobotEnvironment:
         self.pilot.go_to(Pose(x, y, self.pilot.pose.theta), reverse=self.is_holding)
 
     def _move(self, direction: Direction) -> None:
-        """Drive to the next cell, and dock there if a box stands in it and the fork is empty."""
+        """Drive to the next cell; dock if a box stands in it and the fork is empty."""
         here, there = self.cell, self.cell.neighbour(direction)
         box_ahead, box_here = self._box_in(there), self._box_in(here)
-        fork_full = self.is_holding or box_here is not None
-        docking = box_ahead is not None and not fork_full
-        home = self.frame.centre(here.x, here.y) if box_here is None else box_here.position
-        goal = box_ahead.position if box_ahead is not None and docking else self.frame.centre(there.x, there.y)
-        move_to_cell(self.pilot, home, goal, docking=docking, fork_full=fork_full, held=self.is_holding)
+        is_fork_full = self.is_holding or box_here is not None
+        is_docking = box_ahead is not None and not is_fork_full
+        start = self.frame.centre(here.x, here.y) if box_here is None else box_here.position
+        goal = box_ahead.position if box_ahead is not None and is_docking else self.frame.centre(there.x, there.y)
+        move_to_cell(
+            self.pilot, start, goal, is_docking=is_docking, is_fork_full=is_fork_full, is_holding=self.is_holding
+        )
 
     def _pick_up(self) -> None:
+        """Close the latch, and mark the box of the robot's cell as held if it holds one."""
         box = self._box_in(self.cell)
         if self.pilot.robot.close_latch() and box is not None and not self.is_holding:
             self._boxes.pick_up(box)
         self._update_pilot()
 
     def _drop_off(self) -> None:
+        """Open the latch, and count the held box as delivered if it was released."""
         held = self._boxes.held
         if self.pilot.robot.open_latch() and held is not None:
             self._boxes.deliver(held)
@@ -187,13 +192,13 @@ class RobotEnvironment:
             self._wait_for_intake()
 
     def _wait_for_intake(self) -> None:
-        """Stand still until the conveyor has taken the box out of the fork, or the wait times out."""
+        """Wait until the conveyor has taken the box out of the fork, or until the timeout."""
         for _ in range(INTAKE_TIMEOUT):
             if not detects_load(self.pilot.wait_for_scan(), self.pilot.body):
                 return
 
     def _perceive(self) -> State:
-        """Take a scan, correct the boxes and walls around the robot by it, and return the State."""
+        """Wait for a scan, correct the boxes and walls around the robot with it, and return the State."""
         scan = self.pilot.wait_for_scan()
         if not self.pilot.tracker.is_lost:
             self._remove_false_box(scan)
@@ -202,7 +207,7 @@ class RobotEnvironment:
         return self.site.state(self.cell, boxes)
 
     def _remove_false_box(self, scan: Scan) -> None:
-        """Remove a box that should stand in the fork but that the scan does not show there."""
+        """Remove the box of the robot's cell if the scan shows none in the fork."""
         box = self._box_in(self.cell)
         if box is None or detects_load(scan, self.pilot.body):
             return
@@ -213,7 +218,7 @@ class RobotEnvironment:
         self.pilot.sink(Narration(self.pilot.time, Phase.SURVEY, text))
 
     def _correct_walls(self, scan: Scan) -> None:
-        """Replace the walls around the robot's cell by what the scan shows, since a live scan outranks the map."""
+        """Replace the walls around the robot's cell by those in the scan, which is more recent than the map."""
         pilot, body, cell = self.pilot, self.pilot.body, self.cell
         positions = np.array([box.position for box in self.boxes_on_floor]).reshape(-1, 2)
         scan, lidar = mask_load(scan, body), pilot.pose @ body.lidar
@@ -221,20 +226,21 @@ class RobotEnvironment:
         self.site = _with_walls_around(self.site, cell, blocked)
 
     def _update_boxes(self, scan: Scan, pose: Pose) -> None:
-        """Update the tracks of the boxes on the floor, which are more accurate the nearer the robot is."""
+        """Update the tracks of the boxes on the floor, whose accuracy increases as the robot approaches."""
         self._scan_count += 1
         if self._scan_count % DETECTION_PERIOD == 0:
             self._boxes.update(scan, pose, self.pilot.body)
 
     def _box_in(self, cell: Cell) -> BoxObject | None:
-        """The box on the floor of a cell."""
+        """The box on the floor of a cell; None for none."""
         return next((box for box in self.boxes_on_floor if self._cell_of(box) == cell), None)
 
     def _cell_of(self, box: BoxObject) -> Cell:
+        """The cell that contains a box's centre."""
         return Cell(*self.frame.cell_at(box.track.x, box.track.y))
 
     def _update_pilot(self) -> None:
-        """Tell the pilot where the boxes are."""
+        """Pass the boxes' positions and the load to the pilot."""
         on_floor = [box.position for box in self.boxes_on_floor]
         self.pilot.boxes = KnownBoxes(np.array(on_floor).reshape(-1, 2), is_holding=self.is_holding)
 
@@ -242,7 +248,7 @@ class RobotEnvironment:
 def _with_walls_around(site: DeliverySite, cell: Cell, blocked: Mapping[Direction, bool]) -> DeliverySite:
     """The site with a wall in each blocked direction of a cell, and none in the other observed directions.
 
-    Walls at the map's bounds stay, since there are no states beyond.
+    Walls on the map's bounds are kept, since there are no states beyond them.
     """
     (west, east), (south, north) = site.x_range, site.y_range
     walls = set(site.walls)

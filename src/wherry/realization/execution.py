@@ -1,4 +1,4 @@
-"""Execution of symbolic moves: driving from cell to cell, and docking on boxes (paper, section 7)."""
+"""Execution of symbolic moves: driving from cell to cell and docking on boxes (paper, section 7)."""
 
 from __future__ import annotations
 
@@ -11,56 +11,58 @@ from wherry.realization.box_detection import detect_cylinders
 from wherry.realization.pilot import Pilot
 from wherry.space.pose import Floats, Pose
 
-DOCKING_SPEED = 0.3  # m/s
-MAX_DETECTION_ATTEMPTS = 8  # scans in which a box to dock on is looked for
-DOCKING_GATE = 0.1  # m from the box's expected place to a detection of it
-CELL_TOLERANCE = 0.05  # m from a cell's centre within which a blocked robot has arrived
-BOX_CLEARANCE = 2.0  # box radii around the box to dock on in which readings are no obstacle
+DOCKING_SPEED = 0.3  # m/s, largest speed with a box ahead
+MAX_DETECTION_ATTEMPTS = 8  # scans in which the box to dock on must be detected once
+DOCKING_GATE = 0.1  # m, largest distance of a detection from the box's expected position
+CELL_TOLERANCE = 0.05  # m from the goal within which a blocked robot counts as arrived
+BOX_CLEARANCE = 2.0  # radius of the disc around the box to dock on in which readings are ignored ÷ box radius
 
 
-def move_to_cell(pilot: Pilot, home: Floats, goal: Floats, *, docking: bool, fork_full: bool, held: bool) -> bool:
-    """Drive straight from one cell's centre to the next one's; if blocked, drive back.
+def move_to_cell(
+    pilot: Pilot, start: Floats, goal: Floats, *, is_docking: bool, is_fork_full: bool, is_holding: bool
+) -> bool:
+    """Drive straight from a cell's centre to the next one's; drive back if blocked.
 
-    A robot with an empty fork drives forwards, so that it docks where a box stands. With a box in the fork it drives in
-    reverse: the lidar at its back leads, and a box that is not held stays where it is.
+    A robot with an empty fork drives forwards, so that it can dock on a box. With a box in the fork it drives in
+    reverse, with the lidar in front; a box that the latch does not hold stays behind.
 
     Args:
         pilot: Drives the robot.
-        home: [2] where to return to, m, map frame.
-        goal: [2] the next cell's centre, or that of the box to dock on there, m, map frame.
-        docking: Whether a box stands at the goal.
-        fork_full: Whether a box stands in the fork.
-        held: Whether the latch holds it.
+        start: [2] centre of the present cell, or of the box docked on there, to return to, m, map frame.
+        goal: [2] centre of the next cell, or of the box to dock on there, m, map frame.
+        is_docking: Whether there is a box to dock on at the goal.
+        is_fork_full: Whether a box stands in the fork.
+        is_holding: Whether the latch holds a box.
 
     Returns:
-        Whether the robot arrived.
+        Whether the robot arrived at the goal.
     """
     times_lost = pilot.times_lost
-    heading = math.atan2(goal[1] - pilot.pose.y, goal[0] - pilot.pose.x) + (math.pi if fork_full else 0.0)
+    heading = math.atan2(goal[1] - pilot.pose.y, goal[0] - pilot.pose.x) + (math.pi if is_fork_full else 0.0)
     pilot.turn_to(heading)
-    docking = docking and _detects_box(pilot, goal)  # anything else at the goal is an obstacle
+    is_docking = is_docking and _detects_box(pilot, goal)  # without a detection, readings at the goal are obstacles
     has_arrived = pilot.approach(
         Pose(float(goal[0]), float(goal[1]), heading),
-        reverse=fork_full,
-        ignore=_box_disc(goal, pilot.body.box_radius) if docking else NO_DISCS,
-        speed=DOCKING_SPEED if docking else math.inf,
+        reverse=is_fork_full,
+        ignore=_box_disc(goal, pilot.body.box_radius) if is_docking else NO_DISCS,
+        speed=DOCKING_SPEED if is_docking else math.inf,
     )
     if has_arrived or math.hypot(goal[0] - pilot.pose.x, goal[1] - pilot.pose.y) < CELL_TOLERANCE:
         return True
     if pilot.times_lost > times_lost:
-        return False  # a robot that was lost does not know the way back
-    box_waits_at_home = fork_full and not held
+        return False  # the start may be far from the pose at which the robot was localized again
+    returns_to_box = is_fork_full and not is_holding
     pilot.approach(
-        Pose(float(home[0]), float(home[1]), heading),
-        reverse=not fork_full,
-        ignore=_box_disc(home, pilot.body.box_radius) if box_waits_at_home else NO_DISCS,
-        speed=DOCKING_SPEED if box_waits_at_home else math.inf,
+        Pose(float(start[0]), float(start[1]), heading),
+        reverse=not is_fork_full,
+        ignore=_box_disc(start, pilot.body.box_radius) if returns_to_box else NO_DISCS,
+        speed=DOCKING_SPEED if returns_to_box else math.inf,
     )
     return False
 
 
 def _detects_box(pilot: Pilot, position: Floats) -> bool:
-    """Whether a box is detected at a position, [2] m, map frame, in one of a few scans."""
+    """Whether a box is detected at a position, [2] m, map frame, in one of the next `MAX_DETECTION_ATTEMPTS` scans."""
     for _ in range(MAX_DETECTION_ATTEMPTS):
         lidar = pilot.pose @ pilot.body.lidar
         detections = lidar.transform(detect_cylinders(pilot.wait_for_scan(), pilot.body.box_radius))
@@ -70,5 +72,5 @@ def _detects_box(pilot: Pilot, position: Floats) -> bool:
 
 
 def _box_disc(centre: Floats, box_radius: float) -> Floats:
-    """[1, 3] x, y, radius, m, of the disc around a box's centre in which readings are no obstacle."""
+    """[1, 3] x, y, radius, m, map frame, of the disc around a box in which readings are ignored."""
     return np.array([[centre[0], centre[1], BOX_CLEARANCE * box_radius]])

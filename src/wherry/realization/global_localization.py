@@ -1,4 +1,4 @@
-"""Global localization: a robot without a pose drives around on a given map until it is localized."""
+"""Global localization: drives the robot around on a given map until its pose is known."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.trace.records import Narration, Phase, Sink
 
-MAX_LEGS = 30  # straight drives after which global localization is given up
-LEG_LENGTH = 1.5  # m of driving between two views, at most
-LEG_SECTOR = math.radians(20.0)  # half of the sector around a leg that must be clear
-LEG_MIN_CLEARANCE = 0.8  # clear distance of a leg ÷ largest clear distance of all legs
+MAX_LEGS = 30  # straight drives after which global localization fails
+LEG_LENGTH = 1.5  # m, longest straight drive
+LEG_HALF_SECTOR = math.radians(20.0)  # half the angle of the sector around a leg that must be clear
+LEG_MIN_CLEARANCE = 0.8  # clear distance of a leg ÷ largest clear distance in any direction
 
 
 def localize_globally(robot: Robot, grid: OccupancyGrid, sink: Sink, rng: np.random.Generator) -> tuple[Pilot, Pose]:
-    """Drive around until the robot is localized on a map.
+    """Drive in random directions until the robot is localized on a map.
 
     Args:
         robot: The robot.
         grid: The map.
-        sink: Called with records of what the robot senses and says.
+        sink: Called with snapshots of the robot and narration.
         rng: Source of all randomness.
 
     Returns:
-        A pilot that tracks the pose on the map, and base_link at the start in the map frame.
+        A pilot that tracks the pose on the map, and the initial pose of base_link in the map frame.
 
     Raises:
         InputError: The robot could not be localized in `MAX_LEGS` legs.
@@ -59,10 +59,10 @@ def localize_globally(robot: Robot, grid: OccupancyGrid, sink: Sink, rng: np.ran
 
 
 def _drive_random_leg(pilot: Pilot, rng: np.random.Generator) -> None:
-    """Drive straight in a random direction with a large clear distance, for another view."""
+    """Drive straight in a random direction with a large clear distance, to scan from another position."""
     scan = pilot.wait_for_scan()
     lengths = np.where(np.isnan(scan.ranges), 0.0, np.minimum(scan.ranges, LEG_LENGTH + pilot.body.radius))
-    half = max(round(LEG_SECTOR / abs(scan.angle_increment)), 1)
+    half = max(round(LEG_HALF_SECTOR / abs(scan.angle_increment)), 1)
     clear = ndimage.minimum_filter1d(lengths, 2 * half + 1, mode="wrap")
     beam = int(rng.choice(np.flatnonzero(clear >= LEG_MIN_CLEARANCE * clear.max())))
     pilot.turn_to(pilot.pose.theta + float(scan.angles[beam]))

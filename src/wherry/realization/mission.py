@@ -1,7 +1,7 @@
-"""A delivery mission from the robot's side: map or localize, find the boxes, and stand ready to act.
+"""The first part of a delivery: map or localize, find the boxes, and set up the environment in which an agent acts.
 
-The robot knows only scans, odometry and its order. A mission ends in a `SurveyedWorld`, in whose environment an agent
-acts; when a box is removed that stood in the way, the agent asks it to extend the survey.
+The inputs are scans, odometry and the order, but no ground truth. The result is a `SurveyedWorld`. After a blocking box
+was picked up, the agent has the survey extended.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import MapUpdate, Narration, Phase, Sink
 
-INITIAL_POSE_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad², of a pose on a map just built by SLAM
+INITIAL_POSE_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.02**2])  # m², m², rad², of the pose when mapping ends
 
 
 @dataclass(frozen=True)
 class Order:
-    """What a robot is asked to deliver to where.
+    """An order to deliver all boxes to a warehouse.
 
     Attributes:
         warehouse: [K, 2] centres of the warehouse's cells, m, in the frame of base_link at the start.
-        cell_size: Side of the cells into which the world is divided, m: the robot's footprint and some clearance.
+        cell_size: Side of the cells into which the world is divided, m; larger than the robot's footprint.
     """
 
     warehouse: Floats
@@ -48,7 +48,7 @@ class Order:
 
 
 def order_from_plan(plan: FloorPlan) -> Order:
-    """The order for a known world: its warehouse as seen from the robot's start, and its cell size.
+    """The order for a world: its warehouse relative to the robot's start, and its cell size.
 
     Raises:
         InputError: The plan has no robot.
@@ -62,15 +62,16 @@ def order_from_plan(plan: FloorPlan) -> Order:
 
 @dataclass(frozen=True)
 class SurveyedWorld:
-    """What a robot knows after a survey; it stands in the centre of a cell.
+    """The result of a survey, after which the robot stands in the centre of a cell.
 
     Attributes:
-        environment: The world to act in.
+        environment: The robot as an environment.
         grid: The map, without boxes.
-        frame: Where the cells lie on the map.
+        frame: The cell frame on the map.
         plan: The map discretized into cells.
-        extend_survey: Surveys what has become reachable since; returns None if nothing has.
-        blocking_boxes: Names of the boxes on the floor whose removal would make more reachable, the nearest first.
+        extend_survey: Surveys the area that has become reachable since; returns None if there is none.
+        blocking_boxes: Returns the names of the boxes on the floor whose removal would make more area reachable, the
+            nearest first.
     """
 
     environment: RobotEnvironment
@@ -82,15 +83,15 @@ class SurveyedWorld:
 
 
 class Mission:
-    """One robot's mission from being switched on to standing ready to deliver, and its later surveys.
+    """Surveys the world of an order with a robot, at the start and when more area becomes reachable.
 
     Args:
-        robot: The robot, driven by this mission only.
-        order: What to deliver to where.
-        sink: Called with records of what the robot senses, does and says.
+        robot: The robot; nothing else may command it.
+        order: The order.
+        sink: Called with snapshots of the robot, maps and narration.
         rng: Source of all randomness.
-        mapper: Makes the mapper, from the lidar's pose in the base_link frame.
-        localizer: Makes the pose estimator on a finished map, from the map and the current pose; None for AMCL.
+        mapper: Creates the mapper from the lidar's pose in the base_link frame.
+        localizer: Creates the pose estimator from the finished map and base_link in the map frame; None for AMCL.
     """
 
     def __init__(
@@ -111,7 +112,7 @@ class Mission:
         self._localizer = localizer or self._amcl
 
     def explore(self) -> SurveyedWorld:
-        """Build a map by frontier exploration, search it for boxes, and stand ready.
+        """Build a map by frontier exploration, search it for boxes, and return the surveyed world.
 
         Raises:
             InputError: The map has no walls to align cells with.
@@ -121,70 +122,71 @@ class Mission:
         self._say(pilot, Phase.EXPLORE, "I have no map: I explore and drive to where my lidar will see most.")
         surveyor = Surveyor(pilot, self._order.cell_size, mapper)
         surveyor.survey()
-        cells = surveyor.cell_map()
-        self._finish_mapping(pilot, cells)
-        return self._stand_ready(surveyor, cells, mapper.start)
+        cell_map = surveyor.cell_map()
+        self._finish_mapping(pilot, cell_map)
+        return self._set_up_environment(surveyor, cell_map, mapper.start)
 
     def localize(self, grid: OccupancyGrid) -> SurveyedWorld:
-        """Localize globally on a given map, search it for boxes, and stand ready.
+        """Localize globally on a given map, search it for boxes, and return the surveyed world.
 
         Raises:
-            InputError: The robot could not be localized, however much it drove around.
+            InputError: The robot could not be localized on the map, or the map has no walls to align cells with.
         """
         pilot, map_from_start = localize_globally(self._robot, grid, self._sink, self._rng)
         surveyor = Surveyor(pilot, self._order.cell_size, grid=grid)
         surveyor.survey()
-        cells = surveyor.cell_map()
-        self._localize_without_boxes(pilot, grid, cells)
-        return self._stand_ready(surveyor, cells, map_from_start)
+        cell_map = surveyor.cell_map()
+        self._localize_without_boxes(pilot, grid, cell_map)
+        return self._set_up_environment(surveyor, cell_map, map_from_start)
 
-    def _finish_mapping(self, pilot: Pilot, cells: CellMap) -> None:
-        """Hand the finished map to the sink, and localize on it from the current pose."""
-        self._sink(MapUpdate(pilot.time, cells.grid, 1.0, 0))
-        self._localize_on(cells.grid, pilot)
+    def _finish_mapping(self, pilot: Pilot, cell_map: CellMap) -> None:
+        """Record the finished map, and localize on it from the current pose."""
+        self._sink(MapUpdate(pilot.time, cell_map.grid, 1.0, 0))
+        self._localize_on(cell_map.grid, pilot)
 
-    def _localize_without_boxes(self, pilot: Pilot, grid: OccupancyGrid, cells: CellMap) -> None:
-        """Localize on the map without its boxes, if the map localized on so far shows any."""
-        if not np.array_equal(grid.occupied, cells.grid.occupied):
-            self._localize_on(cells.grid, pilot)
+    def _localize_without_boxes(self, pilot: Pilot, grid: OccupancyGrid, cell_map: CellMap) -> None:
+        """Localize on the map without boxes if the given map shows any."""
+        if not np.array_equal(grid.occupied, cell_map.grid.occupied):
+            self._localize_on(cell_map.grid, pilot)
 
     def _localize_on(self, grid: OccupancyGrid, pilot: Pilot) -> None:
+        """Track the pose on a map from now on, starting from the current pose."""
         pilot.use_tracker(PoseTracker(self._localizer(grid, pilot.pose), pilot.pose))
 
     def _amcl(self, grid: OccupancyGrid, pose: Pose) -> PoseEstimator:
-        """The particle filter on a map, from base_link in the map frame."""
+        """Create the particle filter on a map, initialized at base_link in the map frame."""
         localizer = Localizer(grid, self._robot.body.lidar, PRECISE_PARAMETERS, self._rng)
         localizer.initialize(pose, INITIAL_POSE_COVARIANCE)
         return MapPoseEstimator(localizer)
 
-    def _stand_ready(self, surveyor: Surveyor, cells: CellMap, map_from_start: Pose) -> SurveyedWorld:
-        """Make the environment, and drive to the centre of a cell."""
-        boxes = _boxes_in_open_cells(cells, surveyor)
+    def _set_up_environment(self, surveyor: Surveyor, cell_map: CellMap, map_from_start: Pose) -> SurveyedWorld:
+        """Create the environment, and drive to the centre of a cell."""
+        boxes = _boxes_in_open_cells(cell_map, surveyor)
         self._say(surveyor.pilot, Phase.SURVEY, f"I found {_count(len(boxes))}.")
-        environment = RobotEnvironment(surveyor.pilot, cells.frame, self._site(cells, map_from_start), boxes)
-        return self._surveyed_world(surveyor, cells, map_from_start, environment)
+        environment = RobotEnvironment(surveyor.pilot, cell_map.frame, self._site(cell_map, map_from_start), boxes)
+        return self._surveyed_world(surveyor, cell_map, map_from_start, environment)
 
     def _surveyed_world(
-        self, surveyor: Surveyor, cells: CellMap, map_from_start: Pose, environment: RobotEnvironment
+        self, surveyor: Surveyor, cell_map: CellMap, map_from_start: Pose, environment: RobotEnvironment
     ) -> SurveyedWorld:
-        """Drive to the centre of a cell, and return what is known now."""
-        self._drive_to_cell_centre(surveyor.pilot, cells, environment)
+        """Drive to the centre of a cell, and return the surveyed world."""
+        self._drive_to_cell_centre(surveyor.pilot, cell_map, environment)
         on_floor = {box.name for box in environment.boxes_on_floor}
 
         def extend_survey() -> SurveyedWorld | None:
             if on_floor <= {box.name for box in environment.boxes_on_floor}:
-                return None  # more becomes reachable only when a box is removed
-            return self._extend_survey(surveyor, cells, map_from_start, environment)
+                return None  # only the removal of a box makes more area reachable
+            return self._extend_survey(surveyor, cell_map, map_from_start, environment)
 
         def blocking_boxes() -> tuple[str, ...]:
             return _blocking_boxes(surveyor, environment)
 
-        return SurveyedWorld(environment, cells.grid, cells.frame, cells.plan, extend_survey, blocking_boxes)
+        return SurveyedWorld(environment, cell_map.grid, cell_map.frame, cell_map.plan, extend_survey, blocking_boxes)
 
     def _extend_survey(
         self, surveyor: Surveyor, before: CellMap, map_from_start: Pose, environment: RobotEnvironment
     ) -> SurveyedWorld | None:
-        """Survey what became reachable when a box was removed; None if nothing did."""
+        """Survey the area that became reachable when a box was removed; None if there is none."""
         pilot, mapper = surveyor.pilot, surveyor.mapper
         known = [box.track for box in environment.boxes_on_floor]
         surveyor.update_boxes(known, environment.picked_up)
@@ -197,33 +199,33 @@ class Mission:
             mapper.resume(pilot.pose)
             pilot.use_tracker(PoseTracker(mapper.pose_estimator, pilot.pose))
         surveyor.survey()
-        cells = surveyor.cell_map()
+        cell_map = surveyor.cell_map()
         if mapper is not None:
-            self._finish_mapping(pilot, cells)
+            self._finish_mapping(pilot, cell_map)
         else:
-            self._localize_without_boxes(pilot, before.grid, cells)
-        boxes = _boxes_in_open_cells(cells, surveyor)
+            self._localize_without_boxes(pilot, before.grid, cell_map)
+        boxes = _boxes_in_open_cells(cell_map, surveyor)
         known_ids = {track.track_id for track in known}
         new = sum(track.track_id not in known_ids for track in boxes)
         self._say(pilot, Phase.SURVEY, f"I found {_count(new)} more." if new else "I found no more boxes.")
-        environment.update_map(cells.frame, self._site(cells, map_from_start), boxes)
-        return self._surveyed_world(surveyor, cells, map_from_start, environment)
+        environment.update_map(cell_map.frame, self._site(cell_map, map_from_start), boxes)
+        return self._surveyed_world(surveyor, cell_map, map_from_start, environment)
 
-    def _site(self, cells: CellMap, map_from_start: Pose) -> DeliverySite:
-        """The walls and as much of the warehouse as the map shows."""
-        warehouse_cells = cells.frame.cells_at(map_from_start.transform(self._order.warehouse))
+    def _site(self, cell_map: CellMap, map_from_start: Pose) -> DeliverySite:
+        """The map's walls, and the cells of the warehouse that are open on the map."""
+        warehouse_cells = cell_map.frame.cells_at(map_from_start.transform(self._order.warehouse))
         warehouse = {Cell(int(x), int(y)) for x, y in warehouse_cells}
-        return DeliverySite.of_plan(replace(cells.plan, warehouse=frozenset(warehouse & set(cells.plan.cells()))))
+        return DeliverySite.of_plan(replace(cell_map.plan, warehouse=frozenset(warehouse & set(cell_map.plan.cells()))))
 
-    def _drive_to_cell_centre(self, pilot: Pilot, cells: CellMap, environment: RobotEnvironment) -> None:
-        """Drive to the centre of the nearest cell without a box that can be reached."""
-        frame = cells.frame
+    def _drive_to_cell_centre(self, pilot: Pilot, cell_map: CellMap, environment: RobotEnvironment) -> None:
+        """Drive to the centre of the nearest reachable cell without a box."""
+        frame = cell_map.frame
         boxes = [box.track for box in environment.boxes_on_floor]
-        with_box = {Cell(*frame.cell_at(track.x, track.y)) for track in boxes}
-        moves = cells.plan.distances(Cell(*frame.cell_at(pilot.pose.x, pilot.pose.y)))  # the nearest first
-        costmap = costmap_around(pilot, cells.grid, boxes)
+        occupied = {Cell(*frame.cell_at(track.x, track.y)) for track in boxes}
+        moves = cell_map.plan.distances(Cell(*frame.cell_at(pilot.pose.x, pilot.pose.y)))  # the nearest first
+        costmap = costmap_around(pilot, cell_map.grid, boxes)
         reverse = pilot.boxes.is_holding
-        for cell in (cell for cell in moves if cell not in with_box):
+        for cell in (cell for cell in moves if cell not in occupied):
             centre = frame.centre(cell.x, cell.y)
             path = shortest_path(costmap, np.array([pilot.pose.x, pilot.pose.y]), centre)
             if path is not None and pilot.follow(path, reverse=reverse) is DriveStatus.ARRIVED:
@@ -235,9 +237,9 @@ class Mission:
         self._sink(Narration(pilot.time, phase, text))
 
 
-def _boxes_in_open_cells(cells: CellMap, surveyor: Surveyor) -> list[BoxTrack]:
-    """The boxes found that stand in cells which the robot fits in."""
-    return [box for box in surveyor.boxes() if cells.plan.is_open(Cell(*cells.frame.cell_at(box.x, box.y)))]
+def _boxes_in_open_cells(cell_map: CellMap, surveyor: Surveyor) -> list[BoxTrack]:
+    """The boxes found in cells that are open on the map."""
+    return [box for box in surveyor.boxes() if cell_map.plan.is_open(Cell(*cell_map.frame.cell_at(box.x, box.y)))]
 
 
 def _blocking_boxes(surveyor: Surveyor, environment: RobotEnvironment) -> tuple[str, ...]:
@@ -252,4 +254,5 @@ def _blocking_boxes(surveyor: Surveyor, environment: RobotEnvironment) -> tuple[
 
 
 def _count(boxes: int) -> str:
+    """A number of boxes in words: "1 box", "2 boxes"."""
     return f"{boxes} {'box' if boxes == 1 else 'boxes'}"

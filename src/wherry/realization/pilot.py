@@ -1,4 +1,4 @@
-"""The pilot: receives measurements, tracks the pose, and drives turns, lines and paths until they end."""
+"""The pilot: receives measurements, tracks the pose, and executes turns, approaches and paths."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from wherry.space.pose import Floats, Pose
 from wherry.trace.records import TIME_TOLERANCE, Narration, Phase, RobotSnapshot, Sink
 
 ZERO_VELOCITY = Velocity()
-RECOVERY_VELOCITY = Velocity(0.0, 0.6)  # m/s, rad/s, of the turn on the spot that looks for new views when lost
-RECOVERY_TIMEOUT = 30.0  # s
-DRIVE_TIMEOUT = 60.0  # s; where the pose estimate jumps back and forth, a goal may never be reached
-MAX_BLOCKED_ODOMETRY = 20  # consecutive odometry messages at which the robot is blocked before a drive is given up
-STANDSTILL_SPEED = 0.005  # m/s and rad/s, below which the robot stands still
+RECOVERY_VELOCITY = Velocity(0.0, 0.6)  # m/s, rad/s, of the turn on the spot while lost
+RECOVERY_TIMEOUT = 30.0  # s, longest turn on the spot while lost
+DRIVE_TIMEOUT = 60.0  # s; a goal may never be reached if the pose estimate jumps back and forth
+MAX_BLOCKED_STEPS = 20  # consecutive control steps, one per measurement, after which a blocked drive ends
+STANDSTILL_SPEED = 0.005  # m/s and rad/s, below which the robot counts as standing still
 RECORD_PERIOD = 0.2  # s from one `RobotSnapshot` record to the next
 NO_POINTS = np.empty((0, 2))
 
@@ -31,9 +31,9 @@ class DriveStatus(Enum):
     """How a drive ended.
 
     Attributes:
-        ARRIVED: At the goal.
-        BLOCKED: The scan shows an obstacle in the way, or the drive timed out.
-        PREEMPTED: The caller's condition for ending it came true.
+        ARRIVED: The robot is at the goal.
+        BLOCKED: An obstacle in the scan is in the way, or the drive timed out.
+        PREEMPTED: The caller ended the drive.
         LOST: The pose became unreliable.
     """
 
@@ -44,15 +44,15 @@ class DriveStatus(Enum):
 
 
 Controller = Callable[[Pose], Velocity | None]
-"""From base_link in the map frame to the velocity to command now, or None at the goal."""
+"""Maps base_link in the map frame to the velocity to command now; None at the goal."""
 
 ScanCallback = Callable[[Scan, Pose], None]
-"""Called with each scan and base_link in the map frame at its time."""
+"""Called with each scan and with base_link in the map frame at the scan's time."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownBoxes:
-    """The boxes that the robot knows of, as far as driving and records need them.
+    """The boxes on the floor and the load, as far as driving and recording depend on them.
 
     Attributes:
         positions: [B, 2] centres of the boxes on the floor, m, map frame.
@@ -64,22 +64,22 @@ class KnownBoxes:
 
 
 class Pilot:
-    """Drives a robot; the only one that receives its measurements and commands it.
+    """Drives a robot, receives its measurements and tracks its pose.
 
     Args:
-        robot: The robot.
-        tracker: Tracks its pose.
-        sink: Called with records of what the robot senses and says.
+        robot: The robot; nothing else may command it or receive its measurements.
+        tracker: Tracks the pose.
+        sink: Called with snapshots of the robot and narration.
 
     Attributes:
         robot: The robot.
         body: The robot's shape and limits.
         tracker: Tracks the pose.
-        sink: Called with records.
+        sink: Called with snapshots of the robot and narration.
         time: Time of the last measurement, s, robot's clock.
-        boxes: The boxes that the robot knows of.
-        scan_callbacks: Called with each scan and the pose at its time.
-        times_lost: How often the pose has become unreliable.
+        boxes: The known boxes on the floor, and whether the latch holds one.
+        scan_callbacks: Functions called with each scan and the pose at its time.
+        times_lost: Number of times that the pose became unreliable.
     """
 
     def __init__(self, robot: Robot, tracker: PoseTracker, sink: Sink) -> None:
@@ -155,17 +155,17 @@ class Pilot:
             velocity = self.odometry.velocity
 
     def turn_to(self, heading: float) -> None:
-        """Turn on the spot to a heading, rad, map frame; a round robot cannot hit anything while it turns."""
+        """Turn on the spot to a heading, rad, map frame; a round footprint cannot collide during a turn."""
         self._drive(lambda pose: turn_to(pose, heading, self.body))
 
     def follow(
         self, path: Floats, *, reverse: bool = False, is_preempted: Callable[[], bool] = lambda: False
     ) -> DriveStatus:
-        """Follow a path to its end, until the robot is blocked, or until preempted.
+        """Follow a path until its end, an obstacle, or preemption.
 
         Args:
             path: [N, 2] waypoints, m, map frame.
-            reverse: Whether the robot's back leads.
+            reverse: Whether to drive backwards.
             is_preempted: Called before each command; the drive ends when it returns True.
         """
         self._path = path
@@ -176,12 +176,13 @@ class Pilot:
         return status
 
     def approach(self, goal: Pose, *, reverse: bool, ignore: Floats = NO_DISCS, speed: float = math.inf) -> bool:
-        """Drive along the straight line through a goal until level with it, or until the robot is blocked.
+        """Drive along the line through a goal until level with it, or until the robot is blocked.
 
         Args:
             goal: Where to stop, and the heading there, map frame.
-            reverse: Whether the robot's back leads.
-            ignore: [K, 3] x, y, radius, m, map frame, of discs that are no obstacles, such as the box to dock on.
+            reverse: Whether to drive backwards.
+            ignore: [K, 3] x, y, radius, m, map frame, of discs in which readings are ignored, such as the box to dock
+                on.
             speed: Largest speed, m/s.
 
         Returns:
@@ -201,20 +202,20 @@ class Pilot:
     def _drive(
         self, controller: Controller, *, ignore: Floats = NO_DISCS, is_preempted: Callable[[], bool] = lambda: False
     ) -> DriveStatus:
-        """Command the controller's velocity, slowed down by the scan, until the drive ends."""
+        """Command the controller's velocity, limited by obstacles in the scan, until the drive ends."""
         blocked, deadline = 0, self.time + DRIVE_TIMEOUT
-        while blocked < MAX_BLOCKED_ODOMETRY and self.time < deadline:
+        while blocked < MAX_BLOCKED_STEPS and self.time < deadline:
             if self.tracker.is_lost:
                 self._recover()
                 return DriveStatus.LOST
             if is_preempted():
-                return DriveStatus.PREEMPTED  # without a stop, since another drive follows
-            wanted = controller(self.pose)
-            if wanted is None:
+                return DriveStatus.PREEMPTED  # without a stop, since the caller continues with another drive
+            desired = controller(self.pose)
+            if desired is None:
                 self.stop()
                 return DriveStatus.ARRIVED
-            velocity = safe_velocity(wanted, self.scan, self.body, ignore=self._in_base_frame(ignore))
-            is_blocked = wanted.linear != 0.0 and abs(velocity.linear) < STANDSTILL_SPEED  # close to a wall it creeps
+            velocity = safe_velocity(desired, self.scan, self.body, ignore=self._in_base_frame(ignore))
+            is_blocked = desired.linear != 0.0 and abs(velocity.linear) < STANDSTILL_SPEED
             blocked = blocked + 1 if is_blocked else 0
             self.robot.command(velocity)
             self.receive()
@@ -222,7 +223,7 @@ class Pilot:
         return DriveStatus.BLOCKED
 
     def _recover(self) -> None:
-        """Stop, and turn slowly for new views until the pose is reliable again or the recovery times out."""
+        """Stop, and turn on the spot until the pose is reliable again or the recovery times out."""
         self.stop()
         self.times_lost += 1
         self.sink(
@@ -237,13 +238,13 @@ class Pilot:
         self.sink(Narration(self.time, Phase.LOCALIZE, text))
 
     def _in_base_frame(self, discs: Floats) -> Floats:
-        """[K, 3] x, y, radius, m, of discs of the map frame in the base_link frame."""
+        """[K, 3] x, y, radius, m: discs transformed from the map frame to the base_link frame."""
         if not len(discs):
             return discs
         return np.column_stack([self.pose.inverse.transform(discs[:, :2]), discs[:, 2]])
 
     def _record(self, scan: Scan) -> None:
-        """Hand a record of the scan, the pose and the path to the sink."""
+        """Record a snapshot of scan, pose, particles, path and boxes."""
         lidar = self.pose @ self.body.lidar
         self.sink(
             RobotSnapshot(
@@ -260,7 +261,7 @@ class Pilot:
 
 
 def _remaining_path(path: Floats, pose: Pose) -> Floats:
-    """[M, 2] m, map frame: the path from its point nearest to the robot to its end; empty for fewer than two points."""
+    """[M, 2] the part of a path after its point nearest to the robot, m, map frame; empty for fewer than two points."""
     if len(path) < 2:
         return NO_POINTS
     position, starts, segments = np.array([pose.x, pose.y]), path[:-1], np.diff(path, axis=0)

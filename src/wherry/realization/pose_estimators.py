@@ -1,4 +1,4 @@
-"""Pose estimators: SLAM on a growing map, localization on a finished map, and global localization."""
+"""Pose estimators: SLAM during mapping, localization on a finished map, and global localization."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
-LOST_THRESHOLD = 0.5  # lost probability above which the pose becomes unreliable
-LOCALIZED_THRESHOLD = 0.1  # lost probability below which the pose is reliable again
+LOST_THRESHOLD = 0.5  # lost probability above which a reliable pose becomes unreliable
+LOCALIZED_THRESHOLD = 0.1  # lost probability below which an unreliable pose becomes reliable again
 LOCALIZED_MIN_SCANS = 10  # consecutive scans below LOCALIZED_THRESHOLD that end global localization
 
 
 class SlamPoseEstimator(SinglePoseEstimator):
-    """The pose on the map that SLAM builds; it is never lost, since the map is built around it."""
+    """Estimates the pose on the map that SLAM builds; never lost, since the map is built relative to the pose."""
 
     def __init__(self, slam: GraphSlam) -> None:
         self._slam = slam
         self._resumed_at: Pose | None = None
 
     def resume(self, pose: Pose) -> None:
-        """Continue mapping at the next scan from base_link in the map frame, after others have tracked the pose."""
+        """Continue mapping at the next scan from a pose that another estimator tracked, base_link in the map frame."""
         self._resumed_at = pose
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
@@ -56,12 +56,12 @@ class Mapper(Protocol):
         ...
 
     def resume(self, pose: Pose) -> None:
-        """Continue mapping at the next scan from base_link in the map frame, after others have tracked the pose."""
+        """Continue mapping at the next scan from a pose that another estimator tracked, base_link in the map frame."""
         ...
 
 
 class SlamMapper:
-    """A `Mapper` by `GraphSlam`; the map frame is base_link's pose at the start.
+    """A `Mapper` that uses `GraphSlam`; the map frame is the base_link frame at the start.
 
     Args:
         lidar: The lidar in the base_link frame.
@@ -87,7 +87,7 @@ class SlamMapper:
 
 
 class MapPoseEstimator:
-    """The pose on a finished map, with hysteresis between lost and localized."""
+    """Estimates the pose on a finished map, with hysteresis between lost and localized."""
 
     def __init__(self, localizer: Localizer) -> None:
         self._localizer = localizer
@@ -106,15 +106,17 @@ class MapPoseEstimator:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the lost probability rose above `LOST_THRESHOLD` and has not fallen to `LOCALIZED_THRESHOLD` yet."""
+        """Whether the lost probability exceeded `LOST_THRESHOLD` and has not fallen to `LOCALIZED_THRESHOLD` since."""
         return self._is_lost
 
 
 class GlobalPoseEstimator(SinglePoseEstimator):
-    """Global localization on a map while the robot drives by odometry alone: its map frame is the odom frame.
+    """Localizes the robot globally on a map while it drives by odometry alone.
+
+    As a `PoseEstimator` it returns poses in the odom frame; the estimate on the map is an attribute.
 
     Attributes:
-        map_pose: Estimate of base_link in the map's frame at the last scan.
+        map_pose: Estimate of base_link in the map frame at the last scan.
     """
 
     def __init__(self, localizer: Localizer) -> None:
@@ -124,7 +126,7 @@ class GlobalPoseEstimator(SinglePoseEstimator):
 
     @property
     def is_localized(self) -> bool:
-        """Whether the lost probability was low in the last `LOCALIZED_MIN_SCANS` scans."""
+        """Whether the lost probability was below `LOCALIZED_THRESHOLD` in the last `LOCALIZED_MIN_SCANS` scans."""
         return self._localized_scans >= LOCALIZED_MIN_SCANS
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:

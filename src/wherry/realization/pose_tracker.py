@@ -1,4 +1,4 @@
-"""The robot's pose in the map at every instant: corrected by scans, propagated by odometry in between (REP 105)."""
+"""Pose tracking: corrected by scans and propagated by odometry in between (REP 105)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wherry.space.pose import Pose
 
 
 class PoseEstimator(Protocol):
-    """Estimates the pose in the map from odometry and scans: SLAM during mapping, AMCL afterwards."""
+    """Estimates the pose in the map from odometry and scans, for example by SLAM or AMCL."""
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
         """Return base_link in the map frame at the scan's time."""
@@ -30,11 +30,11 @@ class PoseEstimator(Protocol):
 
 
 class SinglePoseEstimator:
-    """Base of a `PoseEstimator` with a single hypothesis, which is always considered reliable."""
+    """Base of pose estimators with a single hypothesis that is always considered reliable."""
 
     @property
     def particles(self) -> NDArray[np.float64]:
-        """[0, 3], as there are no particles."""
+        """[0, 3] empty array."""
         return np.empty((0, 3))
 
     @property
@@ -44,11 +44,14 @@ class SinglePoseEstimator:
 
 
 class PoseTracker:
-    """Keeps the transform from the map frame to the odom frame, as ROS's localization nodes do.
+    """Tracks the odom frame in the map frame, as localization nodes in ROS do.
 
     Args:
         estimator: Estimates the pose at each scan.
         start: base_link in the map frame before the first scan.
+
+    Attributes:
+        estimator: Estimates the pose at each scan.
     """
 
     def __init__(self, estimator: PoseEstimator, start: Pose) -> None:

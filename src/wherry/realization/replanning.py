@@ -1,4 +1,4 @@
-"""Following paths while the map changes: for a replanning period at a time, with one recovery where blocked."""
+"""Path following with periodic replanning and a recovery behaviour for a blocked robot."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from wherry.navigation.path import Costmap
 from wherry.realization.pilot import DriveStatus, Pilot
 from wherry.space.pose import Floats, Pose
 
-REPLANNING_PERIOD = 1.5  # s of driving after which the path is planned anew
-BACK_OFF_DISTANCE = 0.3  # m within which a blocked robot goes to the place with the largest clearance
+REPLANNING_PERIOD = 1.5  # s of driving after which the path is replanned
+BACK_OFF_DISTANCE = 0.3  # m, half the side of the square in which a blocked robot seeks the largest clearance
 
 
 class ReplanningFollower:
-    """Follows the first stretch of each path it is given.
+    """Follows each path for one replanning period.
 
-    A robot that is blocked for the first time on its way to a goal backs off to a place with more clearance, since
-    paths pass door jambs more closely than the scan allows.
+    When the robot is blocked for the first time on its way to a goal, it backs off to a position with more clearance,
+    since a path on the map may pass a door jamb more closely than `safe_velocity` allows.
 
     Args:
         pilot: Drives the robot.
@@ -27,10 +27,14 @@ class ReplanningFollower:
         self._has_backed_off = False
 
     def follow(self, path: Floats, costmap: Costmap) -> bool:
-        """Follow a path, [N, 2] m, map frame, for a replanning period.
+        """Follow a path for one replanning period.
+
+        Args:
+            path: [N, 2] waypoints, m, map frame.
+            costmap: The costmap on which the path was planned.
 
         Returns:
-            Whether to plan anew to the same goal; False if the robot has arrived or is blocked for good.
+            Whether to replan to the same goal; False if the robot has arrived, is lost or is blocked again.
         """
         pilot, reverse = self._pilot, self._pilot.boxes.is_holding
         deadline = pilot.time + REPLANNING_PERIOD
@@ -42,7 +46,7 @@ class ReplanningFollower:
         return status is DriveStatus.PREEMPTED
 
     def _back_off(self, costmap: Costmap, *, reverse: bool) -> bool:
-        """Drive to the nearby place with the largest clearance; return whether the robot arrived."""
+        """Drive to the nearby position with the largest clearance; return whether the robot arrived."""
         pilot = self._pilot
         row, column = costmap.max_clearance_cell(np.array([pilot.pose.x, pilot.pose.y]), BACK_OFF_DISTANCE)
         x, y = costmap.centres(np.array([[row, column]]))[0].tolist()

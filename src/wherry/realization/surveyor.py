@@ -1,7 +1,6 @@
-"""Surveying a building: frontier exploration until the map is complete, then a search of every cell for boxes.
+"""Survey of a building: frontier exploration until the map is complete, then a search of all cells for boxes.
 
-Which cells are reachable changes when a box is removed that stood in the only way. A surveyor therefore remembers what
-it has covered, and can survey again.
+The removal of a blocking box makes more cells reachable. A surveyor therefore keeps its coverage, and can survey again.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats
 from wherry.trace.records import MapUpdate, Narration, Phase
 
-CLEARED_RADIUS = 0.35  # m around base_link that is free although the lidar cannot see it
-MIN_GAIN = 0.15  # m² of visible unknown area, less than half a cell, that make a viewpoint worth driving to
-MAX_VIEWPOINTS = 3  # viewpoints of a cell to which a path is planned
-VIEWPOINT_TOLERANCE = 0.3  # m from a viewpoint at which a path to it may end
-CELL_TOLERANCE = 1.0  # m from an unobserved cell's centre at which a path to it may end
-FRONTIER_DEPTH = 1.0  # m of unknown space expected behind a frontier, for the explored fraction
-SHADOW_RADIUS = 1.0  # m around a removed box within which viewpoints and cells are tried again
+CLEARED_RADIUS = 0.35  # m around base_link within which unknown cells count as free
+MIN_GAIN = 0.15  # m², smallest visible unknown area of a worthwhile viewpoint; less than half a cell
+MAX_VIEWPOINTS = 3  # viewpoints per cell to which a path is planned
+VIEWPOINT_TOLERANCE = 0.3  # m, largest distance of a path's end from its viewpoint
+CELL_TOLERANCE = 1.0  # m, largest distance of a path's end from the centre of the cell to observe
+FRONTIER_DEPTH = 1.0  # m, assumed depth of the unknown space behind frontiers, for the explored fraction
+OCCLUSION_RADIUS = 1.0  # m around a removed box within which viewpoints and cells are tried again
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class CellMap:
 
     Attributes:
         grid: The map, without boxes.
-        frame: Where the cells lie on the map.
+        frame: The cell frame on the map.
         plan: The cells and the walls between them.
     """
 
@@ -53,18 +52,18 @@ class CellMap:
 
 
 class Surveyor:
-    """Drives a robot to what it has not observed yet.
+    """Drives a robot until it has observed all reachable cells.
 
     Args:
         pilot: Drives the robot.
         cell_size: Side of the cells, m.
-        mapper: Builds the map; None if it is finished.
-        grid: The finished map; not needed with a mapper.
+        mapper: Builds the map; None for a finished map.
+        grid: The finished map; None with a mapper.
 
     Attributes:
         pilot: Drives the robot.
         tracker: Tracks boxes during the survey.
-        mapper: Builds the map; None if it is finished.
+        mapper: Builds the map; None for a finished map.
     """
 
     def __init__(
@@ -77,8 +76,8 @@ class Surveyor:
         self._cell_size = cell_size
         self._follower = ReplanningFollower(pilot)
         self._removed: tuple[BoxTrack, ...] = ()
-        self._visited: list[Floats] = []  # viewpoints of exploration, m, map frame
-        self._abandoned: list[Floats] = []  # centres of cells that could not be observed, m, map frame
+        self._visited_viewpoints: list[Floats] = []  # viewpoints of exploration, m, map frame
+        self._abandoned_cells: list[Floats] = []  # centres of cells that could not be reached or observed, m, map frame
         self._search_area: tuple[CellMap, BoxCoverage] | None = None
 
     def survey(self) -> None:
@@ -86,7 +85,7 @@ class Surveyor:
         self.tracker.start()
         self.pilot.wait_for_scan()
         if self.mapper is not None:
-            self._explore(self.mapper)
+            self._explore()
         self._search_for_boxes()
         self.tracker.stop()
 
@@ -108,20 +107,28 @@ class Surveyor:
         return CellMap(grid, frame, floor_plan_from_map(grid, frame, self.pilot.body.radius))
 
     def update_boxes(self, on_floor: Sequence[BoxTrack], removed: Sequence[BoxTrack]) -> None:
-        """Replace the boxes by those known from elsewhere; what a removed box has hidden counts as uncovered again.
+        """Replace the boxes; viewpoints and cells that a removed box may have occluded are tried again.
 
         Args:
             on_floor: Tracks of all known boxes on the floor.
             removed: Tracks of all boxes that were picked up so far.
         """
         newly_removed = [np.array([track.x, track.y]) for track in removed if track not in self._removed]
-        self._visited = [point for point in self._visited if not _is_in_shadow(point, newly_removed)]
-        self._abandoned = [point for point in self._abandoned if not _is_in_shadow(point, newly_removed)]
+        self._visited_viewpoints = [
+            point for point in self._visited_viewpoints if not _may_have_been_occluded(point, newly_removed)
+        ]
+        self._abandoned_cells = [
+            point for point in self._abandoned_cells if not _may_have_been_occluded(point, newly_removed)
+        ]
         self._removed = tuple(removed)
         self.tracker.tracks = tuple(on_floor)
 
     def has_more_to_observe(self, *, without: BoxTrack | None = None) -> bool:
-        """Whether a survey would observe something new now, or if a box were removed."""
+        """Whether a survey would observe more area.
+
+        Args:
+            without: Box that is assumed to be removed; None for none.
+        """
         boxes = [track for track in self.tracker.tracks if track != without]
         grid = self._map()
         if without is not None:
@@ -130,8 +137,8 @@ class Surveyor:
             return True
         return self._search_area is not None and bool(self._uncovered_cells(*self._search_area, boxes))
 
-    def _explore(self, mapper: Mapper) -> None:
-        """Drive from viewpoint to viewpoint until none shows enough unknown area."""
+    def _explore(self) -> None:
+        """Drive from viewpoint to viewpoint until no reachable one is worthwhile."""
         goal: Floats | None = None
         while True:
             grid = self._map()
@@ -145,70 +152,70 @@ class Surveyor:
             costmap = costmap_around(self.pilot, grid, boxes)
             path = shortest_path(costmap, self._position(), goal)
             if path is None or not self._follower.follow(path, costmap):
-                self._visited.append(goal)
+                self._visited_viewpoints.append(goal)
                 goal = None
         self.pilot.stop()
         self._say(Phase.EXPLORE, "No reachable frontier is left: the map is complete.")
 
     def _next_viewpoint(self, grid: OccupancyGrid, boxes: Sequence[BoxTrack]) -> Viewpoint | None:
-        """The best viewpoint on a growing map; None if none is worthwhile or the map is finished."""
+        """The best viewpoint during mapping; None if none is worthwhile or the map is finished."""
         if self.mapper is None:
             return None
-        visited = np.array(self._visited).reshape(-1, 2)
+        visited = np.array(self._visited_viewpoints).reshape(-1, 2)
         costmap = costmap_around(self.pilot, grid, boxes)
         return next_viewpoint(grid, costmap, self.pilot.pose, visited, min_gain=MIN_GAIN)
 
     def _search_for_boxes(self) -> None:
-        """Drive to observe each uncovered cell, the nearest first, until all are covered or abandoned."""
-        cells = self.cell_map()
-        coverage = BoxCoverage(self.tracker, cells.frame, cells.plan)
-        self._search_area = cells, coverage
+        """Drive to viewpoints of uncovered cells, the nearest first, until all are covered or abandoned."""
+        cell_map = self.cell_map()
+        coverage = BoxCoverage(self.tracker, cell_map.frame, cell_map.plan)
+        self._search_area = cell_map, coverage
         has_announced = False
         while True:
-            boxes = self.tracker.publish(cells.grid)
-            uncovered = self._uncovered_cells(cells, coverage, boxes)
+            boxes = self.tracker.publish(cell_map.grid)
+            uncovered = self._uncovered_cells(cell_map, coverage, boxes)
             if not uncovered:
                 return
             if not has_announced:
                 self._say(Phase.SURVEY, "Some cells were never observed from nearby: I search them for boxes.")
                 has_announced = True
             target = min(uncovered, key=lambda cell: (uncovered[cell], cell))
-            costmap = costmap_around(self.pilot, cells.grid, boxes)
-            path = self._path_to_observe(target, cells, coverage, boxes, costmap)
+            costmap = costmap_around(self.pilot, cell_map.grid, boxes)
+            path = self._path_to_observe(target, cell_map, coverage, boxes, costmap)
             if path is None or not self._follower.follow(path, costmap):
                 self.pilot.wait_for_scan(DETECTION_PERIOD * MIN_OBSERVATIONS)
-                self._abandoned.append(cells.frame.centre(target.x, target.y))
+                self._abandoned_cells.append(cell_map.frame.centre(target.x, target.y))
 
-    def _uncovered_cells(self, cells: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
-        """Cells in which a box may stand undetected, and how many moves away they are.
+    def _uncovered_cells(self, cell_map: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
+        """Cells in which a box may be undetected, each with its number of moves from the robot, 0 if not reachable.
 
-        These are the reachable cells and their occupied neighbours, without the covered and the abandoned ones.
+        These are the reachable cells and their occupied neighbours, except covered and abandoned ones.
         """
-        moves = self._moves_to_cells(cells, boxes)
-        occupied = occupied_cells(cells.grid, cells.frame, cells.plan)
+        moves = self._moves_to_cells(cell_map, boxes)
+        occupied = occupied_cells(cell_map.grid, cell_map.frame, cell_map.plan)
         candidates = {cell for cell in occupied if any(cell.neighbour(direction) in moves for direction in Direction)}
-        abandoned = {Cell(*cells.frame.cell_at(x, y)) for x, y in self._abandoned}
+        abandoned = {Cell(*cell_map.frame.cell_at(x, y)) for x, y in self._abandoned_cells}
         return {cell: moves.get(cell, 0) for cell in (candidates | set(moves)) - abandoned - coverage.covered_cells()}
 
-    def _moves_to_cells(self, cells: CellMap, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
-        """Number of moves to each cell that the robot can reach without passing a box."""
-        blocked = {Cell(*cells.frame.cell_at(track.x, track.y)) for track in boxes}
-        start = Cell(*cells.frame.cell_at(self.pilot.pose.x, self.pilot.pose.y))
-        return cells.plan.distances(start, blocked)
+    def _moves_to_cells(self, cell_map: CellMap, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
+        """Number of moves to each cell that the robot can reach without entering a box's cell."""
+        blocked = {Cell(*cell_map.frame.cell_at(track.x, track.y)) for track in boxes}
+        start = Cell(*cell_map.frame.cell_at(self.pilot.pose.x, self.pilot.pose.y))
+        return cell_map.plan.distances(start, blocked)
 
     def _path_to_observe(
-        self, target: Cell, cells: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack], costmap: Costmap
+        self, target: Cell, cell_map: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack], costmap: Costmap
     ) -> Floats | None:
-        """[N, 2] path, m, map frame, to the nearest viewpoint of a cell, else near the cell; None if there is none."""
-        moves = self._moves_to_cells(cells, boxes)
-        viewpoints = coverage.viewpoints(target, cells.grid, sorted(moves, key=lambda cell: (moves[cell], cell)))
-        goals = [(cells.frame.centre(cell.x, cell.y), VIEWPOINT_TOLERANCE) for cell in viewpoints[:MAX_VIEWPOINTS]]
-        goals.append((cells.frame.centre(target.x, target.y), CELL_TOLERANCE))
-        paths = (shortest_path(costmap, self._position(), goal, within=tolerance) for goal, tolerance in goals)
+        """[N, 2] path to the nearest viewpoint of a cell, or else to the cell, m, map frame; None if there is none."""
+        moves = self._moves_to_cells(cell_map, boxes)
+        viewpoints = coverage.viewpoints(target, cell_map.grid, sorted(moves, key=lambda cell: (moves[cell], cell)))
+        goals = [(cell_map.frame.centre(cell.x, cell.y), VIEWPOINT_TOLERANCE) for cell in viewpoints[:MAX_VIEWPOINTS]]
+        goals.append((cell_map.frame.centre(target.x, target.y), CELL_TOLERANCE))
+        paths = (shortest_path(costmap, self._position(), goal, snap_distance=tolerance) for goal, tolerance in goals)
         return next((path for path in paths if path is not None), None)
 
     def _map(self) -> OccupancyGrid:
-        """The map so far, with the boxes on the floor and without those that were removed."""
+        """The map so far, from which removed boxes are erased."""
         if self.mapper is not None:
             self._grid = self.mapper.grid()
         if self._grid is None:
@@ -216,14 +223,14 @@ class Surveyor:
         return erase_boxes(self._grid, self._removed, self.pilot.body.box_radius)
 
     def _position(self) -> Floats:
-        """[2] base_link, m, map frame."""
+        """[2] position of base_link, m, map frame."""
         return np.array([self.pilot.pose.x, self.pilot.pose.y])
 
     def _record_progress(self, grid: OccupancyGrid) -> None:
-        """Hand the map so far and the explored fraction to the sink."""
+        """Record the map so far and the explored fraction."""
         frontier_length = float(np.count_nonzero(frontier_cells(grid))) * grid.resolution  # m
-        known_area = float(np.count_nonzero(grid.free)) * grid.resolution**2  # m²
-        fraction = known_area / (known_area + frontier_length * FRONTIER_DEPTH)
+        free_area = float(np.count_nonzero(grid.free)) * grid.resolution**2  # m²
+        fraction = free_area / (free_area + frontier_length * FRONTIER_DEPTH)
         self.pilot.sink(MapUpdate(self.pilot.time, grid, fraction, frontier_length))
 
     def _say(self, phase: Phase, text: str) -> None:
@@ -231,12 +238,12 @@ class Surveyor:
 
 
 def costmap_around(pilot: Pilot, grid: OccupancyGrid, boxes: Sequence[BoxTrack]) -> Costmap:
-    """The costmap of a map with boxes as obstacles and with free space under the robot."""
+    """The costmap of a map, with boxes as obstacles and free space around the robot."""
     obstacles = np.array([(track.x, track.y, pilot.body.box_radius) for track in boxes]).reshape(-1, 3)
     cleared = np.array([[pilot.pose.x, pilot.pose.y, CLEARED_RADIUS]])
     return Costmap.from_grid(grid, pilot.body.radius, obstacles=obstacles, known_free=cleared)
 
 
-def _is_in_shadow(point: Floats, removed: Sequence[Floats]) -> bool:
-    """Whether a point, [2] m, is near one of the removed boxes."""
-    return any(float(np.hypot(*(point - other))) < SHADOW_RADIUS for other in removed)
+def _may_have_been_occluded(point: Floats, removed: Sequence[Floats]) -> bool:
+    """Whether a point, [2] m, map frame, is near one of the removed boxes, at positions [2] m, map frame."""
+    return any(float(np.hypot(*(point - other))) < OCCLUSION_RADIUS for other in removed)

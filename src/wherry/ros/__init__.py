@@ -1,4 +1,4 @@
-"""ROS 1 and ROS 2: messages, names, transports and bags; our agent on any robot, our simulator for any stack."""
+"""ROS 1 and ROS 2: messages, names, transports and bags; the agent on any ROS robot, the simulator for any stack."""
 
 import lazy_loader
 

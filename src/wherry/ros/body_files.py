@@ -1,4 +1,4 @@
-"""A robot's shape and limits from a YAML file; the pose of the lidar may be left to the transforms."""
+"""A robot's shape and limits from a YAML file; without a lidar pose in it, the transforms give that pose."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wherry.documents import Document, load_yaml, parse_yaml, validate
 from wherry.robot import Body
 from wherry.space.pose import Pose
 
-MAX_VALUE = 100.0  # m, rad, m/s, …, of every number in the file
+MAX_VALUE = 100.0  # in the unit of each number in the file
 
 Positive = Annotated[float, Field(gt=0.0, le=MAX_VALUE)]
 Coordinate = Annotated[float, Field(ge=-MAX_VALUE, le=MAX_VALUE)]
@@ -97,5 +97,5 @@ def load_body(path: str | Path | None = None) -> BodyParameters:
 
 
 def default_body_text() -> str:
-    """The text of the file of wherry's own robot, a template for other robots."""
+    """The text of the body file of wherry's own robot, a template for other robots."""
     return (resources.files("wherry.ros") / "body.yaml").read_text(encoding="utf-8")

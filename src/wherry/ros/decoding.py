@@ -1,8 +1,8 @@
-"""ROS messages as wherry's values, checked: the one decoder of live ROS and of bags.
+"""Decodes and validates ROS messages, those of live ROS and those in bags.
 
-Messages are duck-typed (`wherry.ros.message_protocols`), so the classes of both are accepted. A message that cannot be
-used raises `MessageError`; nothing is guessed. Units and axes follow REP 103, frames REP 105, and the ranges of a scan
-REP 117.
+Messages are typed by protocols (`wherry.ros.message_protocols`), which wherry's own classes and those of rosbags
+satisfy. A message that cannot be used raises `MessageError`; no default replaces an invalid value. Units and axes
+follow REP 103, frames REP 105, and the ranges of a scan REP 117.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ MIN_CELL_SIZE, MAX_CELL_SIZE = 0.001, 10.0  # m
 
 
 class MessageError(ValueError):
-    """A message that cannot be used; the text continues "the message …" with what is wrong."""
+    """A message that cannot be used; the text is a predicate such as "has 0 beams", to follow the message's name."""
 
 
 def decode_stamp(stamp: TimeLike) -> float:
@@ -84,7 +84,7 @@ def _heading(quaternion: QuaternionLike) -> float:
     """The rotation about the z axis, rad.
 
     Raises:
-        MessageError: It is not a unit quaternion. A zero quaternion, which careless nodes send, is not taken for 0 rad.
+        MessageError: It is not a unit quaternion. A zero quaternion, which some drivers send, is not decoded as 0 rad.
     """
     x, y, z, w = quaternion.x, quaternion.y, quaternion.z, quaternion.w
     norm = math.sqrt(x * x + y * y + z * z + w * w)
@@ -186,7 +186,7 @@ def _check_beams(message: LaserScanLike) -> None:
 
 
 def decode_odometry(message: OdometryLike, frame: str | None = None, child: str | None = None) -> Odometry:
-    """Odometry.
+    """The pose and velocity of the robot by odometry.
 
     Args:
         message: The message.
@@ -218,13 +218,13 @@ def decode_twist(message: TwistLike) -> Velocity:
 
 
 def decode_occupancy_grid(message: OccupancyGridLike, frame: str, *, margin: float = math.inf) -> OccupancyGrid:
-    """A map.
+    """The map, with its unknown border cropped.
 
     Args:
         message: The message.
         frame: Frame that it must be in.
         margin: Width of the border of unknown cells kept around the known ones, m; the rest is cropped. gmapping's maps
-            are 200 m wide from the start.
+            are 200 m wide from the first one on.
 
     Raises:
         MessageError: It is in another frame, empty, too large, of another size than declared, or has values outside

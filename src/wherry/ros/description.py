@@ -23,7 +23,7 @@ def robot_description(urdf: str) -> str:
         raise ValueError(f"the robot has no {BASE_JOINT}")
     parent, child, origin = (joint.find(tag) for tag in ("parent", "child", "origin"))
     if parent is None or child is None or origin is None or origin.get("rpy") != "0 0 0":
-        raise ValueError(f"{BASE_JOINT} is not a mere translation between two links")
+        raise ValueError(f"{BASE_JOINT} is not a pure translation between two links")
     parent.attrib["link"], child.attrib["link"] = child.attrib["link"], parent.attrib["link"]
     origin.attrib["xyz"] = " ".join(f"{0.0 - float(value):g}" for value in origin.attrib["xyz"].split())
     # No encoding is declared, because parsers refuse a declaration in text that is decoded already.

@@ -1,4 +1,4 @@
-"""wherry's values as ROS messages; the inverse of `wherry.ros.decoding`.
+"""Encodes measurements, commands, poses, paths and maps as ROS messages; the inverse of `wherry.ros.decoding`.
 
 Units and axes follow REP 103, frames REP 105, and the ranges of a scan REP 117.
 """
@@ -65,7 +65,7 @@ def encode_pose_array(particles: NDArray[np.floating], seconds: float, frame: st
 
 
 def encode_laser_scan(scan: Scan, frame: str, period: float = 0.0) -> ros.LaserScan:
-    """A scan.
+    """A scan in the frame of its lidar.
 
     Args:
         scan: The scan.

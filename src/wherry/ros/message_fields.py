@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
-class Wire:
+class RosType:
     """The ROS type of a field, attached to its annotation.
 
     Attributes:
@@ -29,20 +29,20 @@ class Wire:
     length: int | None = None
 
 
-Int32 = Annotated[int, Wire("int32")]
-UInt32 = Annotated[int, Wire("uint32")]
-UInt8 = Annotated[int, Wire("uint8")]
-Byte = Annotated[int, Wire("byte")]
-Float32 = Annotated[float, Wire("float32")]
-Float64 = Annotated[float, Wire("float64")]
-Text = Annotated[str, Wire("string")]
-Flag = Annotated[bool, Wire("bool")]
-Texts = Annotated[tuple[str, ...], Wire("string", 0)]
-Bytes = Annotated[NDArray[np.uint8], Wire("uint8", 0)]
-Int8s = Annotated[NDArray[np.int8], Wire("int8", 0)]
-Float32s = Annotated[NDArray[np.float32], Wire("float32", 0)]
-Float64s = Annotated[NDArray[np.float64], Wire("float64", 0)]
-Covariance = Annotated[NDArray[np.float64], Wire("float64", 36)]
+Int32 = Annotated[int, RosType("int32")]
+UInt32 = Annotated[int, RosType("uint32")]
+UInt8 = Annotated[int, RosType("uint8")]
+Byte = Annotated[int, RosType("byte")]
+Float32 = Annotated[float, RosType("float32")]
+Float64 = Annotated[float, RosType("float64")]
+Text = Annotated[str, RosType("string")]
+Flag = Annotated[bool, RosType("bool")]
+Texts = Annotated[tuple[str, ...], RosType("string", 0)]
+Bytes = Annotated[NDArray[np.uint8], RosType("uint8", 0)]
+Int8s = Annotated[NDArray[np.int8], RosType("int8", 0)]
+Float32s = Annotated[NDArray[np.float32], RosType("float32", 0)]
+Float64s = Annotated[NDArray[np.float64], RosType("float64", 0)]
+Covariance = Annotated[NDArray[np.float64], RosType("float64", 36)]
 
 ARRAY_TYPES: Mapping[str, Any] = MappingProxyType(
     {"uint8": np.uint8, "int8": np.int8, "float32": np.float32, "float64": np.float64}
@@ -93,8 +93,8 @@ def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
 
 def _field(name: str, hint: Any) -> Field:
     if get_origin(hint) is Annotated:
-        wire: Wire = get_args(hint)[1]
-        return Field(name, wire.type, wire.length)
+        ros_type: RosType = get_args(hint)[1]
+        return Field(name, ros_type.type, ros_type.length)
     if get_origin(hint) is tuple:
         return Field(name, get_args(hint)[0], 0)
     return Field(name, hint, None)

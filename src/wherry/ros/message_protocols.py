@@ -1,4 +1,4 @@
-"""What `wherry.ros.decoding` needs of a message: attributes with the names and types of ROS 2's message definitions.
+"""Protocols of the messages that `wherry.ros.decoding` accepts: attributes named and typed as in ROS 2.
 
 Our own classes (`wherry.ros.messages`) satisfy these protocols, and so do the classes with which rosbags reads bags of
 ROS 1 and ROS 2.

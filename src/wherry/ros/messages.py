@@ -3,8 +3,8 @@
 These are plain dataclasses rather than classes generated from .msg files, for three reasons. Type checkers and editors
 see their fields. Live ROS works without rosbags, which has the .msg files and is optional. And one class serves ROS 1,
 ROS 2 and bags: ROS 1 differs only in names (``secs``, ``nsecs``), in ``Header.seq``, and in fields of `Marker` that it
-lacks. The price is that definitions are repeated here; a test compares every field and every constant with the real
-ones.
+lacks. The definitions are therefore repeated here; a test compares every field and every constant with ROS's
+own.
 
 Units and frames follow REP 103: m, rad, s; x forward, y left, z up.
 """

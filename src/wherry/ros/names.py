@@ -61,7 +61,7 @@ class Topics:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """Names of the frames of REP 105 and REP 120, and of the lidar's.
+    """Names of the frames of REP 105 and REP 120, and of the lidar's frame.
 
     Attributes:
         map: Frame of the map, fixed in the world.
@@ -119,7 +119,7 @@ FrameName = Annotated[str, AfterValidator(partial(_check_name, FRAME_NAME))]
 
 
 class _NamesFile(Document):
-    """The contents of a YAML file, or what the options of the command line replace in it."""
+    """The contents of a YAML file, or the values of the command line's options, which take precedence."""
 
     namespace: Annotated[str, AfterValidator(partial(_check_name, NAMESPACE))] = ""
     frame_prefix: Annotated[str, AfterValidator(partial(_check_name, FRAME_PREFIX))] = ""

@@ -1,8 +1,8 @@
 """RViz of ROS 1 and ROS 2, configured to show what wherry publishes.
 
 It shows the map, the robot, the laser in blue, the particles in red, the predicted path in green, boxes and cells. Each
-version has its own configuration file in the package, since RViz 2 renamed everything; this module fills in topics,
-frames and the view.
+version has a configuration file in the package, since RViz 2 renamed the displays and their properties; this module
+fills in topics, frames and the view.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _rename(part: dict[str, Any], key: str, known: Mapping[str, str], topics: To
 
 
 def find_rviz(ros_version: int | None) -> tuple[int, str]:
-    """Find the RViz of a ROS version, or else that of the sourced ROS environment, or else any.
+    """Find the RViz of a given ROS version, else of the sourced ROS environment, else of any version.
 
     Returns:
         ROS version and path of the program.
@@ -84,12 +84,12 @@ def find_rviz(ros_version: int | None) -> tuple[int, str]:
     """
     sourced = {"1": [1], "2": [2]}.get(os.environ.get("ROS_VERSION", ""), [])
     wanted = [ros_version] if ros_version else sourced or [1, 2]
-    for one in wanted:
-        program = shutil.which(PROGRAMS[one])
+    for version in wanted:
+        program = shutil.which(PROGRAMS[version])
         if program:
-            return one, program
-    missing = " and ".join(PROGRAMS[one] for one in wanted)
-    raise InputError("RViz", missing, f"is not installed: {' or '.join(INSTALL[one] for one in wanted)}")
+            return version, program
+    missing = " and ".join(PROGRAMS[version] for version in wanted)
+    raise InputError("RViz", missing, f"is not installed: {' or '.join(INSTALL[version] for version in wanted)}")
 
 
 def find_robot_state_publisher(ros_version: int) -> Path | None:
@@ -101,7 +101,7 @@ def find_robot_state_publisher(ros_version: int) -> Path | None:
 
 @contextmanager
 def robot_model(ros_version: int, urdf: str, folder: Path) -> Iterator[str | None]:
-    """Run robot_state_publisher, so that RViz can draw a robot's links, unless another one runs.
+    """Run robot_state_publisher, so that RViz can draw a robot's links, unless one is running already.
 
     Args:
         ros_version: 1 or 2.
@@ -114,9 +114,15 @@ def robot_model(ros_version: int, urdf: str, folder: Path) -> Iterator[str | Non
     Raises:
         InputError: No ROS master answers.
     """
-    if ros_version == 1 and not _describe_to_master(urdf):
-        yield None
-        return
+    if ros_version == 1:
+        uri = choose_interface()
+        wait_for_master(uri)
+        with closing(Master("/wherry_rviz", uri)) as master:
+            _set_missing_description(master, urdf)
+            is_running = master.is_alive(f"/{PUBLISHER_NODE}")
+        if is_running:
+            yield None
+            return
     program = find_robot_state_publisher(ros_version)
     if program is None:
         yield f"the robot's links are not shown without robot_state_publisher: {INSTALL[ros_version]}"
@@ -129,18 +135,14 @@ def robot_model(ros_version: int, urdf: str, folder: Path) -> Iterator[str | Non
         process.wait()
 
 
-def _describe_to_master(urdf: str) -> bool:
-    """Set the parameter of the robot's description if it is not set; return whether no robot_state_publisher runs."""
-    uri = choose_interface()
-    wait_for_master(uri)
-    with closing(Master("/wherry_rviz", uri)) as master:
-        if not master.call("hasParam", DESCRIPTION_PARAMETER):
-            master.call("setParam", DESCRIPTION_PARAMETER, urdf)
-        return not master.is_alive(f"/{PUBLISHER_NODE}")
+def _set_missing_description(master: Master, urdf: str) -> None:
+    """Set the parameter with the robot's description, which robot_state_publisher reads in ROS 1, if it is not set."""
+    if not master.call("hasParam", DESCRIPTION_PARAMETER):
+        master.call("setParam", DESCRIPTION_PARAMETER, urdf)
 
 
 def _publisher_arguments(ros_version: int, urdf: str, folder: Path) -> list[str]:
-    """Arguments that give robot_state_publisher the description in ROS 2; in ROS 1 it asks the master."""
+    """Arguments of robot_state_publisher: a parameter file with the description in ROS 2; none in ROS 1."""
     if ros_version == 1:
         return []
     parameters = folder / "robot_state_publisher.yaml"

@@ -1,4 +1,4 @@
-"""Topics of ROS: a name, a message type and how messages are delivered."""
+"""Topics: a name, a message type, and a quality of service."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from wherry.ros.message_fields import MessageT
 
 
 class QosProfile(Enum):
-    """How the messages of a topic are delivered: a profile of ROS 2's quality of service; ROS 1 only knows latching."""
+    """Quality of service of a topic, as a profile of ROS 2; of these, ROS 1 only has latching."""
 
     SENSOR = "only the newest messages count; subscribers accept best-effort delivery"
     RELIABLE = "every message is delivered"

@@ -1,5 +1,5 @@
 from .drive import WheelOdometryErrors
-from .faults import blind, cell_pose, kidnap, random_cell_pose, random_pose, reachable_cells, slippery
+from .faults import blind_lidar, cell_pose, kidnap, random_cell_pose, random_pose, reachable_cells, slippery_wheels
 from .ground_truth import true_map
 from .lidar import LidarSpecification
 from .model import BODY, robot_urdf
@@ -19,7 +19,7 @@ __all__ = [
     "SeededWorld",
     "Simulation",
     "WheelOdometryErrors",
-    "blind",
+    "blind_lidar",
     "build",
     "cell_pose",
     "kidnap",
@@ -28,6 +28,6 @@ __all__ = [
     "reachable_cells",
     "robot_urdf",
     "seed_world",
-    "slippery",
+    "slippery_wheels",
     "true_map",
 ]

@@ -11,8 +11,8 @@ from wherry.robot import Body, Odometry, Velocity
 from wherry.space.pose import Floats, Pose
 
 WHEEL_RADIUS = 0.05  # m
-TRACK = 0.32  # m between the wheels
-COMMAND_TIMEOUT = 0.35  # s without a command after which the drive brakes, to stand still within 0.5 s
+TRACK_WIDTH = 0.32  # m between the wheels' contact points
+COMMAND_TIMEOUT = 0.35  # s after the last command at which the drive brakes, so that it stands still within 0.5 s
 BRAKING_DECELERATION = 5.0  # m/s² of each wheel after the command timeout
 
 
@@ -20,7 +20,7 @@ class Drive:
     """Turns velocity commands into wheel speeds, within the robot's limits of speed and acceleration.
 
     Args:
-        body: The limits.
+        body: The robot's limits.
     """
 
     def __init__(self, body: Body) -> None:
@@ -46,45 +46,53 @@ class Drive:
         self._last_command = time
 
     def wheel_speeds(self, time: float, period: float) -> tuple[float, float]:
-        """Speeds of the left and the right wheel, rad/s, for the ``period``, s, that begins at a time, s."""
+        """Advance the commanded velocity by one control period.
+
+        Args:
+            time: Beginning of the period, s.
+            period: Duration of the period, s.
+
+        Returns:
+            Speeds of the left and the right wheel, rad/s.
+        """
         target, current = self._target, self._current
         linear, angular = self._body.max_linear_acceleration, self._body.max_angular_acceleration
         if time - self._last_command > COMMAND_TIMEOUT:
             target = Velocity()
-            linear, angular = BRAKING_DECELERATION, BRAKING_DECELERATION / (TRACK / 2)
+            linear, angular = BRAKING_DECELERATION, BRAKING_DECELERATION / (TRACK_WIDTH / 2)
         if current != target:
             self._current = Velocity(
                 current.linear + _clip(target.linear - current.linear, linear * period),
                 current.angular + _clip(target.angular - current.angular, angular * period),
             )
-        turn = self._current.angular * TRACK / 2
+        turn = self._current.angular * TRACK_WIDTH / 2
         return (self._current.linear - turn) / WHEEL_RADIUS, (self._current.linear + turn) / WHEEL_RADIUS
 
 
 @dataclass(frozen=True, slots=True)
 class WheelOdometryErrors:
-    """Errors of the odometry.
+    """Standard deviations of the wheel odometry's errors.
 
     Attributes:
-        scale: σ of the relative error of each wheel's radius, drawn once for each wheel.
-        noise: σ of the relative error of the distance in each reading.
+        radius_sigma: Relative error of a wheel's radius, drawn once for each wheel.
+        distance_sigma: Relative error of the distance that a wheel rolled, drawn anew for each reading.
     """
 
-    scale: float = 0.002
-    noise: float = 0.03
+    radius_sigma: float = 0.002
+    distance_sigma: float = 0.03
 
 
 class WheelOdometry:
-    """Integrates the wheels' rotations to a pose, which drifts by the errors.
+    """Integrates the wheels' rotations to a pose in the odom frame, with errors that make it drift.
 
     Args:
-        errors: Errors of the odometry.
+        errors: Standard deviations of the errors.
         rng: Source of the errors.
     """
 
     def __init__(self, errors: WheelOdometryErrors, rng: np.random.Generator) -> None:
-        self._noise = errors.noise
-        self._scales = 1.0 + errors.scale * rng.standard_normal(2)
+        self._distance_sigma = errors.distance_sigma
+        self._radius_factors = 1.0 + errors.radius_sigma * rng.standard_normal(2)
         self._rng = rng
         self._angles: Floats | None = None
         self._pose = Pose()
@@ -99,19 +107,20 @@ class WheelOdometry:
         """
         turned = np.zeros(2) if self._angles is None else angles - self._angles
         self._angles = angles.copy()
-        left, right = WHEEL_RADIUS * turned * self._scales * (1.0 + self._noise * self._rng.standard_normal(2))
-        forwards, turn = float(left + right) / 2, float(right - left) / TRACK
+        distance_factors = 1.0 + self._distance_sigma * self._rng.standard_normal(2)
+        left, right = WHEEL_RADIUS * turned * self._radius_factors * distance_factors
+        forwards, turn = float(left + right) / 2, float(right - left) / TRACK_WIDTH
         self._pose = self._pose @ _arc(forwards, turn)
         return Odometry(time, self._pose, Velocity(forwards / period, turn / period))
 
 
 def _arc(length: float, turn: float) -> Pose:
-    """End of an arc that starts along the x axis, turns by ``turn``, rad, and is ``length``, m, long."""
+    """End of an arc of a length, m, that starts along the x axis and turns by an angle, rad."""
     half = turn / 2
     chord = length * math.sin(half) / half if half else length
     return Pose(chord * math.cos(half), chord * math.sin(half), turn)
 
 
 def _clip(value: float, limit: float) -> float:
-    """The value clipped to [−limit, limit]."""
+    """Clip a value to [−limit, limit]."""
     return max(-limit, min(limit, value))

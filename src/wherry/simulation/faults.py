@@ -1,4 +1,4 @@
-"""Faults that a simulation can inject: a kidnapped robot, slipping wheels, a blind lidar."""
+"""Faults that a simulation can inject: a kidnapped robot, slipping wheels, a blinded lidar."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from wherry.simulation.simulator import Simulation
 from wherry.simulation.static_geometry import clearance
 from wherry.space.pose import Pose
 
-MIN_CLEARANCE = 0.03  # m between the robot and everything else where it is placed
+MIN_CLEARANCE = 0.03  # m between a placed robot's footprint and any wall, obstacle or box
 
 
 def kidnap(simulation: Simulation, pose: Pose) -> None:
-    """Move the robot, and the box that it holds, to a pose in the world frame, without any odometry.
+    """Move the robot and its load to a pose in the world frame without a change in its odometry.
 
     Raises:
         ValueError: The robot would collide there.
@@ -30,7 +30,7 @@ def kidnap(simulation: Simulation, pose: Pose) -> None:
 
 
 def random_pose(simulation: Simulation, rng: np.random.Generator) -> Pose:
-    """A collision-free pose, world frame, uniform over the free floor of the reachable cells and over all headings."""
+    """Draw a collision-free pose, world frame, uniform over the free floor of the reachable cells and all headings."""
     plan = simulation.plan
     cells = reachable_cells(plan)
     while True:
@@ -42,10 +42,10 @@ def random_pose(simulation: Simulation, rng: np.random.Generator) -> Pose:
 
 
 def random_cell_pose(plan: FloorPlan, rng: np.random.Generator) -> Pose:
-    """A pose, world frame, at the centre of a random reachable cell without a box, with a random heading.
+    """Draw a reachable cell without a box and a heading; return the pose at the cell's centre, world frame.
 
     Args:
-        plan: The floor plan, with its boxes placed.
+        plan: The floor plan with its boxes placed.
         rng: Source of the randomness.
     """
     cells = [cell for cell in reachable_cells(plan) if cell not in plan.boxes]
@@ -53,7 +53,7 @@ def random_cell_pose(plan: FloorPlan, rng: np.random.Generator) -> Pose:
 
 
 def reachable_cells(plan: FloorPlan) -> list[Cell]:
-    """The cells that the robot can reach from its start, in order; none if the plan has no robot."""
+    """The cells that the robot can reach from its start, sorted; empty if the plan has no robot."""
     return sorted(plan.distances(plan.start)) if plan.start is not None else []
 
 
@@ -63,12 +63,12 @@ def cell_pose(plan: FloorPlan, cell: Cell, heading: float) -> Pose:
 
 
 @contextmanager
-def slippery(simulation: Simulation, friction: float = 0.03) -> Iterator[None]:
-    """Make the wheels slip whenever the robot accelerates, brakes or turns.
+def slippery_wheels(simulation: Simulation, friction: float = 0.03) -> Iterator[None]:
+    """Lower the wheels' friction in the context, so that they slip when the robot accelerates, brakes or turns.
 
     Args:
         simulation: The simulation.
-        friction: Friction coefficient between wheels and floor; `WHEEL_FRICTION` without the fault.
+        friction: Friction coefficient of the wheels on the floor; without the fault it is `WHEEL_FRICTION`.
     """
     simulation.physics.set_wheel_friction(friction)
     try:
@@ -78,8 +78,8 @@ def slippery(simulation: Simulation, friction: float = 0.03) -> Iterator[None]:
 
 
 @contextmanager
-def blind(simulation: Simulation) -> Iterator[None]:
-    """Make every range of the lidar NaN."""
+def blind_lidar(simulation: Simulation) -> Iterator[None]:
+    """Make every range of the lidar NaN in the context."""
     simulation.lidar.is_blind = True
     try:
         yield

@@ -1,4 +1,4 @@
-"""The true map of a world: what a mapper without any error makes of it."""
+"""The true map of a world: the occupancy grid of scans taken at true poses."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from wherry.simulation.simulator import build
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid
 
-RESOLUTION = 0.05  # m, side of the map's cells
-VIEWS_PER_CELL = 4  # headings at which the lidar scans in every reachable cell
+RESOLUTION = 0.05  # m, side of the map's grid cells
+HEADINGS_PER_CELL = 4  # scans at evenly spaced headings in every reachable cell
 
 
 def true_map(plan: FloorPlan) -> OccupancyGrid:
-    """Map a world without its boxes from noisy scans at true poses in every cell that the robot can reach.
+    """Map a world without its boxes from noisy scans at true poses in every reachable cell.
 
     Args:
-        plan: The building, with a robot.
+        plan: A floor plan with a robot.
 
     Raises:
         InputError: The plan has no robot.
@@ -29,8 +29,8 @@ def true_map(plan: FloorPlan) -> OccupancyGrid:
     mapper = GridMapper(RESOLUTION)
     no_boxes = np.empty((0, 2))
     for cell in reachable_cells(plan):
-        for view in range(VIEWS_PER_CELL):
-            lidar = cell_pose(plan, cell, view * math.tau / VIEWS_PER_CELL) @ empty.robot.body.lidar
-            ends = lidar.transform(empty.lidar.scan(0.0, lidar, no_boxes, 0.1).points())
-            mapper.add(lidar.as_array()[:2], ends, np.ones(len(ends), np.bool_))
+        for turn in range(HEADINGS_PER_CELL):
+            lidar = cell_pose(plan, cell, turn * math.tau / HEADINGS_PER_CELL) @ empty.robot.body.lidar
+            end_points = lidar.transform(empty.lidar.scan(0.0, lidar, no_boxes, 0.1).points())
+            mapper.add(lidar.as_array()[:2], end_points, np.ones(len(end_points), np.bool_))
     return mapper.grid()

@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 
 from wherry.kernels import kernel
 from wherry.robot import Scan
-from wherry.simulation.static_geometry import StaticGeometry
+from wherry.simulation.static_geometry import FREE, StaticGeometry
 from wherry.space.pose import Floats, Pose
 
 
 @dataclass(frozen=True, slots=True)
 class LidarSpecification:
-    """Data sheet of a small time-of-flight lidar with a field of view of 360°.
+    """Parameters of a 2D lidar with a field of view of 360°.
 
     Attributes:
-        beams: Number of beams in a scan; beam 0 points backwards, as is usual in ROS.
-        rate: Scans a second, Hz; the scan period must be a multiple of the odometry's period of 0.05 s.
-        range_min: Shortest range, m; a box in the fork is 0.07 m away.
-        range_max: Longest range, m.
-        noise: Standard deviation σ of a range, m.
+        beams: Number of beams in a scan; beam 0 points backwards (−π), as in most ROS drivers.
+        rate: Rate of the scans, Hz; must divide the odometry's rate of 20 Hz.
+        range_min: Shortest valid range, m; a box in the fork is 0.07 m away.
+        range_max: Longest valid range, m.
+        noise: Standard deviation of a range, m.
     """
 
     beams: int = 360
@@ -37,13 +37,13 @@ class Lidar:
     """Simulates scans.
 
     Args:
-        specification: The data sheet.
+        specification: The lidar's parameters.
         geometry: The walls and obstacles; boxes are passed with each scan, as they move.
         rng: Source of the noise.
 
     Attributes:
-        specification: The data sheet.
-        is_blind: Whether every range is NaN.
+        specification: The lidar's parameters.
+        is_blind: Whether all ranges are replaced by NaN.
     """
 
     def __init__(self, specification: LidarSpecification, geometry: StaticGeometry, rng: np.random.Generator) -> None:
@@ -54,7 +54,7 @@ class Lidar:
         self._rng = rng
 
     def scan(self, time: float, pose: Pose, boxes: Floats, box_radius: float) -> Scan:
-        """A scan, all beams measured at the same time.
+        """Simulate a scan whose beams are all measured at the same time.
 
         Args:
             time: Time of the scan, s.
@@ -72,21 +72,21 @@ class Lidar:
 
 
 def exact_ranges(geometry: StaticGeometry, pose: Pose, angles: Floats, boxes: Floats, box_radius: float) -> Floats:
-    """Exact ranges along rays.
+    """Cast rays at walls, obstacles and boxes.
 
-    A ray steps from line to line of the geometry's grid until it enters a solid element (Amanatides & Woo 1987, for
-    lines that are not evenly spaced, unlike `wherry.space.raycast`); boxes are circles. MuJoCo's `mj_multiRay` returns
-    the same in four times the time.
+    A ray steps from grid line to grid line until it enters a solid element (Amanatides & Woo 1987, here for unevenly
+    spaced lines, unlike `wherry.space.raycast`); boxes are circles. MuJoCo's `mj_multiRay` returns the same ranges in
+    four times the time.
 
     Args:
         geometry: The walls and obstacles.
-        pose: Where the rays start, world frame, within the outer walls.
+        pose: Origin of the rays, world frame, within the outer walls.
         angles: [R] directions of the rays from the pose's x axis, rad.
-        boxes: [B, 2] centres of cylinders, m, world frame.
-        box_radius: Radius of the cylinders, m.
+        boxes: [B, 2] centres of the boxes, m, world frame.
+        box_radius: Radius of a box, m.
 
     Returns:
-        [R] m; 0 if the rays start in a solid element.
+        [R] ranges, m; 0 if the origin is in a solid element.
     """
     directions = np.column_stack([np.cos(angles + pose.theta), np.sin(angles + pose.theta)])
     return _exact_ranges(geometry.xs, geometry.ys, geometry.kinds, (pose.x, pose.y), directions, boxes, box_radius)
@@ -102,7 +102,7 @@ def _exact_ranges(
     boxes: Floats,
     radius: float,
 ) -> Floats:
-    """As `exact_ranges`, for unit vectors [R, 2]."""
+    """As `exact_ranges`, for directions given as unit vectors, [R, 2], world frame."""
     x, y = origin
     first_column, first_row = np.searchsorted(xs, x, side="right") - 1, np.searchsorted(ys, y, side="right") - 1
     ranges = np.empty(len(directions))
@@ -110,7 +110,7 @@ def _exact_ranges(
         dx, dy = directions[r, 0], directions[r, 1]
         right, up = int(dx > 0.0), int(dy > 0.0)
         column, row, length = first_column, first_row, 0.0
-        while kinds[row, column] == 0:
+        while kinds[row, column] == FREE:
             to_column = (xs[column + right] - x) / dx if dx != 0.0 else np.inf
             to_row = (ys[row + up] - y) / dy if dy != 0.0 else np.inf
             if to_column < to_row:

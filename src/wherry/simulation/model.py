@@ -13,19 +13,19 @@ from wherry.simulation.drive import WHEEL_RADIUS
 from wherry.simulation.static_geometry import OBSTACLE, WALL, StaticGeometry
 from wherry.space.pose import Floats, Pose
 
-TIMESTEP = 0.005  # s
+TIMESTEP = 0.005  # s, of the physics
 WALL_HEIGHT = 0.5  # m
 LIDAR_HEIGHT = 0.20  # m above the floor
-LASER_HEIGHT = round(LIDAR_HEIGHT - WHEEL_RADIUS, 6)  # m of the laser frame above base_link, as in the URDF
+LASER_HEIGHT = round(LIDAR_HEIGHT - WHEEL_RADIUS, 6)  # m from base_link up to the laser frame, as in the URDF
 BOX_RADIUS = 0.10  # m
 BOX_HEIGHT = 0.30  # m
 BOX_MASS = 1.5  # kg
 WHEEL_FRICTION = 1.0  # friction coefficient of a rubber wheel on the floor
 FLOOR_FRICTION = 0.3  # friction coefficient of a box on the floor
-MOTOR_GAIN = 1.0  # N·m per rad/s of error in a wheel's speed
+MOTOR_GAIN = 1.0  # N·m per rad/s of error of a wheel's speed
 MAX_MOTOR_TORQUE = 2.0  # N·m
 MAX_PICTURE_WIDTH, MAX_PICTURE_HEIGHT = 1920, 1080  # pixels
-COLOURS = {
+COLOURS = {  # RGBA, 0 to 1
     "floor": (0.72, 0.71, 0.68, 1),
     "wall": (0.33, 0.38, 0.46, 1),
     "obstacle": (0.50, 0.42, 0.34, 1),
@@ -46,7 +46,7 @@ BODY = Body(
 
 
 def robot_urdf() -> str:
-    """The robot's description as URDF, which RViz and Gazebo use too."""
+    """The robot's URDF, which RViz and Gazebo use too."""
     return (resources.files("wherry.simulation") / "robot.urdf").read_text(encoding="utf-8")
 
 
@@ -75,10 +75,10 @@ def build_model(plan: FloorPlan, geometry: StaticGeometry, robot: Pose, boxes: F
 
 
 def _configure_solver(spec: mujoco.MjSpec) -> None:
-    """Choose integrator, contact model and sleeping.
+    """Set integrator, contact model and sleeping.
 
-    With a time step of 5 ms the discrete integrator lets this robot roll without slip, where the implicit one moves it
-    2 % farther than its wheels turn. Boxes sleep, and cost no time, until they are touched.
+    With a time step of 5 ms the robot rolls without slip under the discrete integrator; under the implicit one it moves
+    2 % farther than its wheels turn. Boxes sleep, which costs no time, until they are touched.
     """
     spec.option.timestep = TIMESTEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
@@ -119,10 +119,10 @@ def _add_building(spec: mujoco.MjSpec, plan: FloorPlan, geometry: StaticGeometry
 
 
 def _add_robot(spec: mujoco.MjSpec, pose: Pose) -> None:
-    """Add the robot of the URDF, with motors and with wheels that suit the contact model.
+    """Add the robot of the URDF, with motors and with ellipsoidal wheels.
 
-    A cylinder touches the floor along a line, which scrubs when the robot turns on the spot: it turns 9 % less than its
-    wheels. The wheels are ellipsoids of the URDF's size, which touch the floor in one point.
+    Cylinders, as in the URDF, would touch the floor along a line and scrub when the robot turns on the spot, so that it
+    would turn 9 % less than its wheels. Ellipsoids of the same size touch the floor in one point.
     """
     robot = mujoco.MjSpec.from_string(robot_urdf())
     heading = [np.cos(pose.theta / 2), 0, 0, np.sin(pose.theta / 2)]
@@ -130,8 +130,9 @@ def _add_robot(spec: mujoco.MjSpec, pose: Pose) -> None:
     body = frame.attach_body(robot.body("base_footprint"), "robot/", "")
     body.add_freejoint()
     body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
-    for geom in (geom for geom in spec.geoms if geom.name.startswith("robot/") and geom.contype):
-        geom.group = HIDDEN_GROUP
+    for geom in spec.geoms:
+        if geom.name.startswith("robot/") and geom.contype:
+            geom.group = HIDDEN_GROUP
     for side in ("left", "right"):
         wheel = spec.geom(f"robot/{side}_wheel")
         wheel.type = mujoco.mjtGeom.mjGEOM_ELLIPSOID
@@ -146,7 +147,7 @@ def _add_robot(spec: mujoco.MjSpec, pose: Pose) -> None:
 
 
 def _add_box(spec: mujoco.MjSpec, index: int, x: float, y: float) -> None:
-    """Add a sleeping box, and the inactive weld of the latch that can hold it."""
+    """Add a sleeping box at x, y, m, world frame, and the inactive weld by which the latch can hold it."""
     body = spec.worldbody.add_body(name=f"box {index}", pos=[x, y, BOX_HEIGHT / 2])
     body.add_freejoint()
     body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT

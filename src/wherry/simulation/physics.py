@@ -1,4 +1,4 @@
-"""The physics: a MuJoCo model and its state, behind the few operations that the simulation needs."""
+"""MuJoCo behind the few operations that the simulation needs."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy as np
 from wherry.simulation.model import BOX_HEIGHT, BOX_MASS
 from wherry.space.pose import Floats, Pose
 
-SETTLING_TIME = 0.5  # s simulated before the clock starts, in which the robot settles on its wheels
-INTAKE_SPEED = 0.3  # m/s at which the warehouse moves a delivered box down
+SETTLING_TIME = 0.5  # s simulated before time 0, until the robot rests on its wheels
+INTAKE_SPEED = 0.3  # m/s at which a delivered box sinks through the floor
 
 
 class BodyKind(StrEnum):
-    """Kinds of bodies, named as in the MuJoCo model."""
+    """Kinds of bodies; the values are the first words of their geoms' names in the MuJoCo model."""
 
     FLOOR = auto()
     WALL = auto()
@@ -30,7 +30,7 @@ class BodyKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ContactBody:
-    """A body that can be in contact with others.
+    """A body as one side of a contact.
 
     Attributes:
         kind: Kind of the body.
@@ -45,18 +45,18 @@ class ContactBody:
 
 
 class Physics:
-    """The state of the world in MuJoCo.
+    """A MuJoCo model and its state.
 
     Args:
-        model: From `build_model`; owned by this object, since latches write to it.
+        model: A model from `build_model`, which this object modifies.
         boxes: Number of boxes in the model.
     """
 
     def __init__(self, model: mujoco.MjModel, boxes: int) -> None:
         self.model = model
         self.data = mujoco.MjData(model)
-        self._base = _positions(model, "robot/base_footprint")
-        self._boxes = [_positions(model, f"box {index}") for index in range(boxes)]
+        self._base = _qpos_address(model, "robot/base_footprint")
+        self._boxes = [_qpos_address(model, f"box {index}") for index in range(boxes)]
         wheels = [model.joint(f"robot/{side}_wheel_joint").qposadr[0] for side in ("left", "right")]
         self._wheels = np.array(wheels)
         self._bodies = [_contact_body(model, geom) for geom in range(model.ngeom)]
@@ -94,9 +94,9 @@ class Physics:
             self._stop_sunk_boxes()
 
     def contacts(self) -> Iterator[tuple[ContactBody, ContactBody, Floats]]:
-        """Pairs of bodies in contact, and [2] where, m, world frame; without contacts with the floor."""
+        """Yield each pair of bodies in contact, except with the floor, and the point of contact, [2] m, world frame."""
         geoms = self.data.contact.geom
-        if not any(geoms[:, 0].tolist()):  # all contacts are with the floor, which is geom 0 and comes first in a pair
+        if not any(geoms[:, 0].tolist()):  # all contacts are with the floor, geom 0, which comes first in a pair
             return
         for contact, pair in enumerate(geoms.tolist()):
             first, second = (self._bodies[geom] for geom in pair)
@@ -104,14 +104,14 @@ class Physics:
                 yield first, second, self.data.contact.pos[contact, :2].copy()
 
     def hold(self, box: int) -> None:
-        """Weld a box to the robot at its present place."""
+        """Weld a box to the robot where it is now."""
         robot, load = self.data.body("robot/base_footprint"), self.data.body(f"box {box}")
         inverse, offset, rotation = np.empty(4), np.empty(3), np.empty(4)
         mujoco.mju_negQuat(inverse, robot.xquat)
         mujoco.mju_rotVecQuat(offset, load.xpos - robot.xpos, inverse)
         mujoco.mju_mulQuat(rotation, inverse, load.xquat)
         latch = self.model.equality(f"latch {box}").id
-        # The weld's data: an anchor in the box frame, its place in the robot frame, and the box's rotation in it.
+        # A weld's data: anchor in the box frame, the anchor in the robot frame, the box's rotation in the robot frame.
         self.model.eq_data[latch, :10] = np.concatenate([np.zeros(3), offset, rotation])
         self.data.eq_active[latch] = 1
 
@@ -120,7 +120,7 @@ class Physics:
         self.data.eq_active[self.model.equality(f"latch {box}").id] = 0
 
     def take_in(self, box: int) -> None:
-        """Let a box sink through the floor without contacts, as a stand-in for a conveyor that takes it away."""
+        """Let a box sink through the floor without contacts, in place of a conveyor that takes it away."""
         geom = self.model.geom(f"box {box}").id
         self.model.geom_contype[geom] = self.model.geom_conaffinity[geom] = 0
         body = self.model.body(f"box {box}").id
@@ -129,7 +129,12 @@ class Physics:
         self._sinking.append(box)
 
     def place_robot(self, pose: Pose, load: int | None) -> None:
-        """Place the robot, and the box that it holds, at a pose in the world frame, at rest."""
+        """Place the robot and its load at rest, the robot at a pose in the world frame.
+
+        Args:
+            pose: base_link in the world frame.
+            load: Index of the box that the latch holds; None for none.
+        """
         before = self.robot_pose
         for start in [self._base] if load is None else [self._base, self._boxes[load]]:
             moved = pose @ before.inverse @ self._pose(start)
@@ -144,29 +149,29 @@ class Physics:
             self.model.geom_friction[self.model.geom(f"robot/{side}_wheel").id, 0] = friction
 
     def _pose(self, start: int) -> Pose:
-        """Pose of a free body whose seven coordinates begin at ``start``, projected onto the floor."""
+        """Pose of the free body whose coordinates begin at qpos[start], world frame, projected onto the floor."""
         x, y, _, w, i, j, k = self.data.qpos[start : start + 7].tolist()
         return Pose(x, y, math.atan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k)))
 
     def _set_velocity(self, box: int, upwards: float) -> None:
-        """Set the velocity of a box to a vertical one, m/s."""
+        """Set a box's linear velocity to a vertical one, m/s, and its angular velocity to zero."""
         start = self.model.jnt_dofadr[self.model.body(f"box {box}").jntadr[0]]
         self.data.qvel[start : start + 6] = [0, 0, upwards, 0, 0, 0]
 
     def _stop_sunk_boxes(self) -> None:
-        """Stop the boxes that are below the floor."""
+        """Stop the sinking boxes that are entirely below the floor."""
         for box in [box for box in self._sinking if self.data.qpos[self._boxes[box] + 2] < -BOX_HEIGHT]:
             self._set_velocity(box, 0.0)
             self._sinking.remove(box)
 
 
-def _positions(model: mujoco.MjModel, body: str) -> int:
-    """Index in the model's coordinates of the seven of a free body."""
+def _qpos_address(model: mujoco.MjModel, body: str) -> int:
+    """Index in qpos of a free body's seven coordinates: x, y, z, m, and a quaternion w, x, y, z."""
     return int(model.jnt_qposadr[model.body(body).jntadr[0]])
 
 
 def _contact_body(model: mujoco.MjModel, geom: int) -> ContactBody:
-    """The body of a geom; all of the robot is one body."""
+    """The body that a geom belongs to; the whole robot counts as one body."""
     name = model.geom(geom).name
     if name.startswith("robot/"):
         return ContactBody(BodyKind.ROBOT)

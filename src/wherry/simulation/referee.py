@@ -1,4 +1,4 @@
-"""The referee: records the ground truth of a simulated run, by which the run is scored."""
+"""The referee: records the ground truth of a simulated run, from which its score is computed."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.simulation.physics import BodyKind, ContactBody, Physics
-from wherry.simulation.static_geometry import StaticGeometry, distances_to
+from wherry.simulation.static_geometry import StaticGeometry, distances_to_rectangles
 from wherry.space.pose import Floats, Pose
 
-FORK_REACH = 0.128  # m from base_link to the prongs' tips
-FORK_HALF_WIDTH = 0.14  # m from base_link to a prong's inner face
-COLLISION_GAP = 0.2  # s without contact after which touching the same body is a new collision
-CELL_MARGIN = 0.1  # cell sizes by which the robot must be inside a cell to have entered it
+FORK_REACH = 0.128  # m from base_link forwards to the prongs' tips
+FORK_HALF_WIDTH = 0.14  # m from base_link sideways to a prong's inner face
+COLLISION_GAP = 0.2  # s without contact after which another contact with the same body is a new collision
+CELL_MARGIN = 0.1  # distance inside a cell's border at which the robot has entered the cell ÷ cell size
 
 
 class BoxStatus(Enum):
@@ -33,7 +33,7 @@ class BoxTruth:
 
     Attributes:
         initial_cell: The cell in which it stood at the start.
-        position: Centre x, y, m, world frame; where it was released, once it is delivered.
+        position: Centre x, y, m, world frame; of a delivered box, where it was released.
         status: On the floor, held by the robot, or delivered.
     """
 
@@ -44,34 +44,34 @@ class BoxTruth:
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """A contact of the robot or its load with another body, from its beginning to its end.
+    """A contact of the robot or its load with a wall, an obstacle or another box.
 
     Attributes:
         time: Beginning of the contact, s.
-        mover: The body that the robot moved: ``robot``, or ``box <k>`` for its load.
-        touched: The body that it touched: ``wall <k>``, ``obstacle <k>`` or ``box <k>``.
+        mover: The robot, or the box that is its load.
+        touched: The wall, obstacle or other box that the mover touched.
         position: Point of contact x, y, m, world frame.
     """
 
     time: float
-    mover: str
-    touched: str
+    mover: ContactBody
+    touched: ContactBody
     position: tuple[float, float]
 
 
 class Referee:
-    """Records the ground truth of a run; nothing that drives the robot may read it.
+    """Records the ground truth of a run; the robot's own code must not read it.
 
     Args:
         plan: The floor plan.
-        geometry: Its walls and obstacles.
+        geometry: The plan's walls and obstacles.
 
     Attributes:
         plan: The floor plan.
         pose: base_link in the world frame.
         time: Time of the pose, s.
-        collisions: All collisions so far.
-        boxes: The true state of each box.
+        collisions: Collisions so far, in order of time.
+        boxes: True states of the boxes, in the order of the plan's boxes.
     """
 
     def __init__(self, plan: FloorPlan, geometry: StaticGeometry) -> None:
@@ -81,9 +81,9 @@ class Referee:
         self.collisions: list[Collision] = []
         self.boxes: tuple[BoxTruth, ...] = ()
         self._surfaces = geometry.surfaces()
-        self._history: list[tuple[float, float, float, float]] = []
+        self._trajectory: list[tuple[float, float, float, float]] = []
         self._last_contact: dict[tuple[ContactBody, ContactBody], float] = {}
-        self._cells: list[Cell] = []
+        self._visited_cells: list[Cell] = []
 
     @property
     def delivered(self) -> int:
@@ -91,43 +91,43 @@ class Referee:
         return sum(box.status is BoxStatus.DELIVERED for box in self.boxes)
 
     @property
-    def history(self) -> Floats:
-        """[T, 4] time, x, y, θ of base_link, s, m, m, rad, world frame, at 20 Hz."""
-        return np.array(self._history, dtype=np.float64).reshape(-1, 4)
+    def trajectory(self) -> Floats:
+        """[T, 4] true trajectory of base_link at 20 Hz: time, x, y, θ; s, m, m, rad, world frame."""
+        return np.array(self._trajectory, dtype=np.float64).reshape(-1, 4)
 
     @property
-    def trajectory(self) -> tuple[Cell, ...]:
-        """The cells driven through, without repetition of the same cell in a row.
+    def visited_cells(self) -> tuple[Cell, ...]:
+        """The cells driven through, in order; consecutive ones differ.
 
-        A cell is entered at `CELL_MARGIN` inside its border, so that a robot on a border does not change cells.
+        A cell counts as entered at `CELL_MARGIN` inside its border, so that a robot on a border does not alternate.
         """
-        return tuple(self._cells)
+        return tuple(self._visited_cells)
 
     def wall_distance(self, points: Floats) -> Floats:
         """Distances to the nearest face of a wall or obstacle that is visible from inside the building.
 
         Args:
-            points: [N, 2] m, world frame.
+            points: [N, 2] points, m, world frame.
 
         Returns:
-            [N] m.
+            [N] distances, m.
         """
-        return distances_to(self._surfaces, points)
+        return distances_to_rectangles(self._surfaces, points)
 
     def record(self, time: float, pose: Pose) -> None:
         """Record base_link in the world frame at a time, s."""
         self.time, self.pose = time, pose
-        self._history.append((time, pose.x, pose.y, pose.theta))
-        cell = self._entered(pose)
-        if cell is not None and (not self._cells or self._cells[-1] != cell):
-            self._cells.append(cell)
+        self._trajectory.append((time, pose.x, pose.y, pose.theta))
+        cell = self._entered_cell(pose)
+        if cell is not None and (not self._visited_cells or self._visited_cells[-1] != cell):
+            self._visited_cells.append(cell)
 
     def record_contacts(self, physics: Physics, held: int | None) -> None:
-        """Record the collisions that begin now.
+        """Record the collisions that begin at the present time step.
 
         Args:
             physics: The present state of the world.
-            held: Index of the box that the latch holds.
+            held: Index of the box that the latch holds; None for none.
         """
         for first, second, position in physics.contacts():
             load = held if held is not None else box_in_fork(physics.robot_pose, physics.box_positions)
@@ -139,11 +139,11 @@ class Referee:
             mover, touched = (first, second) if first in moving else (second, first)
             if physics.time - self._last_contact.get((mover, touched), -math.inf) > COLLISION_GAP:
                 point = (float(position[0]), float(position[1]))
-                self.collisions.append(Collision(physics.time, str(mover), str(touched), point))
+                self.collisions.append(Collision(physics.time, mover, touched, point))
             self._last_contact[mover, touched] = physics.time
 
-    def _entered(self, pose: Pose) -> Cell | None:
-        """The robot's cell; None within `CELL_MARGIN` of a border."""
+    def _entered_cell(self, pose: Pose) -> Cell | None:
+        """The cell that contains base_link; None within `CELL_MARGIN` of a border."""
         x, y = pose.x / self.plan.cell_size, pose.y / self.plan.cell_size
         inside = all(CELL_MARGIN <= part % 1 <= 1 - CELL_MARGIN for part in (x, y))
         return Cell(math.floor(x), math.floor(y)) if inside else None

@@ -13,12 +13,13 @@ from wherry.simulation.model import MAX_PICTURE_HEIGHT, MAX_PICTURE_WIDTH
 from wherry.simulation.simulator import Simulation
 
 FIELD_OF_VIEW = 45.0  # °, vertical, of MuJoCo's free camera
-OVERHEAD_MARGIN = 0.5  # m by which the overhead camera is farther away than it must be to show the building
+OVERHEAD_MARGIN = 0.5  # m added to the smallest distance at which the overhead camera shows the whole building
 CHASE_DISTANCE = 2.2  # m from the chase camera to the robot
 CHASE_ELEVATION = -35.0  # ° of the chase camera
-EXTRA_GEOMS = 100  # geoms that MuJoCo may add to a rendered scene
+EXTRA_GEOMS = 100  # decorative geoms that MuJoCo may add to those of the model
 
 Image = NDArray[np.uint8]
+"""[height, width, 3] RGB picture, row 0 at the top."""
 
 
 class SceneRenderer:
@@ -70,14 +71,21 @@ class SceneRenderer:
         self._gl.free()
 
     def _render(self, target: tuple[float, float], *, azimuth: float, elevation: float, distance: float) -> Image:
-        """Render from a camera at a distance, m, that looks at a point on the floor, m; angles in °."""
+        """Render from a camera that looks at a point on the floor.
+
+        Args:
+            target: Point x, y, m, world frame.
+            azimuth: Direction in which the camera looks, °, counter-clockwise from the x axis.
+            elevation: Angle of the view above the horizontal, °; −90 looks straight down.
+            distance: Distance of the camera from the target, m.
+        """
         camera = mujoco.MjvCamera()
         camera.lookat = [*target, 0.0]
         camera.azimuth, camera.elevation, camera.distance = azimuth, elevation, distance
         physics = self._simulation.physics
         self._gl.make_current()
-        everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        mujoco.mjv_updateScene(physics.model, physics.data, self._option, None, camera, everything, self._scene)
+        all_categories = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(physics.model, physics.data, self._option, None, camera, all_categories, self._scene)
         mujoco.mjr_render(self._rectangle, self._scene, self._context)
         image = np.empty((self._rectangle.height, self._rectangle.width, 3), dtype=np.uint8)
         mujoco.mjr_readPixels(image, None, self._rectangle, self._context)
@@ -85,7 +93,7 @@ class SceneRenderer:
 
 
 def _gl_context(width: int, height: int) -> mujoco.GLContext:
-    """An off-screen OpenGL context."""
+    """Create an off-screen OpenGL context through EGL."""
     try:
         from mujoco.egl import GLContext  # noqa: PLC0415 - loads the graphics library, which may be missing
 

@@ -1,4 +1,4 @@
-"""Seeded worlds: the same plan, boxes and seed give the same world in a delivery, the ROS simulator and an export."""
+"""Worlds with seeded boxes and random generators, shared by deliveries, the ROS simulator and Gazebo exports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wherry.floorplan.plan import FloorPlan
 
 @dataclass(frozen=True, slots=True)
 class SeededWorld:
-    """A plan with its boxes placed, and the random generators of everything else.
+    """A plan with its boxes placed, and the random generators of a run in it.
 
     Attributes:
         plan: The floor plan with its boxes.
@@ -27,16 +27,17 @@ class SeededWorld:
 
 
 def seed_world(plan: FloorPlan, boxes: int | None, seed: int) -> SeededWorld:
-    """Place a plan's boxes.
+    """Place a plan's boxes and spawn the random generators; equal arguments give equal worlds.
 
     Args:
         plan: A plan with a robot.
-        boxes: Number of boxes to place on random cells; None for the plan's own boxes, or else for its ``box_count``.
+        boxes: Number of boxes to place in random cells; None to keep the plan's boxes, or to place its ``box_count`` if
+            it has none.
         seed: Seed of all randomness.
 
     Raises:
-        InputError: The number is negative, there is not enough space for so many boxes, or boxes are to be placed and
-            the plan has no robot.
+        InputError: The number of boxes is negative or too large for the plan, or boxes have to be placed in a plan
+            without a robot.
     """
     if boxes is not None and boxes < 0:
         raise InputError("--boxes", "", f"{boxes} is negative")

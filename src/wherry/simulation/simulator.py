@@ -1,4 +1,4 @@
-"""The simulator: a floor plan becomes a world with a robot that senses and drives, and with a referee."""
+"""The simulator: builds a world with a robot and a referee from a floor plan, and advances its time."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from wherry.simulation.static_geometry import StaticGeometry
 from wherry.space.pose import Floats, Pose
 
 ODOMETRY_RATE = 20.0  # Hz
-LATCH_REACH = 0.05  # m between base_link and a box's centre, at most, for the latch to hold the box
-MAX_BOX_OFFSET = 0.04  # m between a box's centre and that of its cell
+LATCH_REACH = 0.05  # m from base_link to a box's centre within which the latch can hold the box
+MAX_BOX_OFFSET = 0.04  # m from a cell's centre to that of the box placed in it
 
 
 def build(
@@ -36,8 +36,8 @@ def build(
     Args:
         plan: The floor plan, with a robot and with its boxes placed.
         rng: Source of the boxes' offsets and of the sensors' noise.
-        lidar: The lidar's data sheet; by default 360 beams at 10 Hz.
-        odometry_errors: Errors of the wheel odometry; by default those of `WheelOdometryErrors`.
+        lidar: Parameters of the lidar; by default 360 beams at 10 Hz.
+        odometry_errors: Errors of the wheel odometry; by default the defaults of `WheelOdometryErrors`.
         box_offsets: [B, 2] offset of each box from its cell's centre, m; by default random, at most `MAX_BOX_OFFSET`.
 
     Raises:
@@ -63,14 +63,14 @@ def build(
 
 
 class Simulation:
-    """A simulated world whose time advances as the robot receives measurements.
+    """A simulated world; its time advances when the robot waits for a measurement.
 
     Attributes:
         plan: The floor plan.
-        physics: The physics engine.
+        physics: The state of the world in MuJoCo.
         lidar: The robot's lidar.
         drive: The robot's drive.
-        referee: The ground truth.
+        referee: Records the ground truth.
         geometry: The walls and obstacles.
         robot: The `Robot`, which gives access to no ground truth.
     """
@@ -91,12 +91,13 @@ class Simulation:
         self.referee = referee
         self.geometry = geometry
         self._odometry = odometry
-        self._scan_period, remainder = divmod(ODOMETRY_RATE, lidar.specification.rate)  # odometry messages
+        # In odometry messages from one scan to the next.
+        self._scan_period, remainder = divmod(ODOMETRY_RATE, lidar.specification.rate)
         if remainder or not self._scan_period:
             raise ValueError(
                 f"the lidar's rate of {lidar.specification.rate} Hz must divide the odometry's of {ODOMETRY_RATE} Hz"
             )
-        self._steps = round(1 / (ODOMETRY_RATE * TIMESTEP))
+        self._steps_per_tick = round(1 / (ODOMETRY_RATE * TIMESTEP))
         self._tick = 0
         self._held: int | None = None
         self._delivered: dict[int, tuple[float, float]] = {}
@@ -109,7 +110,7 @@ class Simulation:
 
     @property
     def held(self) -> int | None:
-        """Index of the box that the latch holds."""
+        """Index of the box that the latch holds; None for none."""
         return self._held
 
     def measure(self) -> list[Scan | Odometry]:
@@ -127,9 +128,9 @@ class Simulation:
         return measurements
 
     def advance(self) -> None:
-        """Simulate until the next measurement."""
+        """Simulate until the next odometry measurement."""
         physics = self.physics
-        for _ in range(self._steps):
+        for _ in range(self._steps_per_tick):
             physics.step(*self.drive.wheel_speeds(physics.time, TIMESTEP))
             self.referee.record_contacts(physics, self._held)
         self._tick += 1
@@ -146,7 +147,7 @@ class Simulation:
         return self._held is not None
 
     def open_latch(self) -> bool:
-        """Release the box if the robot is over the warehouse, whose conveyor takes it; return whether none is held."""
+        """Release the box to the conveyor if the robot is over the warehouse; return whether no box is held."""
         if self._held is not None and self._robot_cell() in self.plan.warehouse:
             box = self._held
             x, y, _ = self.physics.box_positions[box].tolist()
@@ -163,7 +164,7 @@ class Simulation:
         return self.plan.cell_at(pose.x, pose.y)
 
     def _update_referee(self) -> None:
-        """Record the true state of the boxes."""
+        """Give the referee the true state of the boxes."""
         positions = self.physics.box_positions.tolist()
         boxes = []
         for box, cell in enumerate(self.plan.boxes):
@@ -176,7 +177,7 @@ class Simulation:
 
 
 class SimulatedRobot:
-    """The `Robot` of a simulation: sensors, wheels and latch, without access to the ground truth."""
+    """The `Robot` of a simulation; it gives access to sensors, wheels and latch, but not to the ground truth."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -195,7 +196,7 @@ class SimulatedRobot:
         return self._pending.popleft()
 
     def command(self, velocity: Velocity) -> None:
-        """Drive with a velocity until the next command, for half a second at most.
+        """Drive with a velocity until the next command; without one the robot stands still 0.5 s later.
 
         Raises:
             ValueError: A component is not a finite number.
@@ -212,7 +213,7 @@ class SimulatedRobot:
 
 
 def _random_offsets(count: int, rng: np.random.Generator) -> Floats:
-    """[B, 2] offsets, m, uniform on a disc."""
+    """Draw [B, 2] offsets, m, uniformly from the disc of radius `MAX_BOX_OFFSET`."""
     angles = rng.uniform(0.0, math.tau, count)
     lengths = MAX_BOX_OFFSET * np.sqrt(rng.uniform(0.0, 1.0, count))
     return np.column_stack([lengths * np.cos(angles), lengths * np.sin(angles)])

@@ -1,8 +1,8 @@
-"""The walls and obstacles of a floor plan in metres, as a rectilinear grid of exact elements.
+"""The walls and obstacles of a floor plan as an exact rectilinear grid, whose lines are unevenly spaced.
 
-All edges of walls and obstacles lie on a few lines: at each border between cells one through the middle of a wall, and
-one at either face. On the grid of these lines every element is entirely solid or entirely free, so that rays, distances
-and the cuboids of the physics are exact.
+At each border between cells there are three grid lines: one through the middle of a wall and one along each of its
+faces. Every element between the lines is therefore entirely solid or entirely free, and rays, distances and the cuboids
+of the physics are exact.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from wherry.kernels import kernel
 from wherry.space.pose import Floats
 
 WALL_THICKNESS = 0.06  # m; a wall is centred on the border between two cells
-FREE, WALL, OBSTACLE = 0, 1, 2
+FREE, WALL, OBSTACLE = 0, 1, 2  # values of `StaticGeometry.kinds`; plain integers, since compiled kernels read them
 
-LINES_PER_BORDER = 3  # lines at a border between cells: one face of a wall, its middle, its other face
+LINES_PER_BORDER = 3  # grid lines at each border between cells
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class StaticGeometry:
     Attributes:
         xs: [C + 1] positions of the grid lines that run from south to north, m.
         ys: [R + 1] positions of the grid lines that run from west to east, m.
-        kinds: [R, C] uint8, FREE, WALL or OBSTACLE; row 0 is the southernmost.
+        kinds: [R, C] kind of each element, FREE, WALL or OBSTACLE; row 0 is the southernmost.
     """
 
     xs: Floats
@@ -38,7 +38,7 @@ class StaticGeometry:
 
     @classmethod
     def from_plan(cls, plan: FloorPlan) -> StaticGeometry:
-        """The geometry of a plan: outer and inner walls, and obstacles that fill their cells from border to border."""
+        """Build the outer and inner walls of a plan, and obstacles that fill their cells from border to border."""
         kinds = np.zeros(
             (LINES_PER_BORDER * (plan.height + 1) - 1, LINES_PER_BORDER * (plan.width + 1) - 1), dtype=np.uint8
         )
@@ -51,7 +51,7 @@ class StaticGeometry:
         return cls(_lines(plan.width, plan.cell_size), _lines(plan.height, plan.cell_size), kinds)
 
     def rectangles(self, kind: int) -> Floats:
-        """Cover all elements of one kind by few rectangles, which may overlap.
+        """Cover all elements of one kind greedily by few rectangles, which may overlap.
 
         Args:
             kind: WALL or OBSTACLE.
@@ -64,7 +64,10 @@ class StaticGeometry:
         found = []
         while uncovered.any():
             row, column = np.unravel_index(np.argmax(uncovered), uncovered.shape)
-            candidates = (_grow(is_kind, int(row), int(column)), _grow(is_kind.T, int(column), int(row))[::-1])
+            candidates = (
+                _rectangle_around(is_kind, int(row), int(column)),
+                _rectangle_around(is_kind.T, int(column), int(row))[::-1],
+            )
             rows, columns = max(candidates, key=lambda candidate: np.count_nonzero(uncovered[candidate]))
             uncovered[rows, columns] = False
             found.append((self.xs[columns.start], self.ys[rows.start], self.xs[columns.stop], self.ys[rows.stop]))
@@ -83,37 +86,37 @@ class StaticGeometry:
 
 
 def clearance(geometry: StaticGeometry, points: Floats) -> Floats:
-    """Distances to the nearest wall or obstacle; 0 inside one and outside the building.
+    """Distances from points to the nearest wall or obstacle; 0 inside one and outside the building.
 
     Args:
         geometry: The walls and obstacles.
         points: [N, 2] m, world frame.
 
     Returns:
-        [N] m.
+        [N] distances, m.
     """
-    distances = distances_to(np.vstack([geometry.rectangles(WALL), geometry.rectangles(OBSTACLE)]), points)
+    distances = distances_to_rectangles(np.vstack([geometry.rectangles(WALL), geometry.rectangles(OBSTACLE)]), points)
     outside = ((points < (geometry.xs[0], geometry.ys[0])) | (points > (geometry.xs[-1], geometry.ys[-1]))).any(axis=1)
     distances[outside] = 0.0
     return distances
 
 
-def distances_to(rectangles: Floats, points: Floats) -> Floats:
-    """Distances to the nearest rectangle; 0 inside one.
+def distances_to_rectangles(rectangles: Floats, points: Floats) -> Floats:
+    """Distances from points to the nearest rectangle; 0 inside one.
 
     Args:
         rectangles: [K, 4] left, bottom, right, top, m.
         points: [N, 2] m.
 
     Returns:
-        [N] m.
+        [N] distances, m.
     """
-    return _distances_to(rectangles, np.ascontiguousarray(points, dtype=np.float64))
+    return _distances_to_rectangles(rectangles, np.ascontiguousarray(points, dtype=np.float64))
 
 
 @kernel
-def _distances_to(rectangles: Floats, points: Floats) -> Floats:
-    """As `distances_to`."""
+def _distances_to_rectangles(rectangles: Floats, points: Floats) -> Floats:
+    """As `distances_to_rectangles`."""
     distances = np.empty(len(points))
     for n in range(len(points)):
         x, y = points[n, 0], points[n, 1]
@@ -127,21 +130,21 @@ def _distances_to(rectangles: Floats, points: Floats) -> Floats:
 
 
 def _lines(cells: int, size: float) -> Floats:
-    """[3 * (cells + 1)] positions of the faces and the middle of a wall at every border, m."""
+    """[3 * (cells + 1)] positions of the grid lines along one axis, m."""
     borders = size * np.arange(cells + 1)
     return (borders[:, None] + WALL_THICKNESS / 2 * np.array([-1.0, 0.0, 1.0])).ravel()
 
 
 def _build_wall(kinds: NDArray[np.uint8], cell: Cell, direction: Direction) -> None:
-    """Mark the elements of the wall on a cell's edge, which extends half its thickness beyond both ends."""
+    """Mark the elements of a wall on a cell's edge; it extends half its thickness beyond both of its ends."""
     column, row = LINES_PER_BORDER * (cell.x + direction.dx), LINES_PER_BORDER * (cell.y + direction.dy)
     across, along = 2, LINES_PER_BORDER + 2
     rows, columns = (across, along) if direction.dy else (along, across)
     kinds[row : row + rows, column : column + columns] = WALL
 
 
-def _grow(is_kind: NDArray[np.bool_], row: int, column: int) -> tuple[slice, slice]:
-    """Rows and columns of a rectangle of True elements around one of them: as wide as possible, then as high."""
+def _rectangle_around(is_kind: NDArray[np.bool_], row: int, column: int) -> tuple[slice, slice]:
+    """Rows and columns of the rectangle of True elements around one of them: as wide, and then as high, as possible."""
     first, last = column, column + 1
     while first > 0 and is_kind[row, first - 1]:
         first -= 1
@@ -156,7 +159,7 @@ def _grow(is_kind: NDArray[np.bool_], row: int, column: int) -> tuple[slice, sli
 
 
 def _faces(solid: NDArray[np.bool_], lines: Floats) -> list[tuple[int, float, float]]:
-    """Faces between solid and free elements of neighbouring columns: index of the line, start, m, end, m."""
+    """Faces between solid and free elements of neighbouring columns: index of the grid line, start, m, and end, m."""
     borders = solid[:, 1:] != solid[:, :-1]
     faces = []
     for column in range(borders.shape[1]):

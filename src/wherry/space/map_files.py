@@ -133,7 +133,7 @@ def _probability(document: _MapDocument, grey: Floats) -> NDArray[np.float32]:
 
 def _read_grey(path: Path) -> Floats:
     """Grey values 0 to 255 of an image, [H, W], top row first; the size is checked before the pixels are decoded."""
-    data = read_bytes(path, limit=MAX_IMAGE_SIZE)
+    data = read_bytes(path, max_bytes=MAX_IMAGE_SIZE)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)

@@ -105,7 +105,13 @@ def relative(poses: Floats, origins: Floats) -> Floats:
     return np.stack([cos * dx + sin * dy, -sin * dx + cos * dy, turned], axis=-1)
 
 
+def wrap_angles(angles: Floats) -> Floats:
+    """The equivalent angles in [−π, π), rad, of an array of any shape; accurate to the rounding error of π."""
+    wrapped: Floats = np.remainder(angles + math.pi, math.tau) - math.pi
+    return wrapped
+
+
 def _wrapped(angles: Floats) -> Floats:
-    """The equivalent angles in [−π, π], rad."""
+    """The equivalent angles in [−π, π], rad; unlike `wrap_angles` it keeps angles within the range exactly."""
     wrapped: Floats = angles - math.tau * np.round(angles / math.tau)
     return wrapped

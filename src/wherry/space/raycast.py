@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.kernels import kernel, stepper
+from wherry.kernels import generator_kernel, kernel
 from wherry.space.pose import Floats, Pose
 
 
@@ -76,7 +76,7 @@ def ray_length(blocked: NDArray[np.bool_], x: float, y: float, dx: float, dy: fl
     return math.inf
 
 
-@stepper
+@generator_kernel
 def traverse(x: float, y: float, dx: float, dy: float, limit: float) -> Iterator[tuple[int, int, float]]:
     """Yield the cells that a ray crosses in order: column, row, and the length at which the ray enters the cell.
 

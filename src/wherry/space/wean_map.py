@@ -59,7 +59,7 @@ def load_wean_map(path: str | Path) -> OccupancyGrid:
 def _unpacked(path: Path) -> bytes:
     """Content of a file, unpacked if its name ends in .gz."""
     if path.suffix != ".gz":
-        return read_bytes(path, limit=MAX_FILE_SIZE)
+        return read_bytes(path, max_bytes=MAX_FILE_SIZE)
     try:
         with gzip.open(path, "rb") as file:
             data = file.read(MAX_FILE_SIZE + 1)

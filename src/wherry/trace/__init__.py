@@ -1,4 +1,4 @@
-"""Trace records of runs, the sinks that receive them, and trace files."""
+"""Traces: the records that a run emits, the sinks that receive them, and trace files."""
 
 import lazy_loader
 

@@ -1,7 +1,8 @@
-"""The trace codec: records to frames and back, the same for trace files and for the page.
+"""The trace codec: encodes records as frames for trace files and for the page, and decodes them.
 
-Positions near the robot are rounded to 5 mm, angles to 0.1 mrad, and of the map only changed tiles are stored
-(`wherry.trace.map_tiles`). A record's type is stored as a tag, which stays when a class is renamed.
+Positions near the robot are rounded to 5 mm and angles to 0.1 mrad; of the map only changed tiles are stored
+(`wherry.trace.map_tiles`). Tags of record types and keys of headers are part of the file format, so they do not follow
+the names of classes and attributes.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from wherry.trace.records import (
     StepTaken,
 )
 
-MAX_PARTICLES = 2_000  # in a frame; more are indistinguishable on a screen
-POSITION_STEP = 0.005  # m
-ANGLE_STEP = 1e-4  # rad
+MAX_PARTICLES = 2_000  # particles in a frame; more are indistinguishable on a screen
+POSITION_STEP = 0.005  # m, unit of stored positions
+ANGLE_STEP = 1e-4  # rad, unit of stored angles
 
 TAGS: Mapping[type[Record], str] = {
     RunStarted: "Began",
@@ -50,7 +51,8 @@ TAGS: Mapping[type[Record], str] = {
 }
 """The tag of each record type in trace files and in the page's scripts."""
 
-Parts = tuple[Header, Arrays]
+FrameParts = tuple[Header, Arrays]
+"""Header and arrays of a frame."""
 
 
 class Encoder:
@@ -63,7 +65,7 @@ class Encoder:
     def __init__(self, max_particles: int = MAX_PARTICLES) -> None:
         self._max_particles = max_particles
         self._tiles = TileEncoder()
-        self._encoders: Mapping[type[Record], Callable[[Any], Parts]] = {
+        self._encoders: Mapping[type[Record], Callable[[Any], FrameParts]] = {
             RunStarted: _encode_run_started,
             Narration: _encode_narration,
             RobotSnapshot: self._encode_snapshot,
@@ -79,37 +81,37 @@ class Encoder:
         header, arrays = self._encoders[type(record)](record)
         return encode_frame({"type": TAGS[type(record)], **header}, arrays)
 
-    def _encode_snapshot(self, snapshot: RobotSnapshot) -> Parts:
-        """Positions are relative to the robot, in steps."""
+    def _encode_snapshot(self, snapshot: RobotSnapshot) -> FrameParts:
+        """Encode positions relative to the robot, in units of `POSITION_STEP`."""
         particles = snapshot.particles[:: max(1, math.ceil(len(snapshot.particles) / self._max_particles))]
-        x, y, theta = (round(value, 5) for value in _numbers(snapshot.pose))
+        x, y, theta = (round(value, 5) for value in _pose_values(snapshot.pose))
         header = {
             "time": round(snapshot.time, 4),
             "pose": [x, y, theta],
-            "lidar": [round(value, 5) for value in _numbers(snapshot.lidar)],
+            "lidar": [round(value, 5) for value in _pose_values(snapshot.lidar)],
             "loaded": bool(snapshot.has_load),
         }
-        position = np.array([x, y])  # rounded, since the decoder adds the rounded one
+        position = np.array([x, y])  # the rounded one, which the decoder adds
         wrapped = np.remainder(particles[:, 2] + np.pi, 2 * np.pi) - np.pi
         headings = np.rint(wrapped / ANGLE_STEP).astype("<i2")
         return header, {
-            "points": _steps(snapshot.points, position),
-            "particles": np.column_stack([_steps(particles[:, :2], position), headings]).astype("<i2"),
-            "path": _steps(snapshot.path, position),
-            "boxes": _steps(snapshot.boxes, position),
+            "points": _position_steps(snapshot.points, position),
+            "particles": np.column_stack([_position_steps(particles[:, :2], position), headings]).astype("<i2"),
+            "path": _position_steps(snapshot.path, position),
+            "boxes": _position_steps(snapshot.boxes, position),
         }
 
-    def _encode_map_update(self, update: MapUpdate) -> Parts:
-        keys, pixels = self._tiles.changed_tiles(update.grid)
+    def _encode_map_update(self, update: MapUpdate) -> FrameParts:
+        keys, percent = self._tiles.changed_tiles(update.grid)
         header = {
             "time": update.time,
             "fraction": update.explored_fraction,
             "frontier": update.frontier_length,
-            "map": self._tiles.number,
-            "origin": _numbers(self._tiles.anchor),
+            "map": self._tiles.anchor_number,
+            "origin": _pose_values(self._tiles.anchor),
             "resolution": self._tiles.resolution,
         }
-        return header, {"tiles": keys, "pixels": pixels}
+        return header, {"tiles": keys, "pixels": percent}
 
 
 class Decoder:
@@ -151,13 +153,14 @@ class Decoder:
             raise InputError(self._source, location, f"is damaged: {type(error).__name__} {error}"[:200]) from error
 
     def _decode_map_update(self, header: Header, arrays: Arrays) -> MapUpdate:
-        """The map of this frame's tiles and those before."""
-        self._tiles.update(header["map"], _with_columns(arrays["tiles"], 2), arrays["pixels"])
-        grid = self._tiles.grid(_pose(header["origin"]), _positive(header["resolution"]))
-        return MapUpdate(_number(header["time"]), grid, _number(header["fraction"]), _number(header["frontier"]))
+        """Decode the map of all tiles up to this frame."""
+        self._tiles.update(header["map"], _array_with_columns(arrays["tiles"], 2), arrays["pixels"])
+        grid = self._tiles.grid(_decode_pose(header["origin"]), _positive_number(header["resolution"]))
+        time, fraction, frontier = (_finite_number(header[key]) for key in ("time", "fraction", "frontier"))
+        return MapUpdate(time, grid, fraction, frontier)
 
 
-def _encode_run_started(started: RunStarted) -> Parts:
+def _encode_run_started(started: RunStarted) -> FrameParts:
     return {name: getattr(started, name) for name in RunStarted.__slots__}, {}
 
 
@@ -168,33 +171,33 @@ def _decode_run_started(header: Header, arrays: Arrays) -> RunStarted:
         learner=str(header["learner"]),
         terms=tuple(map(str, header["terms"])),
         actions=tuple(map(str, header["actions"])),
-        robot_radius=_number(header["robot_radius"]),
-        box_radius=_number(header["box_radius"]),
+        robot_radius=_finite_number(header["robot_radius"]),
+        box_radius=_finite_number(header["box_radius"]),
     )
 
 
-def _encode_narration(narration: Narration) -> Parts:
+def _encode_narration(narration: Narration) -> FrameParts:
     return {"time": narration.time, "phase": narration.phase, "text": narration.text}, {}
 
 
 def _decode_narration(header: Header, arrays: Arrays) -> Narration:
-    return Narration(_number(header["time"]), Phase(header["phase"]), str(header["text"]))
+    return Narration(_finite_number(header["time"]), Phase(header["phase"]), str(header["text"]))
 
 
 def _decode_snapshot(header: Header, arrays: Arrays) -> RobotSnapshot:
-    pose = _pose(header["pose"])
+    pose = _decode_pose(header["pose"])
     position = np.array([pose.x, pose.y])
 
     def points(name: str) -> NDArray[np.float32]:
-        placed: NDArray[np.float32] = (_with_columns(arrays[name], 2) * POSITION_STEP + position).astype(np.float32)
-        return placed
+        steps = _array_with_columns(arrays[name], 2)
+        return np.asarray(steps * POSITION_STEP + position, np.float32)
 
-    steps = _with_columns(arrays["particles"], 3)
-    particles = np.column_stack([steps[:, :2] * POSITION_STEP + position, steps[:, 2] * ANGLE_STEP])
+    encoded = _array_with_columns(arrays["particles"], 3)
+    particles = np.column_stack([encoded[:, :2] * POSITION_STEP + position, encoded[:, 2] * ANGLE_STEP])
     return RobotSnapshot(
-        time=_number(header["time"]),
+        time=_finite_number(header["time"]),
         pose=pose,
-        lidar=_pose(header["lidar"]),
+        lidar=_decode_pose(header["lidar"]),
         points=points("points"),
         particles=particles.astype(np.float32),
         path=points("path"),
@@ -203,18 +206,18 @@ def _decode_snapshot(header: Header, arrays: Arrays) -> RobotSnapshot:
     )
 
 
-def _encode_cell_layout(layout: CellLayout) -> Parts:
-    header = {"time": layout.time, "origin": _numbers(layout.frame.origin), "size": layout.frame.cell_size}
+def _encode_cell_layout(layout: CellLayout) -> FrameParts:
+    header = {"time": layout.time, "origin": _pose_values(layout.frame.origin), "size": layout.frame.cell_size}
     return header, {"warehouse": layout.warehouse.astype("<i4"), "walls": layout.walls.astype("<i4")}
 
 
 def _decode_cell_layout(header: Header, arrays: Arrays) -> CellLayout:
-    frame = CellFrame(_pose(header["origin"]), _positive(header["size"]))
-    warehouse, walls = _with_columns(arrays["warehouse"], 2), _with_columns(arrays["walls"], 3)
-    return CellLayout(_number(header["time"]), frame, warehouse, walls)
+    frame = CellFrame(_decode_pose(header["origin"]), _positive_number(header["size"]))
+    warehouse, walls = _array_with_columns(arrays["warehouse"], 2), _array_with_columns(arrays["walls"], 3)
+    return CellLayout(_finite_number(header["time"]), frame, warehouse, walls)
 
 
-def _encode_step(step: StepTaken) -> Parts:
+def _encode_step(step: StepTaken) -> FrameParts:
     header = {
         "time": step.time,
         "condition": step.condition,
@@ -230,19 +233,19 @@ def _encode_step(step: StepTaken) -> Parts:
 
 def _decode_step(header: Header, arrays: Arrays) -> StepTaken:
     return StepTaken(
-        time=_number(header["time"]),
-        condition=_condition(header["condition"], "01"),
+        time=_finite_number(header["time"]),
+        condition=_condition_string(header["condition"], "01"),
         action=str(header["action"]),
         is_learning=bool(header["learning"]),
         has_effect=bool(header["moved"]),
-        unknown_pairs=int(_number(header["unknown"])),
-        delivered=int(_number(header["delivered"])),
-        remaining=int(_number(header["remaining"])),
-        plan=_with_columns(arrays["plan"], 2),
+        unknown_pairs=int(_finite_number(header["unknown"])),
+        delivered=int(_finite_number(header["delivered"])),
+        remaining=int(_finite_number(header["remaining"])),
+        plan=_array_with_columns(arrays["plan"], 2),
     )
 
 
-def _encode_state(state: PerceivedState) -> Parts:
+def _encode_state(state: PerceivedState) -> FrameParts:
     objects = [{"kind": one.class_name, "name": one.name, "values": dict(one.attributes)} for one in state.objects]
     return {"time": state.time, "condition": state.condition, "things": objects}, {}
 
@@ -251,61 +254,61 @@ def _decode_state(header: Header, arrays: Arrays) -> PerceivedState:
     objects = (
         ObjectSnapshot(str(one["kind"]), str(one["name"]), tuple(one["values"].items())) for one in header["things"]
     )
-    return PerceivedState(_number(header["time"]), _condition(header["condition"], "01"), tuple(objects))
+    return PerceivedState(_finite_number(header["time"]), _condition_string(header["condition"], "01"), tuple(objects))
 
 
-def _encode_model(model: LearntModel) -> Parts:
+def _encode_model(model: LearntModel) -> FrameParts:
     rules = [[rule.action, rule.condition, rule.effect] for rule in model.rules]
     return {"time": model.time, "rules": rules, "failures": dict(model.failures)}, {}
 
 
 def _decode_model(header: Header, arrays: Arrays) -> LearntModel:
     rules = (
-        LearntRule(str(action), _condition(condition, "01*"), str(effect))
+        LearntRule(str(action), _condition_string(condition, "01*"), str(effect))
         for action, condition, effect in header["rules"]
     )
     failures = (
-        (str(action), tuple(_condition(condition, "01*") for condition in conditions))
+        (str(action), tuple(_condition_string(condition, "01*") for condition in conditions))
         for action, conditions in header["failures"].items()
     )
-    return LearntModel(_number(header["time"]), tuple(rules), tuple(failures))
+    return LearntModel(_finite_number(header["time"]), tuple(rules), tuple(failures))
 
 
-def _steps(points: Array, origin: Array) -> Array:
-    """[N, 2] int16, points relative to an origin in steps; clipped to the range of int16."""
+def _position_steps(points: Array, origin: Array) -> Array:
+    """[N, 2] int16, points relative to an origin in units of `POSITION_STEP`; clipped to the range of int16."""
     offsets = np.rint((points - origin) / POSITION_STEP)
     return np.clip(offsets, -32767, 32767).astype("<i2")
 
 
-def _numbers(pose: Pose) -> list[float]:
+def _pose_values(pose: Pose) -> list[float]:
     return [float(pose.x), float(pose.y), float(pose.theta)]
 
 
-def _pose(values: list[object]) -> Pose:
-    x, y, theta = (_number(value) for value in values)
+def _decode_pose(values: list[object]) -> Pose:
+    x, y, theta = (_finite_number(value) for value in values)
     return Pose(x, y, theta)
 
 
-def _number(value: object) -> float:
+def _finite_number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is no number")
+        raise ValueError(f"{value!r} is not a number")
     return float(value)
 
 
-def _positive(value: object) -> float:
-    if (number := _number(value)) <= 0:
+def _positive_number(value: object) -> float:
+    if (number := _finite_number(value)) <= 0:
         raise ValueError(f"{value!r} is not positive")
     return number
 
 
-def _with_columns(array: Array, columns: int) -> Array:
+def _array_with_columns(array: Array, columns: int) -> Array:
     """The array, checked to be of shape [N, columns]."""
     if array.ndim != 2 or array.shape[1] != columns:
-        raise ValueError(f"an array of shape {array.shape} instead of [N, {columns}]")
+        raise ValueError(f"array of shape {array.shape} instead of [N, {columns}]")
     return array
 
 
-def _condition(text: object, symbols: str) -> str:
+def _condition_string(text: object, symbols: str) -> str:
     if not isinstance(text, str) or set(text) - set(symbols):
-        raise ValueError(f"{text!r} is no condition")
+        raise ValueError(f"{text!r} is not a condition")
     return text

@@ -1,8 +1,8 @@
-"""Frames: the binary form of one record, the same in a trace file and on the page's socket.
+"""Frames: the binary encoding of one record, for trace files and for the page's socket.
 
 A frame is::
 
-    u32  number of bytes after the checksum, little-endian like all numbers
+    u32  number of bytes after the checksum (all numbers are little-endian)
     u32  CRC-32 of those bytes
     u32  number of bytes of the header
          the header, JSON: {"type": "Said", "time": 1.5, …, "arrays": [["points", "<i2", [360, 2]], …]}
@@ -25,8 +25,8 @@ Array = NDArray[Any]
 Header = dict[str, Any]
 Arrays = Mapping[str, Array]
 
-PREFIX = struct.Struct("<III")  # bytes after the checksum, checksum, bytes of the header
-CHECKED_FROM = 8  # offset of the first byte that the checksum covers
+PREFIX = struct.Struct("<III")  # number of bytes after the checksum, checksum, number of bytes of the header
+CHECKSUM_END = 8  # offset of the first byte that the checksum covers
 _DTYPES = ("<i2", "<i4", "<f4", "|u1")
 
 
@@ -50,14 +50,14 @@ def decode_frame(data: bytes) -> tuple[Header, dict[str, Array]]:
         ValueError: The checksum does not match, or the header describes no valid array.
     """
     length, checksum, header_length = PREFIX.unpack_from(data)
-    if len(data) != CHECKED_FROM + length or zlib.crc32(data[CHECKED_FROM:]) != checksum:
-        raise ValueError("its checksum does not match")
+    if len(data) != CHECKSUM_END + length or zlib.crc32(data[CHECKSUM_END:]) != checksum:
+        raise ValueError("the checksum does not match")
     offset = PREFIX.size + header_length
     header = json.loads(data[PREFIX.size : offset])
     arrays = {}
     for name, dtype, shape in header["arrays"]:
         if dtype not in _DTYPES or not all(isinstance(side, int) and side >= 0 for side in shape):
-            raise ValueError(f"an array of {dtype} {shape}")
+            raise ValueError(f"invalid array of type {dtype} and shape {shape}")
         count = math.prod(shape)
         arrays[str(name)] = np.frombuffer(data, dtype, count, offset).reshape(shape)
         offset += count * np.dtype(dtype).itemsize
@@ -66,10 +66,10 @@ def decode_frame(data: bytes) -> tuple[Header, dict[str, Array]]:
 
 
 def split_frames(data: bytes) -> Iterator[bytes]:
-    """The complete frames in a byte string; an incomplete frame at its end is left out."""
+    """The complete frames in a byte string; an incomplete frame at its end is ignored."""
     start = 0
     while start + PREFIX.size <= len(data):
-        end = start + CHECKED_FROM + PREFIX.unpack_from(data, start)[0]
+        end = start + CHECKSUM_END + PREFIX.unpack_from(data, start)[0]
         if end > len(data):
             return
         yield data[start:end]

@@ -1,7 +1,7 @@
-"""Trace files: the records of a run, for replay.
+"""Trace files: the records of a run, stored for replay.
 
-A file is a line with format and version, then frames (`wherry.trace.framing`) as one zlib stream that is flushed after
-every frame, so that a file cut short by a crash is readable up to its last complete frame.
+A file begins with a line that names format and version. Frames (`wherry.trace.framing`) follow as one zlib stream,
+flushed after every frame, so that a file truncated by a crash is readable up to its last complete frame.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from wherry.trace.records import Record, throttle_snapshots
 
 MAGIC = b"wherry-trace: 1\n"
 TRACE_FILE_NAME = "trace.wherry"
-MAX_FILE_SIZE = 1_000_000_000  # bytes, compressed and decompressed
+MAX_FILE_SIZE = 1_000_000_000  # bytes, both compressed and decompressed
 SNAPSHOT_PERIOD = 0.4  # s between two recorded snapshots
-COMPRESSION = 1  # zlib level during a run; level 6 saves 8 % more in twice the time
+COMPRESSION_LEVEL = 1  # of zlib, during a run; level 6 makes files 8 % smaller in twice the time
 
 
 class TraceRecorder:
@@ -43,12 +43,12 @@ class TraceRecorder:
         except OSError as error:
             raise InputError(path, "", f"cannot be written: {error.strerror}") from error
         self._encoder = Encoder()
-        self._compressor = zlib.compressobj(COMPRESSION)
+        self._compressor = zlib.compressobj(COMPRESSION_LEVEL)
         self._write(MAGIC)
         self._record = throttle_snapshots(self._encode, SNAPSHOT_PERIOD)
 
     def __call__(self, record: Record) -> None:
-        """Write a record, so that it survives a crash of this process.
+        """Write a record to the file at once, so that it survives a crash of this process.
 
         Raises:
             InputError: The file cannot be written.
@@ -82,12 +82,12 @@ class TraceRecorder:
 
 
 def pack_frames(frames: bytes) -> bytes:
-    """The content of a trace file with these frames."""
+    """The content of a trace file with the given frames."""
     return MAGIC + zlib.compress(frames)
 
 
 def find_trace(run: Path) -> Path:
-    """The trace file in a run's folder, or the path itself if it is no folder."""
+    """Path of the trace file in a run's folder; a path that is not a folder is returned unchanged."""
     return run / TRACE_FILE_NAME if run.is_dir() else run
 
 
@@ -95,7 +95,7 @@ def load_frames(path: Path) -> bytes:
     """The complete frames of a trace file, each checked by decoding it.
 
     Raises:
-        InputError: The file cannot be read or is no trace file, or a frame in it is damaged.
+        InputError: The file cannot be read or is not a trace file, or a frame in it is damaged.
     """
     return b"".join(frame for frame, _ in _frames(path))
 
@@ -104,14 +104,14 @@ def load_trace(run: Path) -> list[Record]:
     """The records of a trace file, or of a run's folder.
 
     Raises:
-        InputError: The file cannot be read or is no trace file, or a record in it is damaged.
+        InputError: The file cannot be read or is not a trace file, or a record in it is damaged.
     """
     return [record for _, record in _frames(find_trace(run))]
 
 
 def _frames(path: Path) -> Iterator[tuple[bytes, Record]]:
-    """The complete frames of a file, each with its record; an incomplete frame at the end is left out."""
-    content = read_bytes(path, limit=MAX_FILE_SIZE)
+    """The complete frames of a file, each with its record; an incomplete frame at the end is ignored."""
+    content = read_bytes(path, max_bytes=MAX_FILE_SIZE)
     if not content.startswith(MAGIC):
         raise InputError(path, "first line", f"is not {MAGIC.decode().strip()!r}: no trace file, or of another version")
     decompressor = zlib.decompressobj()
@@ -120,10 +120,10 @@ def _frames(path: Path) -> Iterator[tuple[bytes, Record]]:
     except zlib.error as error:
         raise InputError(path, "", f"is damaged: {error}") from error
     if decompressor.unconsumed_tail:
-        raise InputError(path, "", f"holds more than {MAX_FILE_SIZE:,} bytes")
+        raise InputError(path, "", f"contains more than {MAX_FILE_SIZE:,} bytes")
     decoder = Decoder(str(path))
     number = 0
     for number, frame in enumerate(split_frames(data), start=1):
         yield frame, decoder.decode(frame, f"frame {number}")
     if number == 0:
-        raise InputError(path, "", "holds no record")
+        raise InputError(path, "", "contains no record")

@@ -1,6 +1,6 @@
-"""Trace records: what a run reports while it goes, as frozen messages in order of time.
+"""Trace records: immutable messages about a run, emitted in order of time.
 
-Algorithms pass records to a `Sink` and know nothing of screens or files; views are built from records alone.
+Algorithms pass records to a `Sink` and do not depend on screens or files; views are built from records alone.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from wherry.space.frame import CellFrame
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
-TIME_TOLERANCE = 1e-6  # s; sums of periods are not exact
+TIME_TOLERANCE = 1e-6  # s, rounding error of summed periods
 
 
 class Phase(StrEnum):
@@ -34,16 +34,16 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RunStarted:
-    """What is run; the first record of every trace.
+    """The task of the run; the first record of every trace.
 
     Attributes:
         task: The command's name: "deliver", "map", "localize" or "learn".
         subject: Name of the world or the log.
-        learner: Name of the learner; "" where nothing is learnt.
-        terms: Names of the terms, in the order of condition bits; empty where there are no conditions.
-        actions: Names of the actions; empty where there are none.
-        robot_radius: Radius of the robot's footprint, m; 0 where there is no robot.
-        box_radius: Radius of a box, m; 0 where there are no boxes.
+        learner: Name of the learner; "" if the run has none.
+        terms: Names of the terms, in the order of condition bits; empty if the run has no conditions.
+        actions: Names of the actions; empty if the run has none.
+        robot_radius: Radius of the robot's footprint, m; 0 without a robot.
+        box_radius: Radius of a box, m; 0 without boxes.
     """
 
     task: str
@@ -74,7 +74,7 @@ class CellLayout:
 
 @dataclass(frozen=True, slots=True)
 class Narration:
-    """What the robot does and why, in words.
+    """A sentence in which the robot explains its actions.
 
     Attributes:
         time: Time on the robot's clock, s.
@@ -96,8 +96,8 @@ class RobotSnapshot:
         pose: Estimated pose of base_link.
         lidar: Estimated pose of the lidar.
         points: [P, 2] float32 m, end points of the scan's valid beams.
-        particles: [N, 3] float32 m, m, rad, particles of the localization; empty while the robot maps.
-        path: [M, 2] float32 m, the path that is being followed.
+        particles: [N, 3] float32 m, m, rad, particles of the localization; empty during mapping.
+        path: [M, 2] float32 m, the path that the robot follows.
         boxes: [B, 2] float32 m, estimated centres of the boxes on the floor.
         has_load: Whether the latch holds a box.
     """
@@ -114,12 +114,13 @@ class RobotSnapshot:
 
 @dataclass(frozen=True, slots=True)
 class MapUpdate:
-    """The map and how much of it is explored.
+    """The map and the progress of exploration.
 
     Attributes:
         time: Time on the robot's clock, s.
         grid: The occupancy grid.
-        explored_fraction: Known area ÷ (known area + area expected behind the frontiers), 0 to 1.
+        explored_fraction: Known area ÷ (known area + area estimated behind the frontiers), 0 to 1; for a recorded log,
+            the fraction of its scans that are mapped.
         frontier_length: Total length of the frontiers between free and unknown space, m.
     """
 
@@ -137,12 +138,12 @@ class StepTaken:
         time: Time on the robot's clock, s.
         condition: cond(s) before the action, one bit for each term, such as "1001001".
         action: Name of the action.
-        is_learning: Whether the learner could not predict the action's outcome.
+        is_learning: Whether the step was exploration, or its prediction was wrong.
         has_effect: Whether the action changed the state.
-        unknown_pairs: Number of (condition, action) pairs met so far whose outcome the learner cannot predict.
+        unknown_pairs: Number of (condition, action) pairs observed so far whose outcome the learner cannot predict.
         delivered: Number of boxes delivered so far.
         remaining: Number of boxes still to be delivered.
-        plan: [M, 2] float32 m, map frame, centres of the cells that the plan leads through.
+        plan: [M, 2] float32 m, map frame, centres of the cells along the plan.
     """
 
     time: float
@@ -203,7 +204,7 @@ class LearntRule:
 
 @dataclass(frozen=True, slots=True)
 class LearntModel:
-    """Everything learnt about the actions so far; sent again whenever it changes.
+    """The learnt model of the actions; emitted again whenever it changes.
 
     Attributes:
         time: Time on the robot's clock, s.
@@ -225,7 +226,7 @@ def null_sink(record: Record) -> None:
 
 
 def combine_sinks(*sinks: Sink) -> Sink:
-    """A sink that passes every record to each of these sinks, in their order."""
+    """A sink that passes every record to each of the given sinks, in their order."""
 
     def pass_on(record: Record) -> None:
         for sink in sinks:
@@ -239,7 +240,7 @@ def throttle_snapshots(sink: Sink, period: float) -> Sink:
 
     Args:
         sink: The sink that records are passed on to.
-        period: Least time between two snapshots on the robot's clock, s.
+        period: Minimum time between two snapshots on the robot's clock, s.
     """
     latest = -math.inf
 

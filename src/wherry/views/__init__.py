@@ -1,4 +1,4 @@
-"""Views of traces and results: terminal, pages, reports, pictures and recordings for other viewers."""
+"""Views of traces and results: terminal output, web pages, reports, drawings, and recordings for Rerun."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""Metrics as people read them: a label for each name in JSON, and values with units.
+"""Labels and formats of metrics: how each value in a command's JSON is printed in its table.
 
-Each table lists its metrics in the order of display; what the table's title says already is left out.
+Metrics that identify the run, such as the name of the log, are in the table's title instead.
 """
 
 from __future__ import annotations
@@ -10,54 +10,57 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 Format = Callable[[Any], str]
+"""Formats a value with its unit."""
+
 MetricLabels = Mapping[str, tuple[str, Format]]
+"""Label and format of each metric by its key in JSON, in the order of display."""
 
 
 def metres(value: float) -> str:
-    """A length in m."""
+    """Format a length, m."""
     return f"{value:.3f} m"
 
 
 def degrees(value: float) -> str:
-    """An angle in degrees."""
+    """Format an angle, degrees."""
     return f"{value:.2f}°"
 
 
 def seconds(value: float) -> str:
-    """A time in s."""
+    """Format a time, s."""
     return f"{value:.1f} s"
 
 
 def milliseconds(value: float) -> str:
-    """A time in ms."""
+    """Format a time, ms."""
     return f"{value:.2f} ms"
 
 
 def percent(value: float) -> str:
-    """A fraction as a percentage."""
+    """Format a fraction as a percentage."""
     return f"{100 * value:.1f} %"
 
 
 def count(value: float) -> str:
-    """A count; a mean of counts has one decimal."""
+    """Format a count; a mean of counts has one decimal."""
     return f"{value:,}" if isinstance(value, int) else f"{value:,.1f}"
 
 
 def pose(value: tuple[float, float, float]) -> str:
-    """A pose (x m, y m, θ rad)."""
+    """Format a pose (m, m, rad)."""
     x, y, theta = value
     return f"x {x:.2f} m, y {y:.2f} m, heading {math.degrees(theta):.0f}°"
 
 
 def names(value: tuple[str, ...]) -> str:
-    """A list of names."""
+    """Format a list of names."""
     return ", ".join(value) or "none"
 
 
 MAPPING_METRICS: MetricLabels = {
     "backend": ("method", str),
     "scans": ("scans mapped", count),
-    "skipped": ("broken lines skipped", count),
+    "skipped": ("malformed lines skipped", count),
     "relations": ("reference relations", count),
     "translational_error_m": ("translational error (mean)", metres),
     "translational_sd_m": ("translational error (standard deviation)", metres),
@@ -74,7 +77,7 @@ MAPPING_METRICS: MetricLabels = {
 
 LOCALIZATION_METRICS: MetricLabels = {
     "scans": ("scans", count),
-    "skipped": ("broken lines skipped", count),
+    "skipped": ("malformed lines skipped", count),
     "rmse_m": ("position error to the reference (rms)", metres),
     "median_m": ("position error to the reference (median)", metres),
     "p99_m": ("position error to the reference (99th percentile)", metres),
@@ -98,7 +101,7 @@ LEARNING_METRICS: MetricLabels = {
     "steps_p95": ("steps to convergence (95th percentile)", count),
     "ms_per_step": ("time per step (median)", milliseconds),
     "unknown_answers": ("predictions “I don't know” (maximum)", count),
-    "unknown_answers_bound": ("bound on them by the KWIK theorem", count),
+    "unknown_answers_bound": ("bound by the KWIK theorem", count),
 }
 """Metrics of a learning run (`wherry.pipelines.grids.learning`)."""
 
@@ -119,10 +122,14 @@ def format_metrics(metrics: Mapping[str, object], labels: MetricLabels) -> list[
     """Label and formatted value of each metric that was measured.
 
     Args:
-        metrics: Values by their names in JSON; None where not measured.
-        labels: Labels and formats, in the order of display.
+        metrics: Values by their keys in JSON; None if not measured.
+        labels: Labels and formats of the metrics to show.
     """
-    return [(label, show(metrics[name])) for name, (label, show) in labels.items() if metrics[name] is not None]
+    return [
+        (label, format_value(metrics[name]))
+        for name, (label, format_value) in labels.items()
+        if metrics[name] is not None
+    ]
 
 
 def unmeasured_metrics(metrics: Mapping[str, object], labels: MetricLabels) -> list[str]:

@@ -1,4 +1,4 @@
-"""The report of a delivery: one HTML file that needs neither a server nor a network."""
+"""The report of a delivery: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from wherry.views.templates import render_template
 
 @dataclass(frozen=True, slots=True)
 class ReportPicture:
-    """A picture with its caption.
+    """A drawing with its caption.
 
     Attributes:
         svg: An SVG element from `snapshot_svg.draw_snapshot`.
@@ -24,16 +24,16 @@ class ReportPicture:
 
 @dataclass(frozen=True, slots=True)
 class DeliveryReport:
-    """Content of the page.
+    """Content of the report.
 
     Attributes:
         title: Heading of the page.
-        verdict: Result in two or three words.
-        is_success: Whether the verdict is shown as a success.
+        verdict: Result of the delivery in two or three words.
+        is_success: Whether the verdict has the colour of a success.
         summary: Sentence below the heading.
         pictures: At least one picture; the first is shown large.
-        metrics: Names and formatted values.
-        rules: The learnt rules as text.
+        metrics: Formatted values of the metrics, by label.
+        rules: The learnt rules, one sentence each.
         log: The narrations, in order of time.
     """
 

@@ -1,4 +1,4 @@
-"""Traces as recordings for the Rerun viewer: map, scan, particles and robot in space; terms and counts over time."""
+"""Recordings for the Rerun viewer: map, scan, particles and robot in 3D; terms and counts as time series."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.errors import InputError
-from wherry.files import growing_file
+from wherry.files import partial_file
 from wherry.oomdp.conditions import Condition
 from wherry.trace.records import (
     CellLayout,
@@ -32,37 +32,37 @@ if TYPE_CHECKING:
 
 BLUE, RED, GREEN, BROWN, YELLOW = (31, 111, 235), (209, 36, 47), (26, 156, 75), (160, 98, 45), (244, 196, 48)
 WHITE = (240, 240, 240)
-PATH_HEIGHT, PARTICLE_HEIGHT, SCAN_HEIGHT = 0.02, 0.03, 0.2  # m over the floor; distinct, so that all are visible
-ROBOT_HEIGHT, BOX_HEIGHT = 0.15, 0.3  # m
+PATH_HEIGHT, PARTICLE_HEIGHT, SCAN_HEIGHT = 0.02, 0.03, 0.2  # m above the floor; different, so that none is covered
+ROBOT_HEIGHT, BOX_HEIGHT = 0.15, 0.3  # m, heights of the drawn cylinders
 PARTICLE_LENGTH = 0.12  # m, length of a particle's arrow
-UNKNOWN, FREE, OCCUPIED = 255, 0, 100  # the values of nav_msgs/OccupancyGrid, as unsigned bytes
+UNKNOWN, FREE, OCCUPIED = 255, 0, 100  # values of nav_msgs/OccupancyGrid as unsigned bytes
 
 
 @contextmanager
 def rerun_recording(path: Path) -> Iterator[Sink]:
-    """A sink that writes a .rrd file; the file appears under its name when the context ends.
+    """A sink that writes an .rrd file, which gets its name when the context ends.
 
     Args:
         path: The .rrd file.
 
     Raises:
-        InputError: The viewer's library is not installed, or the file cannot be written.
+        InputError: rerun-sdk is not installed, or the file cannot be written.
     """
     try:
         import rerun  # noqa: PLC0415 - an optional dependency
     except ImportError as error:
         raise InputError("--rerun", "rerun-sdk", 'is not installed: pip install "wherry[rerun]"') from error
-    with growing_file(path) as unfinished:
+    with partial_file(path) as partial:
         stream = rerun.RecordingStream("wherry")
-        stream.save(unfinished, default_blueprint=_layout())
+        stream.save(partial, default_blueprint=_blueprint())
         try:
             yield RerunSink(stream)
         finally:
             stream.disconnect()
 
 
-def _layout() -> rerun.blueprint.Blueprint:
-    """The 3D view on the left; log, rules, terms and counts on the right."""
+def _blueprint() -> rerun.blueprint.Blueprint:
+    """The viewer's layout: the 3D view on the left; log, rules, terms and counts on the right."""
     from rerun import blueprint  # noqa: PLC0415
 
     return blueprint.Blueprint(
@@ -81,7 +81,7 @@ def _layout() -> rerun.blueprint.Blueprint:
 
 
 class RerunSink:
-    """A sink that logs every record to a stream.
+    """A sink that logs records to a recording stream.
 
     Args:
         stream: An open recording stream.
@@ -93,38 +93,37 @@ class RerunSink:
         self._robot_radius = self._box_radius = 0.0
 
     def __call__(self, record: Record) -> None:
-        """Log one record at its time."""
+        """Log a record at its time."""
         if isinstance(record, RunStarted):
-            self._start(record)
+            self._log_start(record)
             return
         self._stream.set_time("robot", duration=record.time)
         match record:
             case Narration():
                 self._log("log", "TextLog", record.text, level=record.phase.upper())
             case MapUpdate():
-                self._map(record)
+                self._log_map(record)
             case RobotSnapshot():
-                self._snapshot(record)
+                self._log_snapshot(record)
             case CellLayout():
-                self._cell_layout(record)
+                self._log_cell_layout(record)
             case StepTaken():
-                self._step(record)
+                self._log_step(record)
             case PerceivedState():
-                for name, bit in zip(self._terms, record.condition, strict=False):
-                    self._log(["terms", name], "StateChange", state="true" if bit == "1" else "false")
+                self._log_terms(record.condition)
             case LearntModel():
-                self._rules(record)
+                self._log_rules(record)
 
     def _log(
         self, entity: str | list[object], archetype: str, *values: object, static: bool = False, **fields: object
     ) -> None:
-        """Log an entity, given the name of its archetype."""
+        """Log an entity as an archetype of the module `rerun`, given by name."""
         import rerun  # noqa: PLC0415
 
-        made: Any = getattr(rerun, archetype)(*values, **fields)
-        self._stream.log(entity, made, static=static)
+        data: Any = getattr(rerun, archetype)(*values, **fields)
+        self._stream.log(entity, data, static=static)
 
-    def _start(self, record: RunStarted) -> None:
+    def _log_start(self, record: RunStarted) -> None:
         self._terms = record.terms
         self._robot_radius, self._box_radius = record.robot_radius, record.box_radius
         self._stream.send_recording_name(f"{record.task} {record.subject}")
@@ -143,7 +142,7 @@ class RerunSink:
                 "map/robot/heading", "Arrows3D", origins=[(0, 0, ROBOT_HEIGHT)], vectors=[(radius, 0, 0)], static=True
             )
 
-    def _map(self, record: MapUpdate) -> None:
+    def _log_map(self, record: MapUpdate) -> None:
         import rerun  # noqa: PLC0415
 
         grid = record.grid
@@ -152,7 +151,7 @@ class RerunSink:
         self._log(
             "map/grid",
             "GridMap",
-            # An image's first row is the northernmost.
+            # The first row of an image is at the top, at the largest y.
             data=np.ascontiguousarray(shades[::-1]).tobytes(),
             format=rerun.components.ImageFormat(width=width, height=height, color_model="L", channel_datatype="U8"),
             cell_size=grid.resolution,
@@ -160,9 +159,9 @@ class RerunSink:
             rotation_axis_angle=rerun.RotationAxisAngle((0.0, 0.0, 1.0), radians=grid.origin.theta),
             colormap=rerun.components.Colormap.RvizMap,
         )
-        self._count("mapped", record.explored_fraction)
+        self._log_count("mapped", record.explored_fraction)
 
-    def _snapshot(self, record: RobotSnapshot) -> None:
+    def _log_snapshot(self, record: RobotSnapshot) -> None:
         pose = record.pose
         self._log("map/robot", "Transform3D", translation=[pose.x, pose.y, 0.0], quaternion=_quaternion(pose.theta))
         self._log("map/scan", "Points3D", _raised(record.points, SCAN_HEIGHT), colors=[BLUE], radii=[0.015])
@@ -175,12 +174,12 @@ class RerunSink:
             colors=[RED],
             radii=[0.004],
         )
-        self._line("map/path", record.path)
-        self._boxes("map/boxes", record.boxes)
+        self._log_line("map/path", record.path)
+        self._log_boxes("map/boxes", record.boxes)
         load = np.zeros((1 if record.has_load else 0, 2), np.float32)
-        self._boxes("map/robot/load", load)
+        self._log_boxes("map/robot/load", load)
 
-    def _cell_layout(self, record: CellLayout) -> None:
+    def _log_cell_layout(self, record: CellLayout) -> None:
         half = record.frame.cell_size / 2
         centres = [record.frame.centre(int(x), int(y)) for x, y in record.warehouse]
         self._log(
@@ -193,32 +192,36 @@ class RerunSink:
             fill_mode="solid",
         )
 
-    def _step(self, record: StepTaken) -> None:
-        self._line("map/plan", record.plan)
-        self._count("unknown", record.unknown_pairs)
-        self._count("delivered", record.delivered)
-        self._count("remaining", record.remaining)
+    def _log_step(self, record: StepTaken) -> None:
+        self._log_line("map/plan", record.plan)
+        self._log_count("unknown", record.unknown_pairs)
+        self._log_count("delivered", record.delivered)
+        self._log_count("remaining", record.remaining)
 
-    def _rules(self, record: LearntModel) -> None:
-        lines = [f"- `{rule.action}`: {rule.effect} – {self._in_words(rule.condition)}" for rule in record.rules]
+    def _log_terms(self, condition: str) -> None:
+        for name, bit in zip(self._terms, condition, strict=False):
+            self._log(["terms", name], "StateChange", state="true" if bit == "1" else "false")
+
+    def _log_rules(self, record: LearntModel) -> None:
+        lines = [f"- `{rule.action}`: {rule.effect} – {self._describe(rule.condition)}" for rule in record.rules]
         for action, conditions in record.failures:
             lines.append(f"- `{action}`: no effect")
-            lines += [f"    - {self._in_words(condition)}" for condition in conditions]
+            lines += [f"    - {self._describe(condition)}" for condition in conditions]
         self._log("rules", "TextDocument", "\n".join(lines), media_type="text/markdown")
 
-    def _in_words(self, condition: str) -> str:
+    def _describe(self, condition: str) -> str:
         """The condition as terms: "if touch_N(robot, wall) and not box.in_bot", or "always"."""
-        words = Condition.parse(condition).describe(self._terms)
-        return words if words == "always" else f"if {words}"
+        description = Condition.parse(condition).describe(self._terms)
+        return description if description == "always" else f"if {description}"
 
-    def _count(self, name: str, value: float) -> None:
+    def _log_count(self, name: str, value: float) -> None:
         self._log(f"counts/{name}", "Scalars", float(value))
 
-    def _line(self, entity: str, points: NDArray[np.float32]) -> None:
+    def _log_line(self, entity: str, points: NDArray[np.float32]) -> None:
         strips = [_raised(points, PATH_HEIGHT)] if len(points) > 1 else []
         self._log(entity, "LineStrips3D", strips, colors=[GREEN], radii=[0.02])
 
-    def _boxes(self, entity: str, positions: NDArray[np.float32]) -> None:
+    def _log_boxes(self, entity: str, positions: NDArray[np.float32]) -> None:
         count = len(positions)
         self._log(
             entity,
@@ -232,10 +235,10 @@ class RerunSink:
 
 
 def _raised(points: NDArray[Any], height: float) -> NDArray[np.float32]:
-    """[N, 3] m, points of the floor, [N, 2] m, raised to a height."""
+    """[N, 3] m, points with the x and y of [N, 2] `points` at a height above the floor, m."""
     return np.column_stack([points, np.full(len(points), height)]).astype(np.float32)
 
 
 def _quaternion(theta: float) -> list[float]:
-    """Quaternion (x, y, z, w) of a rotation about the vertical."""
+    """Quaternion (x, y, z, w) of a rotation about the vertical axis, rad."""
     return [0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2)]

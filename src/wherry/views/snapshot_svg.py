@@ -1,7 +1,7 @@
 """A robot snapshot drawn on its map as one SVG element (paper, Fig. 3 and 4).
 
-Written as SVG rather than with matplotlib: its colours are CSS variables, so that it follows the theme of the page that
-contains it, and every shape carries a class by which tests find it.
+The SVG is not made with matplotlib, so that its colours can be CSS variables, which follow the theme of the page, and
+every shape has a class, by which tests find it.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import RobotSnapshot
 
-Coordinates = NDArray[np.floating[Any]]  # traces store single precision
+Coordinates = NDArray[np.floating[Any]]  # of single precision in decoded traces
 
 MARGIN = 0.3  # m around the mapped area
-MAX_PARTICLES = 600  # drawn; more only make the file larger
-LONGER_SIDE = 700  # px; the size where the page does not set one
+MAX_PARTICLES = 600  # drawn particles; more only make the file larger
+LONGER_SIDE = 700  # px, default size of the picture
 
-OCCUPIED_GREY, FREE_GREY = 45, 250  # of the map's image; unknown cells are transparent, to suit both themes
+OCCUPIED_GREY, FREE_GREY = 45, 250  # grey levels of the map's image; unknown cells are transparent
 
 
 @dataclass(frozen=True)
 class MapBackground:
-    """What is drawn below the robot, in the map frame.
+    """The layers below the robot, and the sizes of robot and boxes, in the map frame.
 
     Attributes:
         grid: The occupancy grid.
         warehouse: [K, 4, 2] m, the corners of the warehouse's cells.
-        true_walls: [S, 2, 2] m, ends of the true walls' faces, drawn faintly; may be empty.
+        true_walls: [S, 2, 2] m, end points of the true walls' faces; may be empty.
         robot_radius: Radius of the robot's footprint, m.
         box_radius: Radius of a box, m.
     """
@@ -65,12 +65,12 @@ def draw_snapshot(
         background: Map, warehouse and true walls.
         snapshot: Measurements and estimates of the robot.
         driven: [D, 2] m, map frame, the path driven so far.
-        plan: [G, 2] m, map frame, centres of the cells that the plan leads through; may be empty.
+        plan: [G, 2] m, map frame, centres of the cells along the plan; may be empty.
         label: Text alternative for screen readers.
-        around_robot: Half the side of the square around the robot that is shown, m; None for the whole map.
+        around_robot: Half side of the shown square around the robot, m; None to show the whole map.
 
     Returns:
-        An SVG element; its colours are CSS variables with defaults, so that it is complete on its own.
+        An SVG element; its colours are CSS variables with default values.
     """
     west, south, east, north = (
         _extent(background) if around_robot is None else _square_around(snapshot.pose, around_robot)
@@ -90,7 +90,7 @@ def draw_snapshot(
         _circle(snapshot.lidar.x, snapshot.lidar.y, 0.035, "lidar"),
         _particles(snapshot.particles),
     ]
-    # SVG's y axis points down: shapes have map coordinates, and the group is mirrored.
+    # Shapes have map coordinates; the group is mirrored because SVG's y axis points down.
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{html.escape(label)}" '
         f'viewBox="0 0 {width:.3f} {height:.3f}" width="{width * scale:.0f}" '
@@ -142,7 +142,7 @@ def _map_image(grid: OccupancyGrid) -> str:
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     height, width = grid.probability.shape
     origin = grid.origin
-    # Row 0 of the image is at the map's smallest y, which the mirrored group puts at the bottom.
+    # Row 0 of the image is at the smallest y of the map, which the mirrored group draws at the bottom.
     return (
         f'<image href="data:image/png;base64,{data}" width="{width * grid.resolution:.4f}" '
         f'height="{height * grid.resolution:.4f}" preserveAspectRatio="none" style="image-rendering:pixelated" '
@@ -173,7 +173,7 @@ def _circle(x: float, y: float, radius: float, style: str) -> str:
 
 
 def _laser(snapshot: RobotSnapshot) -> str:
-    """Beams as hairlines, with a dot at each end point."""
+    """The beams as thin lines with a dot at each end point."""
     beams = "".join(
         f'<line class="beam" x1="{snapshot.lidar.x:.3f}" y1="{snapshot.lidar.y:.3f}" x2="{x:.3f}" y2="{y:.3f}"/>'
         for x, y in snapshot.points
@@ -182,7 +182,7 @@ def _laser(snapshot: RobotSnapshot) -> str:
 
 
 def _particles(particles: Coordinates) -> str:
-    """Each particle as a short stroke along its heading."""
+    """A short line along the heading of each particle."""
     drawn = particles[:: max(1, math.ceil(len(particles) / MAX_PARTICLES))]
     return "".join(
         f'<line class="particle" x1="{x:.3f}" y1="{y:.3f}" '
@@ -192,7 +192,7 @@ def _particles(particles: Coordinates) -> str:
 
 
 def _robot(pose: Pose, radius: float, box_radius: float, *, has_load: bool) -> str:
-    """The robot from above: footprint, prongs of the fork, and load."""
+    """The robot seen from above: footprint, prongs of the fork, and load."""
     prong, tip = 0.8 * radius, 0.55 * radius
     load = _circle(0.0, 0.0, box_radius, "box") if has_load else ""
     return (

@@ -1,4 +1,4 @@
-"""Progress and results on a terminal."""
+"""Progress and results printed to a terminal."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from wherry.views.metrics_tables import MetricLabels, format_metrics, unmeasured
 
 
 class DeliveryProgress:
-    """A sink that shows progress as three bars and narrations as lines; use it as a context manager.
+    """A sink that shows progress as three bars and prints narrations; use it as a context manager.
 
     Args:
-        console: The console; bars are left out where it is no terminal.
+        console: The console; without a terminal, no bars are shown.
         boxes: Number of boxes to deliver.
     """
 
@@ -28,14 +28,14 @@ class DeliveryProgress:
         self._progress = Progress(
             TextColumn("{task.description:<10}"),
             BarColumn(bar_width=30),
-            TextColumn("{task.fields[words]}"),
+            TextColumn("{task.fields[status]}"),
             TimeElapsedColumn(),
             console=console,
             disable=not console.is_terminal,
         )
-        self._explored = self._progress.add_task("explored", total=1.0, words="")
-        self._unknown = self._progress.add_task("learnt", total=None, words="", start=False)
-        self._delivered = self._progress.add_task("delivered", total=boxes, words=f"0 of {boxes} boxes", start=False)
+        self._explored = self._progress.add_task("explored", total=1.0, status="")
+        self._unknown = self._progress.add_task("learnt", total=None, status="", start=False)
+        self._delivered = self._progress.add_task("delivered", total=boxes, status=f"0 of {boxes} boxes", start=False)
         self._max_unknown = 0
         self._started: set[TaskID] = set()
         self._terms: tuple[str, ...] = ()
@@ -50,7 +50,7 @@ class DeliveryProgress:
         self._progress.stop()
 
     def __call__(self, record: Record) -> None:
-        """Update bars, or print a narration."""
+        """Update the bars, or print a narration."""
         match record:
             case RunStarted():
                 self._terms = record.terms
@@ -59,14 +59,14 @@ class DeliveryProgress:
                 line = f"[dim]{time:7.1f} s[/dim]  [bold]{phase:<8}[/bold] {escape(text)}"
                 console.print(line, highlight=False, soft_wrap=not console.is_terminal)
             case MapUpdate(explored_fraction=fraction, frontier_length=frontier):
-                words = f"{fraction:.0%}, {frontier:.1f} m of frontier left"
-                self._progress.update(self._explored, completed=fraction, words=words)
+                status = f"{fraction:.0%}, {frontier:.1f} m of frontier left"
+                self._progress.update(self._explored, completed=fraction, status=status)
             case StepTaken():
-                self._step(record)
+                self._show_step(record)
             case _:
-                pass  # too detailed for a terminal
+                pass  # snapshots and models are too detailed for a terminal
 
-    def _step(self, step: StepTaken) -> None:
+    def _show_step(self, step: StepTaken) -> None:
         for task in (self._unknown, self._delivered):
             if task not in self._started:
                 self._progress.start_task(task)
@@ -77,21 +77,21 @@ class DeliveryProgress:
             self._unknown,
             total=self._max_unknown,
             completed=self._max_unknown - step.unknown_pairs,
-            words=f"{step.unknown_pairs} unknown pairs left   {step.action} · {self._holding(step.condition)}",
+            status=f"{step.unknown_pairs} unknown pairs left   {step.action} · {self._true_terms(step.condition)}",
         )
         total = step.delivered + step.remaining
         self._progress.update(
-            self._delivered, total=total, completed=step.delivered, words=f"{step.delivered} of {total} boxes"
+            self._delivered, total=total, completed=step.delivered, status=f"{step.delivered} of {total} boxes"
         )
 
-    def _holding(self, condition: str) -> str:
-        """Names of the terms that hold in a condition."""
+    def _true_terms(self, condition: str) -> str:
+        """Names of the terms that are true in a condition."""
         names = [term for term, bit in zip(self._terms, condition, strict=False) if bit == "1"]
         return ", ".join(names) or "no term holds"
 
 
 def print_metrics(console: Console, title: str, metrics: Mapping[str, object], labels: MetricLabels) -> None:
-    """Print metrics as a table with labels and units, and below it those that were not measured.
+    """Print measured metrics as a table with labels and units, and below it the names of the others.
 
     Args:
         console: The console.

@@ -1,4 +1,4 @@
-"""Deliveries with many seeds, and with rules that were learnt in another world."""
+"""The delivery study: deliveries with many seeds, and transfer of learnt rules to other worlds."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wherry.experiments.results import markdown_table
-from wherry.pipelines.delivery.score import DeliveryResult
+from wherry.pipelines.delivery.result import DeliveryResult
 from wherry.pipelines.delivery.simulated import RULES_FILE, DeliverySettings, prepare_delivery
 from wherry.trace.records import null_sink
 
 SEEDS = tuple(range(10))
-BOXES = 4
-TEACHERS = ("rooms", "taxi")  # worlds in which rules are learnt
-WORLDS = ("small", "rooms", "taxi")  # worlds in which they are used
+BOXES = 4  # boxes in the runs without rules
+SOURCE_WORLDS = ("rooms", "taxi")  # worlds in which rules are learnt
+TARGET_WORLDS = ("small", "rooms", "taxi")  # worlds in which the learnt rules are used
 
 Progress = Callable[[int, int], None]
-"""Called with the number of runs done and of all runs."""
+"""Called with the number of finished runs and the number of all runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +25,11 @@ class DeliveryTrial:
     """One run of the study.
 
     Attributes:
-        taught_in: Name of the world in which the robot's rules were learnt; empty if it started without rules.
-        result: The referee's score.
+        source_world: Name of the world in which the robot's rules were learnt; None if it started without rules.
+        result: The result of the run.
     """
 
-    taught_in: str
+    source_world: str | None
     result: DeliveryResult
 
 
@@ -43,52 +43,54 @@ def reproduce(folder: Path, progress: Progress) -> str:
     trials = []
     for trial in run(folder):
         trials.append(trial)
-        progress(len(trials), runs())
+        progress(len(trials), trial_count())
     return markdown(trials)
 
 
 def run(folder: Path) -> Iterator[DeliveryTrial]:
-    """Deliver with every seed in the default world, then with the rules of one world in every other.
+    """Deliver with every seed in the default world, then in each target world with rules from another world.
 
     Args:
         folder: Folder for the files of the runs.
     """
     for seed in SEEDS:
         settings = DeliverySettings(boxes=BOXES, seed=seed, out=folder / f"rooms-seed{seed}")
-        yield DeliveryTrial("", prepare_delivery(settings)(null_sink))
-    for teacher in TEACHERS:
-        taught = folder / f"{teacher}-taught"
-        prepare_delivery(DeliverySettings(world=teacher, out=taught))(null_sink)
-        for world in WORLDS:
-            if world != teacher:
+        yield DeliveryTrial(None, prepare_delivery(settings)(null_sink))
+    for source in SOURCE_WORLDS:
+        learnt = folder / f"{source}-learnt"
+        prepare_delivery(DeliverySettings(world=source, out=learnt))(null_sink)
+        for world in TARGET_WORLDS:
+            if world != source:
                 settings = DeliverySettings(
-                    world=world, seed=1, rules_file=taught / RULES_FILE, out=folder / f"{teacher}-{world}"
+                    world=world, seed=1, rules_file=learnt / RULES_FILE, out=folder / f"{source}-{world}"
                 )
-                yield DeliveryTrial(teacher, prepare_delivery(settings)(null_sink))
+                yield DeliveryTrial(source, prepare_delivery(settings)(null_sink))
 
 
-def runs() -> int:
-    """Number of runs that `run` yields."""
-    return len(SEEDS) + len(TEACHERS) * (len(WORLDS) - 1)
+def trial_count() -> int:
+    """Number of trials that `run` yields."""
+    return len(SEEDS) + sum(source != target for source in SOURCE_WORLDS for target in TARGET_WORLDS)
 
 
 def markdown(trials: list[DeliveryTrial]) -> str:
-    """The study as two tables."""
-    untaught = [trial.result for trial in trials if not trial.taught_in]
-    taught = [trial for trial in trials if trial.taught_in]
+    """The study as two Markdown tables."""
+    without_rules = [trial.result for trial in trials if trial.source_world is None]
+    transferred = [trial for trial in trials if trial.source_world is not None]
     header = ["run", "delivered", "collisions", "learning steps", "actions", "path ratio", "localization rmse"]
     header += ["map error", "real-time factor"]
-    rows = [[f"seed {result.seed}", *_cells(result)] for result in untaught]
-    taught_rows = [[f"{trial.taught_in} → {trial.result.world}", *_cells(trial.result)] for trial in taught]
+    rows = [[f"seed {result.seed}", *_table_cells(result)] for result in without_rules]
+    transferred_rows = [
+        [f"{trial.source_world} → {trial.result.world}", *_table_cells(trial.result)] for trial in transferred
+    ]
     return (
         f"## Delivery\nThe world `rooms` with {BOXES} boxes, starting without rules.\n\n"
         f"{markdown_table(header, rows)}\n\n"
-        f"Starting with rules learnt in another world.\n\n{markdown_table(header, taught_rows)}\n"
+        f"Starting with rules learnt in another world.\n\n{markdown_table(header, transferred_rows)}\n"
     )
 
 
-def _cells(result: DeliveryResult) -> list[str]:
-    """The metrics of a run as cells of a table's row."""
+def _table_cells(result: DeliveryResult) -> list[str]:
+    """The metrics of a run as cells of a table row."""
 
     def rounded(value: float | None, digits: int, unit: str = "") -> str:
         return "–" if value is None else f"{value:.{digits}f}{unit}"

@@ -132,7 +132,7 @@ def explore(plan: FloorPlan, seed: int) -> ExplorationResult:
         simulation.robot, order_from_plan(world.plan), null_sink, world.robot_rng, mapper=lambda _: mapper
     ).explore()
     walls = world_from_map.transform(ready.grid.occupied_points())
-    history = simulation.referee.history
+    history = simulation.referee.trajectory
     true = history[np.searchsorted(history[:, 0], np.array(mapper.times) - 1e-6), 1:]
     estimated = np.array([pose.as_array() for pose in mapper.poses])
     spent = sum(mapper.scan_seconds) + mapper.map_seconds

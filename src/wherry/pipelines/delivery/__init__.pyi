@@ -1,6 +1,7 @@
 from .agent import DeliveryEpisode, delivery_learner
-from .film import filmed
-from .score import DeliveryResult, DeliveryStatus, shortest_delivery
+from .film import film_recording
+from .result import DeliveryResult, DeliveryStatus
+from .shortest_delivery import shortest_delivery
 from .simulated import DeliveryRun, DeliverySettings, prepare_delivery
 
 __all__ = [
@@ -10,7 +11,7 @@ __all__ = [
     "DeliverySettings",
     "DeliveryStatus",
     "delivery_learner",
-    "filmed",
+    "film_recording",
     "prepare_delivery",
     "shortest_delivery",
 ]

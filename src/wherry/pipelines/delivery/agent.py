@@ -1,4 +1,4 @@
-"""A delivery episode as the robot experiences it, on the simulator and on ROS alike; nothing here knows a referee."""
+"""The delivery episode of a robot, simulated or on ROS, without access to ground truth."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from wherry.robot import Body
 from wherry.space.frame import CellFrame
 from wherry.trace.records import CellLayout, Narration, Phase, RunStarted, Sink, StepTaken
 
-UNBOUNDED = (-1_000_000, 1_000_000)  # smallest and largest column or row while the size of the world is unknown
-MAX_ACTIONS = 5000  # actions after which a robot gives up
+UNBOUNDED = (-1_000_000, 1_000_000)  # columns or rows of a world whose size is not known yet
+MAX_ACTIONS = 5000  # actions after which an episode ends
 
 
 def delivery_learner(name: str, rules_file: Path | None = None) -> RuleLearner:
-    """Make a learner of the delivery domain, without knowledge or with that of a rules file.
+    """Make a learner of the delivery domain, without rules or with those of a file.
 
     Args:
         name: Name of a registered learner that can deliver; the learner in a rules file takes precedence.
         rules_file: Learnt rules to start with.
 
     Raises:
-        InputError: There is no such learner, or the file cannot be used.
+        InputError: There is no such learner, or the file is invalid.
     """
     learners = learners_for(Job.DELIVERY, RULE_LEARNERS)
     if name not in learners:
@@ -67,14 +67,14 @@ def run_started(world: str, learner: RuleLearner, body: Body) -> RunStarted:
 
 
 class DeliveryEpisode:
-    """Delivers every box that can be found, and learns from each action; iterating yields each step once it is done.
+    """Delivers every box that can be found, and learns from each action; iteration yields each step after its action.
 
     A box may block the way to other boxes or to the warehouse. The robot therefore extends its survey whenever it has
     picked up a box, and picks up a box that blocks its way when nothing else can be delivered.
 
     Args:
         world: What the robot knows after its survey.
-        learner: The robot's learner, whose knowledge is extended.
+        learner: The robot's learner, which learns from the steps.
         sink: Called with records of each step.
         rng: Source of all randomness.
 
@@ -92,7 +92,7 @@ class DeliveryEpisode:
         self._gave_up: str | None = None
 
     def __iter__(self) -> Iterator[Step]:
-        """Deliver until nothing more can be delivered, observed or moved out of the way."""
+        """Deliver until no box can be delivered, no new area surveyed and no blocking box picked up."""
         environment = self.world.environment
         self._sink(_cell_layout(self.world))
         self._record_learnt_model()
@@ -102,10 +102,10 @@ class DeliveryEpisode:
             has_more = bool(environment.remaining) and (yield from self._pursue_goal(agent))
             self._gave_up = agent.failure_reason
             can_continue = has_more or self._extend_survey() or (yield from self._pick_up_blocking_box())
-        self._say(Phase.DONE, _final_words(environment.delivered, environment.remaining, self._gave_up))
+        self._say(Phase.DONE, _final_narration(environment.delivered, environment.remaining, self._gave_up))
 
     def _extend_survey(self) -> bool:
-        """Survey what has become reachable; return whether anything has."""
+        """Survey the area that has become reachable; return whether there is one."""
         extended = self.world.extend_survey()
         if extended is None:
             return False
@@ -114,20 +114,24 @@ class DeliveryEpisode:
         return True
 
     def _pick_up_blocking_box(self) -> Generator[Step, None, bool]:
-        """Pick up a box that blocks the way, and survey what lies behind it; return whether there was such a box."""
+        """Pick up a box that blocks the way, and survey the area behind it; return whether this succeeded."""
         if not self.world.environment.remaining:
             return False
         for name in self.world.blocking_boxes():
             self._say(Phase.DELIVER, f"I cannot deliver any box now, but {name} blocks my way: I pick it up.")
-            if (yield from self._pursue_goal(GoalAgent(self._learner, partial(_not_held, name), max_detour_cost=0.0))):
+            if (
+                yield from self._pursue_goal(
+                    GoalAgent(self._learner, partial(_unmet_pickups, name), max_detour_cost=0.0)
+                )
+            ):
                 return True
         return False
 
     def _pursue_goal(self, agent: GoalAgent) -> Generator[Step, None, bool]:
-        """Execute an agent's decisions until it has no more, or until the survey was extended.
+        """Execute an agent's decisions until it stops, or until the survey was extended after a pick-up.
 
-        What lies behind a box that was picked up is surveyed before the robot drives there, since it cannot be
-        localized where the map is unknown.
+        The area behind a box that was picked up is surveyed before the robot drives there, since the robot cannot be
+        localized in unknown space.
 
         Returns:
             Whether the survey was extended.
@@ -142,7 +146,7 @@ class DeliveryEpisode:
         return False
 
     def _record_step(self, step: Step, plan: Sequence[State]) -> None:
-        """Hand the records of a step to the sink."""
+        """Record a step, the state after it, the learnt model if it changed, and the narration."""
         environment = self.world.environment
         time = environment.pilot.time
         self._sink(
@@ -163,13 +167,13 @@ class DeliveryEpisode:
         self._narrate(step)
 
     def _record_learnt_model(self) -> None:
-        """Hand the learnt model to the sink if it has changed since the last time."""
+        """Record the learnt model if it has changed since it was recorded last."""
         if self._recorded_revisions != self._learner.revisions:
             self._sink(learnt_model(self._learner, self.world.environment.pilot.time))
             self._recorded_revisions = dict(self._learner.revisions)
 
     def _narrate(self, step: Step) -> None:
-        """Narrate a surprise, a pick-up or a delivery."""
+        """Narrate an unexpected outcome, a pick-up or a delivery."""
         phase = Phase.LEARN if step.is_learning else Phase.DELIVER
         if step.is_surprise:
             terms = _true_terms(step.condition, self._learner.domain.term_names)
@@ -190,19 +194,19 @@ class DeliveryEpisode:
 
 
 def _true_terms(condition: Condition, names: Sequence[str]) -> str:
-    """The terms that are true under a condition cond(s), in words: "touch_N(robot, wall) was true"."""
+    """Name the terms that are true in a condition: "touch_N(robot, wall) was true"."""
     true = [name for name, bit in zip(names, str(condition), strict=True) if bit == "1"]
     return f"{' and '.join(true) or 'no term'} {'were' if len(true) > 1 else 'was'} true"
 
 
-def _not_held(name: str, state: State) -> int:
-    """0 once the robot holds a box or has delivered it, else 1."""
+def _unmet_pickups(name: str, state: State) -> int:
+    """Number of unmet goals of picking up a box: 0 once it is held or delivered, else 1."""
     box = state.get(name)
     return int(box is not None and not box.in_bot)
 
 
-def _final_words(delivered: int, remaining: int, reason: str | None) -> str:
-    """The last narration of an episode.
+def _final_narration(delivered: int, remaining: int, reason: str | None) -> str:
+    """The text of an episode's last narration.
 
     Args:
         delivered: Number of boxes delivered.

@@ -1,4 +1,4 @@
-"""The report page of a delivery: which snapshots are drawn, with which captions."""
+"""The report page of a delivery: chooses snapshots, draws them and writes their captions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
-from wherry.pipelines.delivery.score import DeliveryResult, DeliveryStatus
+from wherry.pipelines.delivery.result import DeliveryResult, DeliveryStatus
 from wherry.realization.mission import SurveyedWorld
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -26,7 +26,7 @@ def render_page(
 
     Args:
         result: The referee's score.
-        pictures: From `choose_pictures`.
+        pictures: From `draw_pictures`.
         rules: The learnt rules in words.
         records: The run's records.
     """
@@ -47,44 +47,53 @@ def render_page(
     )
 
 
-def choose_pictures(
+def draw_pictures(
     records: Sequence[Record], world: SurveyedWorld, plan: FloorPlan, world_from_map: Pose | None
 ) -> list[ReportPicture]:
-    """Draw the most informative snapshots: carrying a box, the same close up, mapping, and the end.
+    """Draw a delivery in progress, the same snapshot close up, the map during exploration, and the end.
+
+    Pictures whose part of the run did not take place are left out.
 
     Args:
         records: The run's records.
         world: The robot's map and cells.
-        plan: The true plan, whose walls are drawn faintly under the map.
+        plan: The true plan, whose walls are drawn under the map.
         world_from_map: The map frame in the world frame; None to draw no true walls.
     """
-    artist = _SnapshotArtist(records, world, plan, world_from_map)
-    mapping = [snapshot for snapshot in artist.snapshots if not len(snapshot.particles)]
-    localized = [snapshot for snapshot in artist.snapshots if len(snapshot.particles)]
+    painter = _SnapshotPainter(records, world, plan, world_from_map)
+    mapping = [snapshot for snapshot in painter.snapshots if not len(snapshot.particles)]
+    localized = [snapshot for snapshot in painter.snapshots if len(snapshot.particles)]
     pictures = []
     if localized:
         snapshot = _most_informative(localized, records)
-        doing = "The robot carries a box to the warehouse" if snapshot.has_load else "The robot at work"
+        activity = "The robot carries a box to the warehouse" if snapshot.has_load else "The robot at work"
         caption = (
-            f"{doing}, {snapshot.time:.0f} s after its start: end points of the lidar's beams, particles of the "
+            f"{activity}, {snapshot.time:.0f} s after its start: end points of the lidar's beams, particles of the "
             "localization, and the cells of the plan."
         )
-        pictures.append(artist.draw(snapshot, world.grid, caption))
+        pictures.append(painter.draw(snapshot, world.grid, caption))
         caption = "The same snapshot close up: the particles, the fork and its load."
-        pictures.append(artist.draw(snapshot, world.grid, caption, around_robot=CLOSE_UP_RADIUS))
+        pictures.append(painter.draw(snapshot, world.grid, caption, around_robot=CLOSE_UP_RADIUS))
     if mapping:
         snapshot = mapping[len(mapping) // 3]
         grid = _map_at(records, snapshot.time, world.grid)
-        pictures.append(artist.draw(snapshot, grid, f"The map after {snapshot.time:.0f} s of exploring."))
+        pictures.append(painter.draw(snapshot, grid, f"The map after {snapshot.time:.0f} s of exploring."))
     if localized:
         snapshot = localized[-1]
         caption = f"The end, after {snapshot.time:.0f} s, with the whole trajectory."
-        pictures.append(artist.draw(snapshot, world.grid, caption))
+        pictures.append(painter.draw(snapshot, world.grid, caption))
     return pictures
 
 
-class _SnapshotArtist:
-    """Draws snapshots of a run on the map, with the trajectory until then and the plan; arguments as above."""
+class _SnapshotPainter:
+    """Draws snapshots of a run on the map, with the trajectory and the plan at the snapshot's time.
+
+    Args:
+        records: The run's records.
+        world: The robot's map and cells.
+        plan: The true plan.
+        world_from_map: The map frame in the world frame; None to draw no true walls.
+    """
 
     def __init__(
         self, records: Sequence[Record], world: SurveyedWorld, plan: FloorPlan, world_from_map: Pose | None
@@ -99,7 +108,14 @@ class _SnapshotArtist:
     def draw(
         self, snapshot: RobotSnapshot, grid: OccupancyGrid, caption: str, around_robot: float | None = None
     ) -> ReportPicture:
-        """Draw a snapshot; around_robot, m, limits the picture to the robot's surroundings."""
+        """Draw a snapshot.
+
+        Args:
+            snapshot: The robot's pose, scan, particles and path.
+            grid: The map at its time.
+            caption: Caption of the picture.
+            around_robot: Distance from the robot that the picture shows on each side, m; None for the whole map.
+        """
         background = MapBackground(grid, self._warehouse, self._walls, self._body.radius, self._body.box_radius)
         positions = [(earlier.pose.x, earlier.pose.y) for earlier in self.snapshots if earlier.time <= snapshot.time]
         goals = _plan_at(self._records, snapshot.time)
@@ -108,7 +124,7 @@ class _SnapshotArtist:
 
 
 def _most_informative(snapshots: Sequence[RobotSnapshot], records: Sequence[Record]) -> RobotSnapshot:
-    """The snapshot with a load, a path, boxes on the floor and a long plan ahead, as far as there is one."""
+    """The snapshot that shows most: a load first, then a path, boxes on the floor, and a long plan."""
 
     def information(snapshot: RobotSnapshot) -> tuple[bool, bool, int, int]:
         plan_length = len(_plan_at(records, snapshot.time))
@@ -119,13 +135,13 @@ def _most_informative(snapshots: Sequence[RobotSnapshot], records: Sequence[Reco
 
 
 def _map_at(records: Sequence[Record], time: float, default: OccupancyGrid) -> OccupancyGrid:
-    """The last map recorded until a time, s."""
+    """The last map recorded until a time, s; the default if there is none."""
     updates = [record for record in records if isinstance(record, MapUpdate) and record.time <= time]
     return updates[-1].grid if updates else default
 
 
 def _plan_at(records: Sequence[Record], time: float) -> Floats:
-    """[M, 2] centres of the planned cells at a time, s; m, map frame."""
+    """[M, 2] centres of the cells on the plan at a time, s; m, map frame."""
     plans = [record.plan for record in records if isinstance(record, StepTaken) and record.time <= time]
     return plans[-1].astype(float) if plans else NO_POINTS
 
@@ -140,7 +156,7 @@ def _warehouse_corners(world: SurveyedWorld) -> Floats:
 
 
 def _true_walls(plan: FloorPlan, map_from_world: Pose) -> Floats:
-    """[S, 2, 2] ends of every cell edge that a wall, an obstacle or the plan's border blocks, m, map frame."""
+    """[S, 2, 2] end points of every blocked cell edge of the true plan, m, map frame."""
     edges = [
         _edge(cell, direction, plan.cell_size)
         for cell in plan.cells()
@@ -151,7 +167,7 @@ def _true_walls(plan: FloorPlan, map_from_world: Pose) -> Floats:
 
 
 def _edge(cell: Cell, direction: Direction, size: float) -> list[list[float]]:
-    """[2, 2] ends of a cell's edge, m, world frame."""
+    """[2, 2] end points of a cell's edge, m, world frame."""
     middle_x, middle_y = (cell.x + 0.5 + direction.dx / 2) * size, (cell.y + 0.5 + direction.dy / 2) * size
     along_x, along_y = abs(direction.dy) * size / 2, abs(direction.dx) * size / 2
     return [[middle_x - along_x, middle_y - along_y], [middle_x + along_x, middle_y + along_y]]

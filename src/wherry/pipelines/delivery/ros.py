@@ -1,4 +1,4 @@
-"""A delivery on any robot of ROS: the agent loop of `pipelines.delivery.agent`, with our own or external navigation."""
+"""A delivery on any ROS robot: the agent loop of `pipelines.delivery.agent`, with own or external navigation."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import Sink
 
-MAX_COORDINATE = 1000.0  # m, of a warehouse cell
+MAX_COORDINATE = 1000.0  # m, absolute value, of a warehouse cell's centre
 MIN_CELL_SIZE, MAX_CELL_SIZE = 0.1, 10.0  # m
 INITIAL_POSE_PERIOD = 1.0  # s between two messages on /initialpose
-INITIAL_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.0, 0.0, 0.0, 0.02**2]).ravel()  # m², rad²; SLAM just gave the pose
+INITIAL_COVARIANCE = np.diag([0.03**2, 0.03**2, 0.0, 0.0, 0.0, 0.02**2]).ravel()  # m² and rad², of a pose from SLAM
 
 
 class Provider(StrEnum):
-    """Who maps, or who localizes."""
+    """Source of the map or of the pose: the agent itself, or an external navigation stack."""
 
     OWN = "own"
     EXTERNAL = "ros"
@@ -41,15 +41,15 @@ class Provider(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RosDeliverySettings:
-    """What to deliver, and with which prior knowledge.
+    """What to deliver, with which map and rules, and with which navigation.
 
     Attributes:
-        order: Where the warehouse is.
-        learner: Learns what the actions do; may know rules already.
-        grid: A map to use instead of exploring; None to explore, or to take an external map.
-        mapping: Who maps.
-        localization: Who localizes.
-        timeout: Waiting limit for an external map or pose, s.
+        order: The warehouse's position relative to the robot's start.
+        learner: Learner of the actions' rules, which may start with learnt rules.
+        grid: A map to use instead of exploring; None to explore, or to use an external map.
+        mapping: Provider of the map.
+        localization: Provider of the pose.
+        timeout: Maximum waiting time for an external map or pose, s.
         seed: Seed of all randomness.
     """
 
@@ -64,7 +64,7 @@ class RosDeliverySettings:
 
 @dataclass(frozen=True, slots=True)
 class RosDeliverySummary:
-    """The agent's own account of a delivery; there is no referee.
+    """Result of a delivery as the agent knows it, since a real robot has no referee.
 
     Attributes:
         delivered: Number of boxes delivered.
@@ -85,11 +85,11 @@ def parse_order(warehouse: Sequence[str], cell_size: float) -> Order:
     """Parse an order.
 
     Args:
-        warehouse: "X,Y" of each of the warehouse's cells, m, in the frame of the robot's start.
+        warehouse: Centres of the warehouse's cells as "X,Y", m, in the frame of base_link at the start.
         cell_size: Side of a cell, m.
 
     Raises:
-        InputError: There is no cell, or a coordinate or the size is out of range.
+        InputError: There is no cell, or a coordinate or the cell size is out of range.
     """
     if not warehouse:
         raise InputError("--warehouse", "", "is missing: X,Y of each of its cells, m, from where the robot starts")
@@ -121,15 +121,15 @@ def parse_provider(option: str, value: str) -> Provider:
 
 
 class NavigationStack:
-    """Mapping and localization by ourselves or by an external stack.
+    """Mapping and localization by the agent itself or by an external stack.
 
     Args:
         robot: The robot, which must be ready.
-        transport: ROS.
-        names: Topics and frames.
-        mapping: Who maps.
-        localization: Who localizes.
-        timeout: Waiting limit for an external map or pose, s.
+        transport: Connection to ROS.
+        names: Names of topics and frames.
+        mapping: Provider of the map.
+        localization: Provider of the pose.
+        timeout: Maximum waiting time for an external map or pose, s.
     """
 
     def __init__(
@@ -158,8 +158,8 @@ class NavigationStack:
         """Get a map and a pose, and find the boxes.
 
         Args:
-            order: Where the warehouse is.
-            grid: A finished map; None to explore, or to take the external map.
+            order: The warehouse's position relative to the robot's start.
+            grid: A finished map; None to explore, or to use the external map.
             sink: Receives trace records.
             rng: Source of all randomness.
 
@@ -171,11 +171,11 @@ class NavigationStack:
             mission = Mission(self._robot, order, sink, rng)
             return mission.explore() if latest_map is None else mission.localize(latest_map())
         if latest_map is None:
-            return Mission(self._robot, order, sink, rng, localizer=self._initialize_localization).explore()
+            return Mission(self._robot, order, sink, rng, localizer=self.initialize_localization).explore()
         return self._explore_externally(order, latest_map, self._pose, sink, rng)
 
     def _latest_map(self, grid: OccupancyGrid | None) -> Callable[[], OccupancyGrid] | None:
-        """Returns what provides the map; None if it has to be explored first."""
+        """Returns a function that returns the latest map; None if the agent has to explore first."""
         if self._map is not None:
             self._map.wait(self._timeout)
             return self._map.grid
@@ -196,7 +196,7 @@ class NavigationStack:
         mapper = ExternalMapper(latest_map, pose, self._robot.odometry)
         return Mission(self._robot, order, sink, rng, mapper=lambda _: mapper, localizer=lambda *_: pose).explore()
 
-    def _initialize_localization(self, grid: OccupancyGrid, pose: Pose) -> ExternalPose:
+    def initialize_localization(self, grid: OccupancyGrid, pose: Pose) -> ExternalPose:
         """Publish ``/initialpose`` until the external localization has accepted it.
 
         Repetition is needed: the localization may still be receiving the map, and ``/initialpose`` is not latched.
@@ -208,14 +208,24 @@ class NavigationStack:
         odometry, topic = self._robot.odometry, self._names.topics.initialpose
         if self._pose is None or odometry is None:
             raise RuntimeError("there is no external localization, or the robot is not ready")
-        estimate = PoseWithCovariance(encode_pose(pose), INITIAL_COVARIANCE)
         deadline = time.monotonic() + self._timeout
         while time.monotonic() < deadline:
-            header = encode_header(self._robot.time, self._names.frames.map)
-            self._transport.publish(topic, PoseWithCovarianceStamped(header, estimate))
+            self._transport.publish(topic, self._initial_pose(pose @ odometry.pose.inverse))
             if self._pose.wait_until_near(pose, odometry, INITIAL_POSE_PERIOD):
                 return self._pose
         raise InputError("ROS", topic.name, f"the localization has not accepted the pose within {self._timeout:g} s")
+
+    def _initial_pose(self, map_from_odom: Pose) -> PoseWithCovarianceStamped:
+        """The pose at the newest odometry, stamped with its time, since the robot may still be moving.
+
+        amcl adds the motion from the stamp to the present.
+        """
+        odometry = self._robot.newest_odometry
+        if odometry is None:
+            raise RuntimeError("the robot is not ready")
+        header = encode_header(odometry.time, self._names.frames.map)
+        pose = encode_pose(map_from_odom @ odometry.pose)
+        return PoseWithCovarianceStamped(header, PoseWithCovariance(pose, INITIAL_COVARIANCE))
 
 
 def run(
@@ -225,7 +235,7 @@ def run(
 
     Args:
         robot: The robot, which must be ready.
-        stack: Maps and localizes.
+        stack: Provides the map and the pose.
         settings: What to deliver.
         sink: Receives trace records.
 

@@ -1,6 +1,6 @@
-"""A simulated delivery from start to score: the robot explores, maps, localizes, learns and delivers.
+"""A simulated delivery: survey, delivery episode, score and report.
 
-Only this package sees both the robot and the referee. The robot is given its order and nothing else.
+The robot's code gets its order but no ground truth; the scorer gets the ground truth.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.files import make_folder, write_atomically
+from wherry.files import ensure_writable_folder, write_atomically
 from wherry.floorplan.plan import Cell, FloorPlan
 from wherry.floorplan.world_files import find_world
 from wherry.learning.rule_files.files import save_rules
 from wherry.learning.rules import RuleLearner
 from wherry.pipelines.delivery.agent import DeliveryEpisode, delivery_learner, run_started
-from wherry.pipelines.delivery.page import choose_pictures, render_page
-from wherry.pipelines.delivery.score import DeliveryResult
+from wherry.pipelines.delivery.page import draw_pictures, render_page
+from wherry.pipelines.delivery.result import DeliveryResult
 from wherry.pipelines.delivery.scorer import DeliveryScorer
 from wherry.realization.mission import Mission, SurveyedWorld, order_from_plan
 from wherry.robot import Robot
@@ -46,7 +46,7 @@ class DeliverySettings:
 
     Attributes:
         world: Name of a built-in world, or path of a world file.
-        boxes: Number of boxes; None for the world's own.
+        boxes: Number of boxes to place in random cells; None for those of the world file.
         seed: Seed of all randomness.
         map_file: Path of a map.yaml to localize on instead of exploring.
         rules_file: Path of learnt rules to start with.
@@ -64,16 +64,16 @@ class DeliverySettings:
 
 
 def warm_up() -> None:
-    """Deliver once in the smallest world, so that every kernel is compiled before a clock runs."""
+    """Run a delivery in the smallest world, so that all kernels are compiled before a run that is timed."""
     with tempfile.TemporaryDirectory() as folder:
         prepare_delivery(DeliverySettings(world="small", out=Path(folder)))(null_sink)
 
 
 def prepare_delivery(settings: DeliverySettings) -> DeliveryRun:
-    """Check all settings and build the simulation, before anything is run.
+    """Check all settings, create the output folder and build the simulation.
 
     Raises:
-        InputError: World, map, rules, learner or folder cannot be used.
+        InputError: The world, number of boxes, map, rules, learner or folder is invalid.
     """
     plan = find_world(settings.world)
     if not plan.warehouse:
@@ -84,15 +84,15 @@ def prepare_delivery(settings: DeliverySettings) -> DeliveryRun:
         raise InputError(settings.map_file or "", "image", "shows no walls")
     learner = delivery_learner(settings.learner, settings.rules_file)
     out = settings.out or _unused_folder(Path("runs") / f"{plan.name}-seed{settings.seed}")
-    make_folder(out)
+    ensure_writable_folder(out)
     simulation = build(world.plan, world.physics_rng)
     return DeliveryRun(simulation, grid, learner, out, settings.seed, world.robot_rng)
 
 
 def _unused_folder(folder: Path) -> Path:
-    """The folder, or the first one with a number appended that does not hold the results of an earlier run."""
+    """The folder, with the first number from 2 appended for which it has no results if it already has some."""
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in count(2))
-    return next(unused for unused in chain([folder], numbered) if not (unused / RESULT_FILE).exists())
+    return next(candidate for candidate in chain([folder], numbered) if not (candidate / RESULT_FILE).exists())
 
 
 class DeliveryRun:
@@ -100,15 +100,15 @@ class DeliveryRun:
 
     Args:
         simulation: The simulation.
-        grid: A map to localize on; None to explore.
+        grid: Map to localize on; None to explore.
         learner: The robot's learner.
-        out: Folder for the results, which exists.
-        seed: Seed of the run, for the result.
+        out: Existing folder for the results.
+        seed: Seed of the run, which the result states.
         rng: Source of the robot's own randomness.
 
     Attributes:
         simulation: The simulation.
-        plan: The true floor plan, with the boxes' initial cells.
+        plan: The true floor plan with the boxes' initial cells.
         out: Folder for the results.
     """
 
@@ -132,7 +132,7 @@ class DeliveryRun:
 
     @property
     def unreachable(self) -> tuple[Cell, ...]:
-        """The cells of the boxes that no robot could deliver."""
+        """Cells of the boxes that no robot could deliver."""
         return self._scorer.unreachable
 
     @property
@@ -141,11 +141,13 @@ class DeliveryRun:
         return self._learner.sentences()
 
     def __call__(self, sink: Sink, wrap: Callable[[Robot], Robot] = lambda robot: robot) -> DeliveryResult:
-        """Run, score, and write map, rules and report; Ctrl-C ends the run early and keeps what was learnt.
+        """Run the delivery, score it, and write map, rules and report.
+
+        Ctrl-C ends the run early; what was mapped and learnt until then is written.
 
         Args:
             sink: Called with the run's records.
-            wrap: Makes the robot to drive of the simulated one, such as one whose measurements are recorded.
+            wrap: Wraps the simulated robot, for example in one that records its measurements.
         """
         started = time.perf_counter()
         sink = combine_sinks(self._scorer, sink)
@@ -170,15 +172,16 @@ class DeliveryRun:
         return mission.explore() if self._grid is None else mission.localize(self._grid)
 
     def _write(self, result: DeliveryResult) -> None:
-        """Write the result and the rules, and, once there is a map, the map and the report."""
+        """Write the result and the rules and, if the survey was finished, the map and the report."""
         write_atomically(self.out / RESULT_FILE, json.dumps(result.as_json(), indent=2) + "\n")
         save_rules(self._learner, self.out / RULES_FILE)
         if self._episode is None:
             return
         world = self._episode.world
         save_map(world.grid, self.out / MAP_FILE)
-        world_from_map, _ = self._scorer.localization()
-        pictures = choose_pictures(self._scorer.records, world, self.plan, world_from_map)
+        localization = self._scorer.localization()
+        world_from_map = None if localization is None else localization.world_from_map
+        pictures = draw_pictures(self._scorer.records, world, self.plan, world_from_map)
         if pictures:
             write_atomically(self.out / PICTURE_FILE, pictures[0].svg)
             page = render_page(result, pictures, self.rules, self._scorer.records)

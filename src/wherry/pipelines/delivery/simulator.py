@@ -1,4 +1,4 @@
-"""The simulated robot as a robot of ROS: build its world, and summarize what the referee saw."""
+"""The simulated robot as a ROS robot: its settings, its world, and the referee's counts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MAX_RATE = 20.0  # simulated seconds per second
 
 @dataclass(frozen=True, slots=True)
 class SimulatorSettings:
-    """What to simulate.
+    """Settings of a simulated ROS robot.
 
     Attributes:
         world: Name of a built-in world, or path of a world file.
@@ -42,7 +42,7 @@ def build_simulation(settings: SimulatorSettings) -> Simulation:
 
 
 def referee_summary(simulation: Simulation) -> dict[str, int | float]:
-    """The referee's counts so far."""
+    """Simulated time, s, and the referee's counts of boxes and collisions so far."""
     referee = simulation.referee
     return {
         "sim_seconds": simulation.time,

@@ -11,7 +11,7 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.evaluation import position_errors, root_mean_square
-from wherry.files import make_folder, write_atomically
+from wherry.files import ensure_writable_folder, write_atomically
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameter_files import load_parameters
 from wherry.localization.parameters import (
@@ -271,7 +271,7 @@ class LocalizationRun:
         Raises:
             InputError: The folder cannot be written to.
         """
-        make_folder(folder)
+        ensure_writable_folder(folder)
         save_tum(self.trajectory, folder / "trajectory.tum")
         write_atomically(folder / "localization.png", self.picture())
         return [folder / "trajectory.tum", folder / "localization.png"]

@@ -12,7 +12,7 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.evaluation import RelationErrors, Relations, load_relations, relation_errors
-from wherry.files import make_folder, write_atomically
+from wherry.files import ensure_writable_folder, write_atomically
 from wherry.logs.lidar_log import LidarLog
 from wherry.logs.reading import read_log
 from wherry.logs.tables import read_odometry
@@ -132,7 +132,7 @@ def prepare(settings: MappingSettings) -> MappingRun:
         odometry = merge_odometry(log.odometry, read_odometry(settings.odometry))
     slam, add_first = _create_slam(settings, log)
     if settings.out is not None:
-        make_folder(settings.out)
+        ensure_writable_folder(settings.out)
     return MappingRun(settings, log, relations, odometry, slam, add_first)
 
 

@@ -25,7 +25,7 @@ TF2_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"  # missing among r
 
 
 class BagFormat(Protocol):
-    """A bag of some format that is being written."""
+    """A bag that is being written, in one of the formats."""
 
     def connect(self, topic: Topic[Any]) -> Any:
         """Add a topic; the result is given to `write`."""
@@ -44,7 +44,7 @@ class BagFormat(Protocol):
         ...
 
     @property
-    def finished(self) -> Path:
+    def finished_path(self) -> Path:
         """Path of the complete bag after `close`."""
         ...
 
@@ -52,19 +52,19 @@ class BagFormat(Protocol):
 class Ros1Bag:
     """A file of rosbag's format 2.0."""
 
-    def __init__(self, path: Path, unfinished: Path) -> None:
+    def __init__(self, path: Path, unfinished_path: Path) -> None:
         from rosbags.rosbag1 import Writer  # noqa: PLC0415 - optional
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
 
         self._types = get_typestore(Stores.ROS1_NOETIC)
         self._types.register(get_types_from_msg(TF2_MESSAGE, ros.TFMessage.type_name))
         self._counts: dict[Any, int] = {}
-        self._writer = Writer(unfinished)
+        self._writer = Writer(unfinished_path)
         self._writer.open()
         self._file.flush()
-        _pad_header(unfinished)
+        _pad_header(unfinished_path)
         self._file.seek(0, SEEK_END)
-        self.finished = unfinished
+        self.finished_path = unfinished_path
 
     @property
     def _file(self) -> BinaryIO:
@@ -92,7 +92,7 @@ class Ros1Bag:
     def close(self) -> None:
         """As `BagFormat.close`."""
         self._writer.close()
-        _pad_header(self.finished)
+        _pad_header(self.finished_path)
 
     def _numbered(self, message: Any, count: int) -> Any:
         """The message with ROS 1's sequence number in all of its headers."""
@@ -142,7 +142,7 @@ class Ros2Bag(ABC):
         plugin: Name of a member of rosbags' `StoragePlugin`.
     """
 
-    finished: Path
+    finished_path: Path
 
     def __init__(self, folder: Path, plugin: str) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415 - optional
@@ -176,10 +176,10 @@ class Ros2Bag(ABC):
 class McapBag(Ros2Bag):
     """A single MCAP file, moved out of the folder in which rosbag2 keeps it."""
 
-    def __init__(self, path: Path, unfinished: Path) -> None:
-        folder = unfinished / path.stem
+    def __init__(self, path: Path, unfinished_path: Path) -> None:
+        folder = unfinished_path / path.stem
         super().__init__(folder, "MCAP")
-        self.finished = folder / f"{folder.name}.mcap"
+        self.finished_path = folder / f"{folder.name}.mcap"
 
     def flush(self) -> None:
         """As `BagFormat.flush`."""
@@ -191,9 +191,9 @@ class McapBag(Ros2Bag):
 class SqliteBag(Ros2Bag):
     """A folder with an SQLite database, as rosbag2 writes it."""
 
-    def __init__(self, path: Path, unfinished: Path) -> None:
-        self.finished = unfinished / path.name
-        super().__init__(self.finished, "SQLITE3")
+    def __init__(self, path: Path, unfinished_path: Path) -> None:
+        self.finished_path = unfinished_path / path.name
+        super().__init__(self.finished_path, "SQLITE3")
         self._file.conn.execute("PRAGMA synchronous = OFF")
 
     def flush(self) -> None:

@@ -13,7 +13,7 @@ from wherry.space.pose import Floats, Pose
 
 
 class LogRecorder:
-    """Records a lidar log and what was estimated from each of its scans.
+    """Records a lidar log and the pose estimated from each of its scans.
 
     Args:
         bag: Bag to write to; the caller closes it.
@@ -23,7 +23,7 @@ class LogRecorder:
     def __init__(self, bag: BagWriter, log: LidarLog) -> None:
         self._recorder = RunRecorder(bag)
         self._log = log
-        self._odometry_count = 0  # odometry written so far
+        self._odometry_count = 0  # odometry messages written so far
 
     def write_scan(self, index: int, pose: Pose, particles: Floats) -> None:
         """Record a scan, the odometry up to its time, and the robot's estimated pose.

@@ -21,13 +21,13 @@ from wherry.space.trajectory import Trajectory
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-UNFINISHED = ".active"  # suffix of bags whose recording has not ended, as rosbag has it
+UNFINISHED = ".active"  # suffix that rosbag gives to a bag until its recording ends
 SUFFIXES = (".bag", ".mcap", ".db3", UNFINISHED)
 SCAN, ODOMETRY, TRANSFORMS = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 ROBOT_FRAMES = ("base_link", "base_footprint")
 ODOMETRY_FRAMES = ("odom", "odom_combined")
-MAX_READINGS = 200_000_000  # ranges of all scans together, 1.6 GB
-MAX_REASON_LENGTH = 200  # characters of an error of rosbags that are shown
+MAX_RANGES = 200_000_000  # total of all scans, 1.6 GB
+MAX_REASON_LENGTH = 200  # characters shown of an error of rosbags
 
 
 def is_bag(path: str | Path) -> bool:
@@ -46,11 +46,11 @@ def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
 
     Args:
         path: A ROS 1 bag, the folder of a ROS 2 bag, or one of its .mcap or .db3 files.
-        lenient: Whether to skip and count broken messages instead of refusing the bag.
+        lenient: Whether to skip and count invalid messages instead of refusing the bag.
 
     Raises:
         InputError: The rosbags package is missing, the bag cannot be read or has no scans, all transforms to the lidar
-            are unusable, or (unless lenient) a message is broken: the error names the topic and the message.
+            are unusable, or (unless lenient) a message is invalid; the error names the topic and the message.
     """
     path = Path(path)
     if not path.exists():
@@ -75,7 +75,7 @@ def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
 
 
 def _recovery_hint(path: Path) -> str:
-    """How to make a bag of a recording that was cut off."""
+    """How to recover a recording that was cut off, as part of an error message."""
     files = sorted(path.glob("*/*")) if path.is_dir() else [path]
     for file in files:
         if file.suffix == ".db3":
@@ -130,11 +130,11 @@ def _first_line(error: Exception) -> str:
 
 @dataclass
 class _Rejections:
-    """The messages that cannot be used: each is an error, or is skipped and counted where the caller is lenient.
+    """The messages that cannot be used: each raises an error or, for a lenient reader, is skipped and counted.
 
     Attributes:
         path: Path of the bag.
-        lenient: Whether to skip.
+        lenient: Whether to skip messages instead of raising an error.
         skipped: Name and reason of each skipped message.
     """
 
@@ -146,7 +146,7 @@ class _Rejections:
         """Reject a message.
 
         Raises:
-            InputError: Unless lenient.
+            InputError: The reader is not lenient.
         """
         if not self.lenient:
             raise InputError(self.path, name, str(error)) from error
@@ -169,7 +169,7 @@ def _read_log(bag: _OpenBag, rejections: _Rejections) -> LidarLog:
 
 
 def _read_odometry(bag: _OpenBag, rejections: _Rejections) -> Trajectory:
-    """All odometry of a bag, of messages if there are any, otherwise of transforms."""
+    """All odometry of a bag: from Odometry messages if there are any, otherwise from transforms."""
     topic = bag.find_topic(ODOMETRY, "/odom")
     if topic:
         return _trajectory(bag.messages(topic, ODOMETRY), _pose_of_odometry, rejections)
@@ -186,7 +186,7 @@ def _odometry_transforms(bag: _OpenBag) -> Iterator[tuple[str, TransformStampedL
 
 
 def _pose_of_odometry(message: OdometryLike) -> tuple[float, Pose]:
-    """Time, s, and pose; any frames are accepted, since bags of all kinds of robots are read."""
+    """Time, s, and pose; any frames are accepted, since robots name them differently."""
     odometry = decode_odometry(message)
     return odometry.time, odometry.pose
 
@@ -217,13 +217,13 @@ def _trajectory(
 
 
 def _check_time(time: float, latest: float) -> None:
-    """Refuse a stamp, s, that is earlier than the latest one."""
+    """Reject a stamp, s, that is earlier than the latest one."""
     if time < latest:
         raise MessageError(f"time runs backwards, from {latest:.6f} to {time:.6f}")
 
 
 def _check_step(pose: Pose, previous: Pose) -> None:
-    """Refuse odometry that is too far from the pose before."""
+    """Reject odometry that is too far from the pose before."""
     step = math.hypot(pose.x - previous.x, pose.y - previous.y)
     if step > MAX_JUMP:
         raise MessageError(f"jumps by {step:,.0f} m since the message before")
@@ -237,11 +237,11 @@ def _read_scans(bag: _OpenBag, rejections: _Rejections) -> tuple[tuple[Scan, ...
     """
     scans: list[Scan] = []
     frame: str | None = None
-    readings = 0
+    ranges = 0
     for name, message in bag.messages(bag.find_topic(SCAN, "/scan"), SCAN):
-        readings += len(message.ranges)
-        if readings > MAX_READINGS:
-            raise InputError(bag.path, name, f"exceeds the {MAX_READINGS:,} ranges that fit into memory")
+        ranges += len(message.ranges)
+        if ranges > MAX_RANGES:
+            raise InputError(bag.path, name, f"exceeds the {MAX_RANGES:,} ranges that fit into memory")
         try:
             scan = decode_laser_scan(message, frame)
             if scans:
@@ -253,17 +253,17 @@ def _read_scans(bag: _OpenBag, rejections: _Rejections) -> tuple[tuple[Scan, ...
             scans.append(scan)
             frame = message.header.frame_id
     if frame is None:
-        raise InputError(bag.path, "", _no_scans(bag, rejections.skipped))
+        raise InputError(bag.path, "", _no_scans_reason(bag, rejections.skipped))
     return tuple(scans), frame
 
 
 def _check_same_beams(scan: Scan, previous: Scan) -> None:
-    """Refuse a scan with another number of beams than the one before."""
+    """Reject a scan with another number of beams than the one before."""
     if len(scan.ranges) != len(previous.ranges):
         raise MessageError(f"has {len(scan.ranges)} beams where the scans before have {len(previous.ranges)}")
 
 
-def _no_scans(bag: _OpenBag, skipped: list[str]) -> str:
+def _no_scans_reason(bag: _OpenBag, skipped: list[str]) -> str:
     """Why a bag has no scans."""
     types = sorted({connection.msgtype for connection in bag.reader.connections if connection.topic == "/scan"})
     other = f"; its /scan is of {types[0]}" if types and types != [SCAN] else ""
@@ -272,7 +272,7 @@ def _no_scans(bag: _OpenBag, skipped: list[str]) -> str:
 
 
 def _read_mount(bag: _OpenBag, frame: str, rejections: _Rejections) -> Pose:
-    """The lidar's pose in the robot's frame, of the first usable transform; the identity if there is no transform.
+    """The lidar's pose in the robot's frame, from the first usable transform; the identity if there is no transform.
 
     Raises:
         InputError: There are transforms, but none is usable, as when the lidar is mounted upside down.

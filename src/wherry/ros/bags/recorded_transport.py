@@ -1,4 +1,4 @@
-"""Recording everything that a node of ROS publishes and receives."""
+"""Recording of all messages that a ROS node publishes and receives."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from wherry.ros.transports.protocol import Transport
 class RecordedTransport:
     """A transport that records all messages published and received through it.
 
-    All messages are recorded at times of the robot's clock: that of the last scan or odometry. Messages that come
-    before the first of them are held back until then. Transforms are recorded even if the node does not subscribe to
-    them.
+    A message is recorded with the time of the robot's clock, which is the stamp of the last scan or odometry. Messages
+    before the first scan or odometry are held back until it is received. Transforms are recorded even if the node does
+    not subscribe to them.
 
     Args:
         transport: The transport to wrap.
         bag: Bag to write to; the caller closes it.
-        names: RosNames of topics and frames.
+        names: Names of topics and frames.
     """
 
     def __init__(self, transport: Transport, bag: BagWriter, names: RosNames) -> None:
@@ -116,7 +116,7 @@ class RecordedTransport:
             self._held_back.clear()
 
     def _update_clock(self, message: Any) -> None:
-        """Advance the robot's clock to the stamp of a scan or odometry; an impossible stamp does not count."""
-        with contextlib.suppress(MessageError):  # the message is recorded all the same, and its reader rejects it
+        """Advance the robot's clock to the stamp of a scan or odometry; an impossible stamp is ignored."""
+        with contextlib.suppress(MessageError):  # the message is still recorded; readers of the bag reject it
             seconds = decode_stamp(message.header.stamp)
             self._now = seconds if self._now is None else max(self._now, seconds)

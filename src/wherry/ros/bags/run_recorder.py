@@ -1,4 +1,4 @@
-"""Recording a run as a bag: the robot's measurements and commands, and the estimates of its driver.
+"""Recording a run as a bag: the robot's measurements and commands, and the agent's estimates.
 
 Topics and frames have their default names in `wherry.ros.names`. All stamps are times of the robot's clock, and a
 transform is written before the scan that needs it.
@@ -55,15 +55,16 @@ class RunRecorder:
 
     def __call__(self, record: Record) -> None:
         """Record a trace record for which ROS has a message; ignore others."""
-        if isinstance(record, RobotSnapshot):
-            self._write_estimates(record)
-        elif isinstance(record, MapUpdate):
-            if record.time >= self._next_map or record.explored_fraction >= 1.0:
-                self._next_map = record.time + MAP_PERIOD
-                self.write_map(record.grid, record.time)
-        elif isinstance(record, StepTaken):
-            plan = encode_path(record.plan, record.time, self._frames.map)
-            self._bag.write(self._topics.plan, plan, record.time)
+        match record:
+            case RobotSnapshot():
+                self._write_estimates(record)
+            case MapUpdate():
+                self._write_growing_map(record)
+            case StepTaken():
+                plan = encode_path(record.plan, record.time, self._frames.map)
+                self._bag.write(self._topics.plan, plan, record.time)
+            case _:
+                pass
 
     def write_measurement(self, measurement: Scan | Odometry, lidar: Pose) -> None:
         """Record a measurement.
@@ -113,6 +114,12 @@ class RunRecorder:
     def write_map(self, grid: OccupancyGrid, seconds: float) -> None:
         """Record a map at a time, s."""
         self._bag.write(self._topics.map, encode_occupancy_grid(grid, seconds, self._frames.map), seconds)
+
+    def _write_growing_map(self, record: MapUpdate) -> None:
+        """Record a map that is complete, or the first one after each `MAP_PERIOD`."""
+        if record.time >= self._next_map or record.explored_fraction >= 1.0:
+            self._next_map = record.time + MAP_PERIOD
+            self.write_map(record.grid, record.time)
 
     def _write_estimates(self, record: RobotSnapshot) -> None:
         self.write_pose_estimate(record.pose, record.particles.astype(np.float64), record.time)

@@ -1,4 +1,4 @@
-"""Writing ROS bags of ROS 1 and ROS 2 without a ROS installation (the rosbags package, optional extra ``bags``)."""
+"""Writing bags of ROS 1 and ROS 2 without a ROS installation (the rosbags package, optional extra ``bags``)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class BagWriter:
         path: Path of the bag.
 
     Raises:
-        InputError: rosbags is not installed, the suffix is not that of a bag, the path exists, or it cannot be written
+        InputError: rosbags is not installed, the suffix is not that of a bag, or the path exists or cannot be written
             to.
     """
 
@@ -98,7 +98,7 @@ class BagWriter:
         """Complete the bag and rename it to its path; further calls do nothing.
 
         Raises:
-            InputError: It cannot be completed; what there is keeps the name of an unfinished bag.
+            InputError: It cannot be completed; the unfinished bag keeps its name.
         """
         with self._lock:
             bag, self._bag = self._bag, None
@@ -106,7 +106,7 @@ class BagWriter:
                 return
             try:
                 bag.close()
-                bag.finished.rename(self.path)
+                bag.finished_path.rename(self.path)
                 if self._unfinished.is_dir():
                     shutil.rmtree(self._unfinished)
             except OSError as error:

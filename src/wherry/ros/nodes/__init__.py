@@ -1,4 +1,4 @@
-"""Nodes: a robot of ROS for the agent, the agent's publications, the simulator's driver, and a monitor."""
+"""Nodes: a ROS robot for the agent, the agent's publications, the simulated robot's driver, and a monitor."""
 
 import lazy_loader
 

@@ -49,8 +49,8 @@ class AgentNode:
 
     Args:
         robot: The agent's robot, which provides odometry and time.
-        transport: ROS.
-        names: Topics, frames and rates.
+        transport: Connection to ROS.
+        names: Names of topics and frames, and publishing rates.
         publishes_map: Whether ``/map`` is the agent's rather than an external stack's.
         publishes_pose: Whether map → odom is the agent's rather than an external stack's.
     """
@@ -77,7 +77,7 @@ class AgentNode:
         self._lasting_markers: tuple[ros.Marker, ...] = ()
         self._transform_time = 0.0  # s, robot's clock, of the last transform
         self._unpublished: RobotSnapshot | None = None
-        self._published_time = math.inf  # s, robot's clock, of the last observation published, or else of the first one
+        self._published_time = math.inf  # s, robot's clock, of the last published, else the first, observation
         robot.idle_callback = self._publish_observation
         self._is_stopped = threading.Event()
         self._heartbeat = threading.Thread(target=self._beat, name="heartbeat", daemon=True)

@@ -1,8 +1,8 @@
-"""Reasons to end a run with a robot of ROS."""
+"""Errors that end a run on a ROS robot."""
 
 
 class RobotLostError(Exception):
-    """The robot does not answer any more, or was restarted."""
+    """The robot no longer answers, or was restarted."""
 
 
 class TimeMovedBackwardsError(RobotLostError):

@@ -1,4 +1,4 @@
-"""Map and pose of an external stack in place of our own: gmapping, slam_toolbox, map_server, amcl, nav2."""
+"""Map and pose of an external navigation stack: gmapping, slam_toolbox, map_server, amcl, nav2."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
 UNKNOWN_MARGIN = 1.0  # m of unknown space kept around a map, so that it has frontiers
-POSE_TOLERANCE = 0.3  # m and rad between an initial pose and the localization that has accepted it
-POSE_MAX_AGE = 2.0  # s since the last transform; with an older one the robot counts as lost
+POSE_TOLERANCE = 0.3  # m and rad, between an initial pose and the estimate of a localization that accepted it
+POSE_MAX_AGE = 2.0  # s, of the last transform; with an older one the robot counts as lost
 
 
 class ExternalMap:
     """The latest valid message on ``/map``.
 
     Args:
-        transport: ROS.
-        names: Topics and frames.
+        transport: Connection to ROS.
+        names: Names of topics and frames.
     """
 
     def __init__(self, transport: Transport, names: RosNames) -> None:
@@ -42,7 +42,7 @@ class ExternalMap:
         """Wait for a map.
 
         Args:
-            timeout: s.
+            timeout: Maximum waiting time, s.
 
         Raises:
             InputError: No valid map was received within ``timeout``.
@@ -64,8 +64,8 @@ class ExternalPose:
     """A `PoseEstimator` that takes the pose of an external localization: map → odom on ``/tf``, else ``/amcl_pose``.
 
     Args:
-        transport: ROS.
-        names: Topics and frames.
+        transport: Connection to ROS.
+        names: Names of topics and frames.
         odometry: Returns the robot's latest odometry, which turns a pose into map → odom.
     """
 
@@ -89,7 +89,7 @@ class ExternalPose:
         """Wait for a pose.
 
         Args:
-            timeout: s.
+            timeout: Maximum waiting time, s.
 
         Raises:
             InputError: No valid pose was received within ``timeout``.
@@ -141,7 +141,7 @@ class ExternalPose:
     def _on_estimate(self, message: ros.PoseWithCovarianceStamped) -> None:
         odometry = self._odometry()
         if self._has_transforms or odometry is None:
-            return  # transforms are more accurate, since they come with every scan
+            return  # transforms are more accurate, since there is one for every scan
         _, pose = decode_pose_estimate(message, self._frames.map)
         # amcl publishes its pose only after motion, so an old estimate stays valid.
         self._map_from_odom, self._confirmed_at = pose @ odometry.pose.inverse, math.inf
@@ -152,7 +152,7 @@ class ExternalMapper:
 
     Args:
         grid: Returns the latest map, which may still grow.
-        pose: Where the robot is; a pose must have been received.
+        pose: Estimates the robot's pose; it must have received one.
         odometry: The robot's latest odometry.
     """
 

@@ -26,10 +26,10 @@ class LatchClient:
     """Closes and opens a latch.
 
     Args:
-        transport: ROS.
-        subscriptions: The node's.
-        topics: Of the latch.
-        clock: For stamps.
+        transport: Connection to ROS.
+        subscriptions: Subscriptions of the agent's node.
+        topics: Names of the latch's topics.
+        clock: Clock for the stamps of commands.
 
     Attributes:
         state: Latest state received; None before the first one.

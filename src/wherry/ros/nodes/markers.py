@@ -60,9 +60,9 @@ def condition_markers(
 
     Args:
         condition: A "1" or "0" for each term; empty before the first perception.
-        terms: Their names.
-        snapshot: Where the robot is.
-        frame: The map's.
+        terms: Names of the terms.
+        snapshot: Observation with the robot's pose.
+        frame: Name of the map frame.
     """
     if not condition:
         return
@@ -110,7 +110,7 @@ def cell_markers(cells: CellLayout, frame: str) -> Iterator[ros.Marker]:
 
     Args:
         cells: The cells on the map.
-        frame: The map's.
+        frame: Name of the map frame.
     """
     header = encode_header(cells.time, frame)
     size, origin = cells.frame.cell_size, cells.frame.origin

@@ -15,8 +15,8 @@ from wherry.ros.nodes.measurements import MeasurementSequencer, StampValidator
 from wherry.ros.nodes.robot_clock import RobotClock
 from wherry.ros.nodes.subscriptions import Subscriptions
 
-MAX_QUEUED_SCANS = 10  # scans that wait for the agent; beyond that, only the latest one is kept
-SCAN_MAX_AGE = 0.4  # s; with an older scan the robot must not drive
+MAX_QUEUED_SCANS = 10  # scans queued for the agent; with more, only the latest one is kept
+SCAN_MAX_AGE = 0.4  # s, of the agent's last scan; with an older one the robot must not drive
 
 
 class MeasurementQueue:
@@ -25,14 +25,15 @@ class MeasurementQueue:
     Call its methods with the lock of ``subscriptions`` held.
 
     Args:
-        subscriptions: The node's.
-        names: Topics and frames.
-        clock: Advanced by each measurement.
+        subscriptions: Subscriptions of the agent's node.
+        names: Names of topics and frames.
+        clock: Clock that each measurement advances.
 
     Attributes:
         odometry: Latest odometry that was popped; before that, the first one received.
+        newest_odometry: Latest odometry received, which may not have been popped yet.
         dropped_scans: Number of scans that were dropped because the agent fell behind.
-        clock_reset: Set once the robot's clock was set back.
+        clock_reset: The error to raise, once the robot's clock was set back; otherwise None.
     """
 
     def __init__(self, subscriptions: Subscriptions, names: RosNames, clock: RobotClock) -> None:
@@ -44,6 +45,7 @@ class MeasurementQueue:
         self._scan_received_at = math.inf  # s, monotonic clock
         self._popped_scan_time = -math.inf  # s, robot's clock
         self.odometry: Odometry | None = None
+        self.newest_odometry: Odometry | None = None
         self.dropped_scans = 0
         self.clock_reset: TimeMovedBackwardsError | None = None
         subscriptions.add(topics.odom, self._on_odometry)
@@ -51,12 +53,12 @@ class MeasurementQueue:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no measurement waits."""
+        """Whether no measurement is queued."""
         return not self._queue
 
     @property
     def has_received_scan(self) -> bool:
-        """Whether a valid scan was ever received."""
+        """Whether a valid scan has been received."""
         return self._scan_received_at < math.inf
 
     @property
@@ -66,7 +68,7 @@ class MeasurementQueue:
 
     @property
     def is_scan_stale(self) -> bool:
-        """Whether the agent's last scan is too old to drive by: the lidar is silent, or the agent fell behind."""
+        """Whether the agent's last scan is too old for driving: the lidar is silent, or the agent fell behind."""
         age = self._clock.time - self._popped_scan_time
         silence = 0.0 if self._clock.is_simulated else self.seconds_without_scan
         return max(age, silence) > SCAN_MAX_AGE
@@ -91,6 +93,7 @@ class MeasurementQueue:
         odometry = decode_odometry(message, self._frames.odom, self._frames.base_link)
         if not self._accept(odometry.time, self._odometry_stamps):
             return
+        self.newest_odometry = odometry
         if self.odometry is None:
             self.odometry = odometry
         self._clock.advance_to(odometry.time)

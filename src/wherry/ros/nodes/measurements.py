@@ -1,8 +1,8 @@
-"""Odometry and scans of two topics merged into one sequence: times never decrease, and each scan has its odometry.
+"""Merges odometry and scans of two topics into one sequence with nondecreasing times and odometry for each scan.
 
-A robot's sensors do not share their instants. A scan is therefore preceded by odometry interpolated to its time. If
-later odometry was returned already, the scan gets the time of that odometry and the pose of its own time: motion
-between scans stays exact, and only the time is late, by the latency of the lidar's driver.
+The sensors of a robot are not synchronized. A scan is therefore preceded by odometry interpolated to its time. If later
+odometry was returned already, the scan gets the time of that odometry, and the pose interpolated to its own time: the
+motion between scans stays exact, and only the time is late, by the latency of the lidar's driver.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from wherry.space.pose import Pose, wrap
 
 SAME_INSTANT_TOLERANCE = 1e-6  # s
 ODOMETRY_BUFFER_SECONDS = 2.0  # s of odometry kept for interpolation
-MAX_WAITING_SCANS = 10  # scans that wait for odometry of their time
+MAX_WAITING_SCANS = 10  # scans buffered until odometry of their time is received
 MAX_STAMP_GAP = 1.0  # s between stamps of a topic; a larger gap needs confirmation
 MIN_CONFIRMATIONS = 5  # consecutive stamps that must agree that time has jumped
 
@@ -27,7 +27,7 @@ class StampValidator:
     """Rejects isolated outliers among the stamps of a topic.
 
     Args:
-        topic: Name for error messages.
+        topic: Name of the topic, for error messages.
     """
 
     def __init__(self, topic: str) -> None:

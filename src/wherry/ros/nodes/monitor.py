@@ -17,7 +17,7 @@ from wherry.space.pose import Floats
 MILLISECONDS = 1e3  # per second
 MISSING_GAP = 1.5  # periods between two stamps beyond which messages are missing
 MIN_MESSAGES = 3  # messages needed to estimate a period
-MAX_LATENCY = 1.0  # s from a scan to a velocity that still answers it
+MAX_LATENCY = 1.0  # s from a scan to a velocity that counts as its answer
 
 
 @dataclass
@@ -47,8 +47,8 @@ class Monitor:
     """Records when scans, odometry and velocities arrive.
 
     Args:
-        transport: ROS.
-        names: Topics.
+        transport: Connection to ROS.
+        names: Names of the topics.
     """
 
     def __init__(self, transport: Transport, names: RosNames) -> None:
@@ -67,7 +67,7 @@ class Monitor:
         try:
             stamp = decode_stamp(header.stamp)
         except MessageError:
-            return  # it counts as missing
+            return  # a message without a valid stamp counts as missing
         with self._lock:
             log.stamps.append(stamp)
             log.arrivals.append(now)

@@ -1,11 +1,11 @@
-"""Pacing of a simulation against the wall clock."""
+"""Pacing of a simulation by the wall clock."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-MAX_LAG = 0.25  # s of simulated time that the simulation may catch up; beyond that, time is skipped
+MAX_LAG = 0.25  # s of simulated time by which the simulation may be late; with more, the schedule restarts
 
 
 class RealTimePacer:
@@ -26,11 +26,11 @@ class RealTimePacer:
 
     @property
     def is_late(self) -> bool:
-        """Whether this machine is too slow for the rate."""
+        """Whether the simulation is too late to catch up: this machine is too slow for the rate."""
         return self.lag > MAX_LAG
 
     def restart(self, now: float) -> None:
-        """Pair a simulated time, s, with the present."""
+        """Restart the schedule, with a simulated time, s, that is due now."""
         self._started_at, self._simulated_start = time.monotonic(), now
 
     def wait_until(self, instant: float, *, last: float, period: float, on_tick: Callable[[float], None]) -> None:

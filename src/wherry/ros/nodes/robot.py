@@ -1,8 +1,8 @@
-"""Any robot of ROS as a `Robot`: with ``/scan``, ``/odom``, ``/tf_static``, ``/cmd_vel`` and a latch.
+"""A ROS robot as a `Robot`: any one with ``/scan``, ``/odom``, ``/tf_static``, ``/cmd_vel`` and a latch.
 
 The robot is stopped while the agent's last scan is too old, whether the lidar is silent or the agent fell behind.
-Nothing is sent while another node commands the robot. Messages with impossible content are rejected and counted. A
-robot that is gone, or whose clock was set back, ends the run.
+Nothing is sent while another node commands the robot. Messages with impossible content are rejected and counted. The
+run ends when the robot is lost or its clock was set back.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from wherry.ros.nodes.velocity_commands import VelocityCommands
 from wherry.ros.transports.protocol import Transport
 from wherry.space.pose import Pose
 
-ROBOT_LOST_TIMEOUT = 10.0  # s without a scan after which the robot counts as gone
+ROBOT_LOST_TIMEOUT = 10.0  # s without a scan after which the robot counts as lost
 STANDSTILL = Velocity()
 
 
 class RosRobot:
-    """A robot of ROS as a `Robot`; use it as a context manager, or call `close`.
+    """A ROS robot as a `Robot`; use it as a context manager, or call `close`.
 
     Args:
-        transport: ROS.
-        names: Topics, frames and rates.
+        transport: Connection to ROS.
+        names: Names of topics and frames, and publishing rates.
         parameters: The robot's shape and limits.
         stamped: Whether the robot takes velocities with stamps (ROS 2 only).
 
     Attributes:
-        idle_callback: Called in the agent's thread when no measurement waits: the place for slow work that driving does
-            not need.
+        idle_callback: Called in the agent's thread when no measurement is queued, for slow work that driving does not
+            depend on.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class RosRobot:
             transport, self._subscriptions, names, parameters, self._clock, stamped=stamped
         )
         self._body: Body | None = None
-        self._stopped_at = -math.inf  # s, monotonic clock, of the last stop because of a stale scan
+        self._stopped_at = -math.inf  # s, monotonic clock, when the robot was last stopped because of a stale scan
         self.idle_callback: Callable[[], None] = lambda: None
 
     def __enter__(self) -> Self:
@@ -82,8 +82,8 @@ class RosRobot:
         """Wait for a scan, odometry, the latch's state, and the lidar's pose.
 
         Args:
-            timeout: s.
-            use_sim_time: Whether ``/clock`` is the time; None to take it if a node publishes it.
+            timeout: Maximum waiting time, s.
+            use_sim_time: Whether the robot's clock is ``/clock``; None to use that if a node publishes it.
 
         Raises:
             InputError: Something is missing after ``timeout``; the error names it, and the last rejected message.
@@ -95,7 +95,7 @@ class RosRobot:
         self._clock.is_simulated = clocks > 0 if use_sim_time is None else use_sim_time
 
     def _missing(self) -> list[str]:
-        """RosNames of what has not been received yet."""
+        """Names of the topics and transforms that have not been received yet."""
         topics, frames = self._topics, self._frames
         received = {
             topics.scan.name: self._measurements.has_received_scan,
@@ -178,12 +178,17 @@ class RosRobot:
         """
         return not self._latch.request(close=False).has_load
 
-    # ---- for the agent's node
+    # ---- odometry, time and status of the connection
 
     @property
     def odometry(self) -> Odometry | None:
         """Latest odometry that `receive` returned."""
         return self._measurements.odometry
+
+    @property
+    def newest_odometry(self) -> Odometry | None:
+        """Latest odometry received, which `receive` may not have returned yet."""
+        return self._measurements.newest_odometry
 
     @property
     def time(self) -> float:

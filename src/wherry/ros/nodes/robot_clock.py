@@ -1,4 +1,4 @@
-"""Time on a robot's clock, as far as its messages tell."""
+"""The time on a robot's clock, taken from its messages."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from wherry.ros.topics import Topic
 
 
 class RobotClock:
-    """The latest time on a robot's clock: of its measurements, and of ``/clock`` where time is simulated.
+    """The latest time on a robot's clock: from its measurements, and from ``/clock`` where time is simulated.
 
     Args:
-        subscriptions: The node's.
-        topic: ``/clock``.
+        subscriptions: Subscriptions of the agent's node.
+        topic: Topic of the simulated time, ``/clock``.
 
     Attributes:
         time: Latest time received, s; −inf before the first message.
-        is_simulated: Whether ``/clock`` is the time.
+        is_simulated: Whether ``/clock`` advances the time.
     """
 
     def __init__(self, subscriptions: Subscriptions, topic: Topic[ros.Clock]) -> None:
@@ -28,7 +28,7 @@ class RobotClock:
         subscriptions.add(topic, self._on_clock)
 
     def advance_to(self, stamp: float) -> None:
-        """Take note of a stamp, s; the clock never goes back."""
+        """Set the time to a stamp, s, unless that is earlier."""
         self.time = max(self.time, stamp)
 
     def _on_clock(self, message: ros.Clock) -> None:

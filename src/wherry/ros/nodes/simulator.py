@@ -1,4 +1,4 @@
-"""A simulated robot as a robot of ROS, in real time: measurements are published, velocities and latch commands obeyed.
+"""A simulated robot as a ROS robot, in real time: it publishes measurements, and obeys velocities and latch commands.
 
 All stamps are of the simulation's clock, which ``/clock`` publishes. At every instant with measurements the order is:
 clock, transform from odom to base_link, odometry, scan; so that a scan's transform precedes it.
@@ -31,15 +31,15 @@ from wherry.simulation.model import LASER_HEIGHT
 from wherry.simulation.simulator import ODOMETRY_RATE
 from wherry.space.pose import IDENTITY, Floats
 
-COMMAND_MAX_AGE = 0.5  # s; an older stamped velocity is rejected
-MEASURED_VARIANCE, UNMEASURED_VARIANCE = 1e-3, 1e6  # m², rad²
+COMMAND_MAX_AGE = 0.5  # s, of a stamped velocity; an older one is rejected
+MEASURED_VARIANCE, UNMEASURED_VARIANCE = 1e-3, 1e6  # m² and rad², of x, y, yaw; and of z, roll, pitch
 COVARIANCE = np.diag([MEASURED_VARIANCE] * 2 + [UNMEASURED_VARIANCE] * 3 + [MEASURED_VARIANCE]).ravel()
 WHEEL_JOINTS = ("left_wheel_joint", "right_wheel_joint")
 STANDSTILL = Velocity()
 
 
 class SimulatedWorld(Protocol):
-    """What the node needs of a simulation."""
+    """The part of a `Simulation` that the node uses."""
 
     @property
     def time(self) -> float:
@@ -69,8 +69,8 @@ class RobotHardware:
         scan_period: Time between two scans, s.
         base_height: Height of base_link above the floor, m.
         laser_height: Height of the lidar above base_link, m.
-        wheel_joints: RosNames of the wheels' joints.
-        wheel_angles: Returns the joints' angles [W], rad.
+        wheel_joints: Names of the wheels' joints.
+        wheel_angles: Returns the angles of these joints, [W] rad.
     """
 
     odometry_period: float
@@ -97,8 +97,8 @@ class CommandQueue:
     """Velocities and latch commands, queued from the transport's thread to the simulation's.
 
     Args:
-        transport: ROS.
-        topics: The robot's.
+        transport: Connection to ROS.
+        topics: Names of the robot's topics.
         now: Returns the simulated time, s.
 
     Attributes:
@@ -147,13 +147,13 @@ class CommandQueue:
 
 
 class SimulatorNode:
-    """The driver software of a simulated robot; runs the simulation at a multiple of real time.
+    """The driver of a simulated robot; runs the simulation at a multiple of real time.
 
     Args:
         world: The simulation.
-        hardware: Of its robot.
-        transport: ROS.
-        names: Topics, frames and rates.
+        hardware: Properties of the robot that its messages contain.
+        transport: Connection to ROS.
+        names: Names of topics and frames, and publishing rates.
         rate: Simulated seconds per second.
     """
 
@@ -211,7 +211,7 @@ class SimulatorNode:
     # ---- commands
 
     def _execute_commands(self) -> None:
-        """Execute the commands received since the last instant; the last of several velocities counts."""
+        """Execute the commands received since the last step, in order, so that the last velocity takes effect."""
         for command in self._commands.drain():
             if isinstance(command, Velocity):
                 self._world.robot.command(command)

@@ -16,8 +16,8 @@ class StaticTransforms:
     """Looks up poses of frames that are fixed to each other.
 
     Args:
-        subscriptions: The node's.
-        topic: ``/tf_static``.
+        subscriptions: Subscriptions of the agent's node.
+        topic: Topic of the static transforms, ``/tf_static``.
     """
 
     def __init__(self, subscriptions: Subscriptions, topic: Topic[ros.TFMessage]) -> None:

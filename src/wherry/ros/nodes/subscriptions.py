@@ -23,7 +23,7 @@ class Subscriptions:
     A callback rejects a message by raising `MessageError`.
 
     Args:
-        transport: ROS.
+        transport: Connection to ROS.
 
     Attributes:
         changed: Re-entrant lock of all state that callbacks write; it is notified after each message.
@@ -40,11 +40,11 @@ class Subscriptions:
         self._transport.subscribe(topic, partial(self._receive, topic.name, callback))
 
     def wait_for(self, missing: Callable[[], Sequence[str]], timeout: float) -> None:
-        """Wait until ``missing`` returns nothing.
+        """Wait until ``missing`` returns an empty sequence.
 
         Args:
-            missing: Returns the names of what has not been received yet; called with the lock held.
-            timeout: s.
+            missing: Returns names of the data not received yet, for the error; called with the lock held.
+            timeout: Maximum waiting time, s.
 
         Raises:
             InputError: Something is still missing after ``timeout``.
@@ -53,7 +53,7 @@ class Subscriptions:
         with self.changed:
             while names := missing():
                 if time.monotonic() >= deadline:
-                    reason = f"; refused {self.rejected.last}" if self.rejected.last else ""
+                    reason = f"; rejected {self.rejected.last}" if self.rejected.last else ""
                     raise InputError("ROS", ", ".join(names), f"not received within {timeout:g} s{reason}")
                 self.changed.wait(POLL_PERIOD)
 

@@ -1,4 +1,4 @@
-"""Velocities for a robot's base, which yield to the commands of other nodes."""
+"""Publishing of velocities for a robot's base, which yields to other nodes that command the robot."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from wherry.ros.topics import Topic
 from wherry.ros.transports.protocol import Transport
 
 YIELD_SECONDS = 1.0  # s after the last command of another node during which nothing is sent
-ECHO_BUFFER_SIZE = 200  # own commands that may still be received back
+ECHO_BUFFER_SIZE = 200  # own commands that are remembered, to recognize them when they are received back
 
 
 class VelocityCommands:
     """Publishes velocities within the robot's limits, and detects commands of other nodes.
 
     Args:
-        transport: ROS.
-        subscriptions: The node's.
-        names: Topics and frames.
+        transport: Connection to ROS.
+        subscriptions: Subscriptions of the agent's node.
+        names: Names of topics and frames.
         limits: The robot's maximum velocities.
-        clock: For stamps.
+        clock: Clock for the stamps of velocities.
         stamped: Whether the robot takes TwistStamped (ROS 2 only).
     """
 

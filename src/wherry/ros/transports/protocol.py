@@ -1,7 +1,7 @@
-"""What every transport of ROS messages offers, whichever version of ROS it speaks.
+"""The protocol of a ROS node's connection, common to ROS 1 and ROS 2.
 
-`wherry.ros.transports.ros1` uses rospy, `wherry.ros.transports.ros2` DDS; everything else depends on this protocol
-only.
+`wherry.ros.transports.ros1` implements it with rospy, `wherry.ros.transports.ros2` with DDS. All other code depends on
+this protocol only.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A node of ROS 1, through rospy (Debian's own, or that of a sourced ROS environment).
+"""A ROS 1 node, through rospy (Debian's own, or that of a sourced ROS environment).
 
 rospy allows one node per process, so there can be one `Ros1Transport`. It listens on 127.0.0.1 only, unless ``ROS_IP``
 or ``ROS_HOSTNAME`` names another interface. Topics keep working when the master dies, and the node registers with the
@@ -17,10 +17,9 @@ from wherry.ros.message_fields import MessageT
 from wherry.ros.messages import String
 from wherry.ros.topics import QosProfile, Topic
 from wherry.ros.transports.ros1_master import (
-    PUBLISHER,
-    SUBSCRIBER,
     MasterMonitor,
     Registration,
+    Role,
     choose_interface,
     wait_for_master,
 )
@@ -31,7 +30,7 @@ RECEIVE_BUFFER = 1 << 22  # bytes; rospy never catches up again if a message is 
 
 
 class Ros1Transport:
-    """A node of ROS 1: a `wherry.ros.transports.protocol.Transport`.
+    """A ROS 1 node: a `wherry.ros.transports.protocol.Transport`.
 
     Args:
         name: Name of the node, without its namespace. ROS shuts down a running node of the same name.
@@ -79,7 +78,7 @@ class Ros1Transport:
         latch, queue = topic.qos is QosProfile.LATCHED, QUEUE_SIZES[topic.qos]
         publisher = self._rospy.Publisher(topic.name, ros1, queue_size=queue, latch=latch, tcp_nodelay=True)
         self._publishers[topic.name] = publisher
-        self._monitor.add(Registration(PUBLISHER, topic.name, ros1._type))
+        self._monitor.add(Registration(Role.PUBLISHER, topic.name, ros1._type))
 
     def publish(self, topic: Topic[MessageT], message: MessageT) -> None:
         """As `Transport.publish`.
@@ -103,15 +102,15 @@ class Ros1Transport:
                     callback(converted)
 
         self._rospy.Subscriber(topic.name, ros1, receive, queue_size=queue, buff_size=RECEIVE_BUFFER, tcp_nodelay=True)
-        self._monitor.add(Registration(SUBSCRIBER, topic.name, ros1._type))
+        self._monitor.add(Registration(Role.SUBSCRIBER, topic.name, ros1._type))
 
     def count_publishers(self, topic: Topic[MessageT]) -> int:
         """As `Transport.count_publishers`, at most `POLL_PERIOD` old."""
-        return self._monitor.count_others(PUBLISHER, topic.name)
+        return self._monitor.count_others(Role.PUBLISHER, topic.name)
 
     def count_subscribers(self, topic: Topic[MessageT]) -> int:
         """As `Transport.count_subscribers`, at most `POLL_PERIOD` old."""
-        return self._monitor.count_others(SUBSCRIBER, topic.name)
+        return self._monitor.count_others(Role.SUBSCRIBER, topic.name)
 
     def is_connected(self) -> bool:
         """Whether the master answers and ROS has not shut this node down."""

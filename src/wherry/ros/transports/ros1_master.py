@@ -1,4 +1,4 @@
-"""The master of ROS 1, seen from a node: which other nodes exist, and how a node survives the death of its master.
+"""Client of the ROS 1 master: counts other nodes, and registers a node again when the master was restarted.
 
 Everything here is the documented XML-RPC of ROS 1 (ROS Wiki: "Master API", "Slave API", "Parameter Server API").
 """
@@ -12,6 +12,7 @@ import threading
 import time
 from contextlib import closing
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 from urllib.parse import urlparse
 from xmlrpc.client import Fault, ServerProxy, Transport
@@ -24,7 +25,13 @@ STARTUP_TIMEOUT = 5.0  # s, for the first answer of a master, which may be start
 POLL_PERIOD = 0.25  # s, between two queries of the master
 REPLY_TIMEOUT = 2.0  # s
 SUCCESS = 1  # status code of a successful reply
-PUBLISHER, SUBSCRIBER = "Publisher", "Subscriber"  # as in the names of the methods that register them
+
+
+class Role(StrEnum):
+    """Role of a node on a topic; the values occur in the names of the methods that register it."""
+
+    PUBLISHER = "Publisher"
+    SUBSCRIBER = "Subscriber"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +39,12 @@ class Registration:
     """A publisher or subscriber that a node registered with the master.
 
     Attributes:
-        role: `PUBLISHER` or `SUBSCRIBER`.
+        role: Whether the node publishes or subscribes.
         topic: Absolute name of the topic.
         type_name: Message type as ROS 1 writes it, such as "sensor_msgs/LaserScan".
     """
 
-    role: str
+    role: Role
     topic: str
     type_name: str
 
@@ -154,8 +161,8 @@ def wait_for_master(uri: str) -> None:
 class MasterMonitor:
     """Polls the master: counts other nodes, and registers this node again when the master was replaced.
 
-    rospy registers once. When a master dies, its nodes keep talking to each other, but a new master knows none of them,
-    so that no further node could connect to them.
+    rospy registers once. When a master dies, its nodes remain connected, but a new master does not know them, so that
+    no further node could connect to them.
 
     Args:
         node: Absolute name of the node.
@@ -172,7 +179,7 @@ class MasterMonitor:
         self._master = Master(node, master_uri)
         self._registrations: set[Registration] = set()
         self._parameters: dict[str, Any] = {}
-        self._counts: dict[tuple[str, str], int] = {}
+        self._counts: dict[tuple[Role, str], int] = {}
         self._lock = threading.Lock()  # one thread at a time calls the master
         self._is_stopped = threading.Event()
         self.is_reachable = True
@@ -195,7 +202,7 @@ class MasterMonitor:
             self._parameters[name] = value
             self._master.call("setParam", name, value)
 
-    def count_others(self, role: str, topic: str) -> int:
+    def count_others(self, role: Role, topic: str) -> int:
         """How many other living nodes have a role on a topic for which this node is registered."""
         return self._counts.get((role, topic), 0)
 
@@ -216,10 +223,12 @@ class MasterMonitor:
             publishers, subscribers, _ = self._master.call("getSystemState")
             known = {
                 (role, topic): nodes
-                for role, state in ((PUBLISHER, publishers), (SUBSCRIBER, subscribers))
+                for role, state in ((Role.PUBLISHER, publishers), (Role.SUBSCRIBER, subscribers))
                 for topic, nodes in state
             }
-            missing = [one for one in self._registrations if self._node not in known.get((one.role, one.topic), ())]
+            missing = [
+                entry for entry in self._registrations if self._node not in known.get((entry.role, entry.topic), ())
+            ]
             if missing and not self._is_replaced():
                 self._register(missing)
             self._counts = self._count(known)
@@ -238,15 +247,18 @@ class MasterMonitor:
         """Register with a new master; publishers first, so that no subscriber misses one."""
         for name, value in self._parameters.items():
             self._master.call("setParam", name, value)
-        for one in sorted(missing, key=lambda one: one.role):
-            publishers = self._master.call(f"register{one.role}", one.topic, one.type_name, self._node_uri)
-            if one.role == SUBSCRIBER:  # rospy connects only to publishers announced to its XML-RPC server
+        for registration in sorted(missing, key=lambda entry: entry.role):
+            method, topic = f"register{registration.role}", registration.topic
+            publishers = self._master.call(method, topic, registration.type_name, self._node_uri)
+            if (
+                registration.role is Role.SUBSCRIBER
+            ):  # rospy connects only to publishers announced to its XML-RPC server
                 with ServerProxy(self._node_uri, transport=_TransportWithTimeout()) as node:
-                    node.publisherUpdate("/master", one.topic, publishers)
+                    node.publisherUpdate("/master", topic, publishers)
 
-    def _count(self, known: dict[tuple[str, str], list[str]]) -> dict[tuple[str, str], int]:
+    def _count(self, known: dict[tuple[Role, str], list[str]]) -> dict[tuple[Role, str], int]:
         """Number of other living nodes by role and topic, for the topics of this node."""
-        topics = {one.topic for one in self._registrations}
+        topics = {registration.topic for registration in self._registrations}
         nodes = {
             key: [name for name in names if name != self._node] for key, names in known.items() if key[1] in topics
         }

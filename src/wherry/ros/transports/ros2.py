@@ -1,6 +1,6 @@
-"""A node of ROS 2 without a ROS installation: through Eclipse Cyclone DDS, which PyPI has (``wherry[ros2]``).
+"""A ROS 2 node without a ROS installation: through Eclipse Cyclone DDS, which PyPI has (``wherry[ros2]``).
 
-A topic ``/scan`` of ROS 2 is the DDS topic ``rt/scan``; `wherry.ros.transports.ros2_messages` has its type.
+The ROS 2 topic ``/scan`` is the DDS topic ``rt/scan``; `wherry.ros.transports.ros2_messages` has its type.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _reader_qos(profile: QosProfile) -> Qos:
 
 
 class Ros2Transport:
-    """A node of ROS 2: a `wherry.ros.transports.protocol.Transport`.
+    """A ROS 2 node: a `wherry.ros.transports.protocol.Transport`.
 
     Args:
         interface: Network interface to use: loopback, which keeps this machine out of every network, or another one.
@@ -87,7 +87,9 @@ class Ros2Transport:
         self._key = self._participant.get_guid()
         self._topics: dict[Topic[Any], DdsTopic[Any]] = {}
         self._writers: dict[Topic[Any], DataWriter[Any]] = {}
-        self._readers: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []  # what takes samples, callback
+        self._readers: list[
+            tuple[Callable[[], Any], Callable[[Any], None]]
+        ] = []  # function that takes new messages, and the callback
         self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
         self._subscriptions = BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription)
         self._lock = threading.Lock()
@@ -141,7 +143,7 @@ class Ros2Transport:
         return True
 
     def announce_sim_time(self) -> None:
-        """Do nothing: each node of ROS 2 has a parameter ``use_sim_time`` of its own."""
+        """Do nothing: each ROS 2 node has a parameter ``use_sim_time`` of its own."""
 
     def publish_robot_description(self, topic: Topic[String], urdf: str) -> None:
         """As `Transport.publish_robot_description`."""

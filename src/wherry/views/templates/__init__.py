@@ -1,4 +1,4 @@
-"""The HTML templates of reports and pages."""
+"""HTML templates of reports and pages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ def render_template(name: str, **values: object) -> str:
 
     Args:
         name: File name of the template.
-        values: Values by the names that the template uses.
+        values: Values of the template's variables.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("wherry.views", "templates"), autoescape=True, undefined=jinja2.StrictUndefined

@@ -1,1 +1,1 @@
-"""The pages in the browser: live runs, recorded runs, and the world editor."""
+"""Web pages for live runs, recorded runs and the world editor, and their server."""

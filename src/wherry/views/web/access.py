@@ -1,4 +1,4 @@
-"""Access control of the page server: pages of this machine, or whoever presents the token."""
+"""Access control of the page server: by address on the loopback interface, by token on any other."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
-POLICY_VIOLATION = 1008  # close code of RFC 6455, section 7.4.1
-SAFE_METHODS = ("GET", "HEAD")
+POLICY_VIOLATION = 1008  # WebSocket close code (RFC 6455, section 7.4.1)
+SAFE_METHODS = ("GET", "HEAD")  # methods that change nothing (RFC 9110, section 9.2.1)
 
 SECURITY_HEADERS = {
     b"cache-control": b"no-store",
@@ -26,7 +26,7 @@ SECURITY_HEADERS = {
 
 @dataclass(frozen=True, slots=True)
 class AccessPolicy:
-    """Which requests are allowed.
+    """The rule by which requests are allowed or refused.
 
     Attributes:
         port: Port of the server.
@@ -37,20 +37,20 @@ class AccessPolicy:
     token: str | None = None
 
     def refusal(self, scope: Scope) -> str:
-        """Why a request is refused; "" if it is allowed.
+        """Reason for which a request is refused; "" if it is allowed.
 
-        A foreign page that is open in this machine's browser can send requests to the loopback interface, too. It
-        cannot forge the Host header, which reveals DNS rebinding, nor Origin, which reveals cross-site requests.
+        Any page that is open in a browser on this machine can send requests to the loopback interface. It cannot
+        forge the Host header, which reveals DNS rebinding, nor the Origin header, which reveals cross-site requests.
         """
         headers = Headers(scope=scope)
         host, origin = headers.get("host", ""), headers.get("origin")
         if self.token is None and host not in {f"{name}:{self.port}" for name in LOOPBACK_NAMES}:
-            return "this server answers only to its own address"
+            return "this server accepts only requests to its own address"
         if self.token is not None and not hmac.compare_digest(self._presented_token(scope), self.token.encode()):
             return "the address lacks the token that the command printed"
         is_plain_read = scope["type"] == "http" and scope["method"] in SAFE_METHODS and origin is None
         if not is_plain_read and origin not in {f"http://{host}", f"https://{host}"}:
-            return "this server answers only to its own page"
+            return "this server accepts only requests from its own page"
         return ""
 
     @staticmethod
@@ -65,7 +65,7 @@ class AccessMiddleware:
 
     Args:
         app: The wrapped application.
-        policy: Which requests are allowed.
+        policy: The rule by which requests are allowed or refused.
     """
 
     def __init__(self, app: ASGIApp, policy: AccessPolicy) -> None:
@@ -73,7 +73,7 @@ class AccessMiddleware:
         self._policy = policy
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle a request, as ASGI defines it."""
+        """Handle an ASGI connection."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return

@@ -1,4 +1,4 @@
-"""The world editor: a page that draws a world file, which `wherry.floorplan` checks and saves."""
+"""The world editor: a page that edits a world file; `wherry.floorplan` checks the file before it is saved."""
 
 from __future__ import annotations
 
@@ -17,13 +17,15 @@ from wherry.files import write_atomically
 from wherry.floorplan.plan import Cell, Direction, FloorPlan
 from wherry.floorplan.world_files import MAX_FILE_SIZE, format_world, load_world, parse_world
 from wherry.views.web.page import render_page
-from wherry.views.web.server import DEFAULT_HOST, DEFAULT_PORT, PageServer, keep_open, run_server
+from wherry.views.web.server import DEFAULT_HOST, DEFAULT_PORT, PageServer, hold_connection, run_server
 
+EDITOR_SCRIPTS = ("dom.js", "editor.js")
+EDITOR_STYLES = ("style.css", "editor.css")
 ERROR_POSITION = re.compile(r"line (\d+)(?:, column (\d+))?")
 
 
 def new_plan(name: str) -> FloorPlan:
-    """An empty hall with a robot and a warehouse, with which a new file starts."""
+    """The plan of a new file: an empty hall with a robot and a warehouse."""
     return FloorPlan(
         name,
         width=10,
@@ -42,7 +44,7 @@ def check_world(text: str, source: str) -> dict[str, object]:
         source: Name of the file in errors.
 
     Returns:
-        For the page: ``error``, with ``line`` and ``column``, or else the plan's size and boxes.
+        JSON for the page: ``error`` with its ``line`` and ``column`` or, for a valid text, the plan's size and boxes.
     """
     try:
         plan = parse_world(text, source)
@@ -66,17 +68,36 @@ def check_world(text: str, source: str) -> dict[str, object]:
     }
 
 
-@contextlib.contextmanager
-def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT) -> Iterator[PageServer]:
-    """Serve a page that edits a world file, while the context lasts.
+def save_world(text: str, path: Path) -> dict[str, object]:
+    """Write the text of a world file if it is valid.
 
     Args:
-        path: The file; where there is none, it is written when it is first saved.
+        text: Content of the file.
+        path: The file.
+
+    Returns:
+        JSON for the page, as from `check_world`; ``error`` is also set if the file cannot be written.
+    """
+    result = check_world(text, path.name)
+    if result["error"] is None:
+        try:
+            write_atomically(path, text)
+        except InputError as error:
+            return {"error": str(error), "line": None, "column": None}
+    return result
+
+
+@contextlib.contextmanager
+def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT) -> Iterator[PageServer]:
+    """Serve a page that edits a world file until the context ends.
+
+    Args:
+        path: The file; one that does not exist is created when the world is saved.
         host: Address to listen on; pages need a token unless it is a loopback address.
-        port: Port to listen on; where it is occupied, any other. 0 for any.
+        port: Port to listen on; another one is used if it is occupied. 0 for any free port.
 
     Raises:
-        InputError: The file is no world file, or the address cannot be listened on.
+        InputError: The file is not a valid world file, or the address cannot be listened on.
     """
     is_new = not path.exists()
     if is_new:
@@ -88,40 +109,32 @@ def serve_editor(path: Path, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PO
     async def page(request: Request) -> Response:
         current = text if not path.exists() else path.read_text(encoding="utf-8")
         settings = {"file": path.name, "path": str(path), "text": current, "new": not path.exists()}
-        styles = ("style.css", "editor.css")
         title = f"{path.name} - wherry"
         return HTMLResponse(
-            render_page("editor.html.j2", ("editor.js",), title=title, settings=settings, styles=styles)
+            render_page("editor.html.j2", EDITOR_SCRIPTS, title=title, settings=settings, styles=EDITOR_STYLES)
         )
 
     async def check(request: Request) -> Response:
         return JSONResponse(check_world(await _body(request), path.name))
 
     async def save(request: Request) -> Response:
-        edited = await _body(request)
-        found = check_world(edited, path.name)
-        if found["error"] is None:
-            try:
-                write_atomically(path, edited)
-            except InputError as error:
-                found = {"error": str(error), "line": None, "column": None}
-        return JSONResponse(found)
+        return JSONResponse(save_world(await _body(request), path))
 
-    async def stay(page: WebSocket) -> None:
-        await keep_open(page, server)
+    async def connection(websocket: WebSocket) -> None:
+        await hold_connection(websocket, server)
 
     routes = [
         Route("/", page),
         Route("/check", check, methods=["POST"]),
         Route("/save", save, methods=["POST"]),
-        WebSocketRoute("/socket", stay),
+        WebSocketRoute("/socket", connection),
     ]
     with run_server(routes, host=host, port=port) as server:
         yield server
 
 
 async def _body(request: Request) -> str:
-    """Text of a request; a text that is too long is truncated, and then refused as no world."""
+    """Text of a request, truncated to `MAX_FILE_SIZE`; a truncated world fails the check."""
     parts, size = [], 0
     async for part in request.stream():
         parts.append(part)

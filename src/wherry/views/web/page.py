@@ -1,4 +1,4 @@
-"""The pages as single HTML files: style, scripts and, for a recorded run, its trace."""
+"""Pages as single HTML files that contain styles, scripts and, for a recorded run, its trace."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from markupsafe import Markup
 from wherry.trace.recordings import pack_frames
 from wherry.views.templates import render_template
 
-SCRIPTS = ("trace.js", "map.js", "player.js", "scene.js", "panels.js", "app.js")
+PLAYER_SCRIPTS = ("dom.js", "trace.js", "map.js", "player.js", "scene.js", "panels.js", "app.js")
 
 
 def player_page(title: str, settings: Mapping[str, object], frames: bytes | None = None) -> str:
@@ -21,11 +21,11 @@ def player_page(title: str, settings: Mapping[str, object], frames: bytes | None
 
     Args:
         title: Title of the window.
-        settings: Settings of the scripts: ``source`` is "socket" or "file".
-        frames: Frames to embed in the page, as from `recordings.load_frames`; None to receive them from the server.
+        settings: Settings for the scripts: ``source`` is "socket" or "file".
+        frames: Frames to embed in the page, as from `recordings.load_frames`; None if the server sends them.
     """
     trace = "" if frames is None else base64.b64encode(pack_frames(frames)).decode("ascii")
-    return render_page("player.html.j2", SCRIPTS, title=title, settings=settings, trace=trace)
+    return render_page("player.html.j2", PLAYER_SCRIPTS, title=title, settings=settings, trace=trace)
 
 
 def render_page(
@@ -37,13 +37,13 @@ def render_page(
     trace: str = "",
     styles: Sequence[str] = ("style.css",),
 ) -> str:
-    """A page with embedded styles and scripts, and a content security policy that allows no other script.
+    """Render a page with embedded styles and scripts, and a content security policy that allows no other script.
 
     Args:
         template: File name of the template.
-        scripts: File names of the scripts, in the order in which they build on each other.
+        scripts: File names of the scripts, in the order in which they are run.
         title: Title of the window.
-        settings: Settings of the scripts.
+        settings: Settings for the scripts.
         trace: A trace file in Base64.
         styles: File names of the style sheets.
     """
@@ -57,7 +57,7 @@ def render_page(
         template,
         policy=policy,
         title=title,
-        # style, scripts and Base64 are ours; in JSON, "<" could end the script element
+        # Styles, scripts and Base64 are safe; in JSON, "<" must be escaped because it could end the script element.
         style=Markup(style),  # noqa: S704
         settings=Markup(json.dumps(settings).replace("<", "\\u003c")),  # noqa: S704
         trace=Markup(trace),  # noqa: S704

@@ -1,4 +1,4 @@
-"""The page server, in a thread of its own, for live runs, recorded runs and the world editor."""
+"""The page server for live runs, recorded runs and the world editor; it runs in a thread of its own."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from wherry.views.web.page import player_page
 
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8642
-WILDCARD_ADDRESSES = {"0.0.0.0", "::"}  # noqa: S104 - for which the machine's name is printed
-MAX_REQUEST_SIZE = 4_096  # bytes, largest message that a page may send
-RUN_OVER, HAS_REPORT = 1, 2  # flags of a message to a page
+WILDCARD_ADDRESSES = {"0.0.0.0", "::"}  # noqa: S104 - URLs contain the machine's name instead
+MAX_REQUEST_SIZE = 4_096  # bytes of a message from a page
+RUN_OVER, HAS_REPORT = 1, 2  # bits of the flags in a message to a page
 REPORT_FILE_NAME = "report.html"
 SEND_PERIOD = 0.03  # s between two messages to a page
-RECONNECT_TIMEOUT = 2.0  # s without any page after which the page counts as closed, and not as reloading
-POLL_PERIOD = 0.2  # s between two checks whether a page is connected
+RECONNECT_TIMEOUT = 2.0  # s without a connected page after which all pages count as closed; a reload takes less
+POLL_PERIOD = 0.2  # s between two checks for connected pages
 
 
 class PageServer:
     """A running server.
 
     Attributes:
-        url: Address of the page, with the token if one is needed.
+        url: Address of the page, including the token if requests need one.
         occupied_port: The requested port, if another program uses it; otherwise None.
         page_count: Number of connected pages.
         was_opened: Whether any page was ever connected.
@@ -69,7 +69,7 @@ class PageServer:
             timeout: Time to wait for the first page, s.
 
         Returns:
-            Whether a page was ever opened.
+            Whether a page was opened before the timeout.
         """
         waited = unwatched = 0.0
         while unwatched < RECONNECT_TIMEOUT:
@@ -90,13 +90,13 @@ def serve_run(
     port: int = DEFAULT_PORT,
     folder: Path | None = None,
 ) -> Iterator[PageServer]:
-    """Serve a page that shows a run, while the context lasts.
+    """Serve a page that shows a run until the context ends.
 
     Args:
-        broadcast: The sink that the run reports to.
+        broadcast: The buffer of the run's frames.
         title: Title of the window.
         host: Address to listen on; pages need a token unless it is a loopback address.
-        port: Port to listen on; where it is occupied, any other. 0 for any.
+        port: Port to listen on; another one is used if it is occupied. 0 for any free port.
         folder: Folder of the run's results, to which the page links.
 
     Raises:
@@ -106,10 +106,10 @@ def serve_run(
     async def page(request: Request) -> Response:
         return HTMLResponse(player_page(title, {"source": "socket"}))
 
-    async def frames(page: WebSocket) -> None:
-        await page.accept()
+    async def frames(websocket: WebSocket) -> None:
+        await websocket.accept()
         with _counted(server):
-            await _send_frames(page, broadcast, None if folder is None else folder / REPORT_FILE_NAME)
+            await _send_frames(websocket, broadcast, None if folder is None else folder / REPORT_FILE_NAME)
 
     routes: list[BaseRoute] = [Route("/", page), WebSocketRoute("/socket", frames)]
     if folder is not None:
@@ -122,13 +122,13 @@ def serve_run(
 def serve_recording(
     frames: bytes, title: str, *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT, folder: Path | None = None
 ) -> Iterator[PageServer]:
-    """Serve a page that plays a recorded run, while the context lasts.
+    """Serve a page that plays a recorded run until the context ends.
 
     Args:
         frames: Frames as from `recordings.load_frames`.
         title: Title of the window.
         host: Address to listen on; pages need a token unless it is a loopback address.
-        port: Port to listen on; where it is occupied, any other. 0 for any.
+        port: Port to listen on; another one is used if it is occupied. 0 for any free port.
         folder: Folder of the run's results, to which the page links.
 
     Raises:
@@ -136,7 +136,7 @@ def serve_recording(
     """
     broadcast = TraceBroadcast()
     for frame in split_frames(frames):
-        broadcast.add(frame, is_snapshot=False)  # so that none is dropped
+        broadcast.add(frame, is_snapshot=False)  # a recording keeps all its snapshots
     broadcast.end()
     with serve_run(broadcast, title, host=host, port=port, folder=folder) as server:
         yield server
@@ -146,7 +146,7 @@ def serve_recording(
 def run_server(
     routes: Sequence[BaseRoute], *, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT
 ) -> Iterator[PageServer]:
-    """Run a server with these routes in a thread, while the context lasts.
+    """Serve the given routes from a thread until the context ends.
 
     Raises:
         InputError: The address cannot be listened on.
@@ -180,14 +180,14 @@ def run_server(
 
 
 def _url(host: str, port: int, token: str | None) -> str:
-    """The address under which a server is reached."""
+    """The URL of a server's page."""
     name = socket.gethostname() if host in WILDCARD_ADDRESSES else host
     authority = f"[{name}]:{port}" if ":" in name else f"{name}:{port}"
     return f"http://{authority}/" + (f"?token={token}" if token else "")
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """A socket that listens on the port or, where that is occupied, on any.
+    """A socket that listens on a port or, if it is occupied, on any free one.
 
     Raises:
         InputError: The address cannot be listened on.
@@ -197,14 +197,14 @@ def _listen(host: str, port: int) -> socket.socket:
         try:
             family = socket.AF_INET6 if ":" in host else socket.AF_INET
             return socket.create_server((host, candidate), family=family)
-        except OSError as problem:
-            error = problem
+        except OSError as failure:
+            error = failure
     raise InputError("--host", host, f"cannot be listened on: {error.strerror if error else ''}") from error
 
 
 @contextlib.contextmanager
 def _counted(server: PageServer) -> Iterator[None]:
-    """Count a page as connected while the context lasts."""
+    """Count a page as connected until the context ends."""
     server.page_connected()
     try:
         yield
@@ -212,29 +212,29 @@ def _counted(server: PageServer) -> Iterator[None]:
         server.page_disconnected()
 
 
-async def keep_open(page: WebSocket, server: PageServer) -> None:
+async def hold_connection(websocket: WebSocket, server: PageServer) -> None:
     """Accept a page's socket and count the page as connected until it disconnects."""
-    await page.accept()
+    await websocket.accept()
     with _counted(server):
-        await _until_disconnected(page)
+        await _wait_for_disconnection(websocket)
 
 
-async def _send_frames(page: WebSocket, broadcast: TraceBroadcast, report: Path | None) -> None:
-    """Send all frames, and new ones as they come, until the page disconnects.
+async def _send_frames(websocket: WebSocket, broadcast: TraceBroadcast, report: Path | None) -> None:
+    """Send all buffered frames, then new ones, until the page disconnects.
 
-    A message is the index of the first frame after it, the flags `RUN_OVER` and `HAS_REPORT`, and frames.
+    A message consists of the index of the first frame after it, the flags `RUN_OVER` and `HAS_REPORT`, and frames.
 
     Args:
-        page: The page's socket; it may ask to continue a run from a frame on.
-        broadcast: The run's frames.
-        report: File of the run's report, if it writes one.
+        websocket: The page's socket; its query names the run and the frame to continue from, if the page has any.
+        broadcast: The buffer of the run's frames.
+        report: Path of the run's report; None if the run has none.
     """
-    query = page.query_params
-    can_continue = query.get("run") == broadcast.name and query.get("from", "").isdecimal()
+    query = websocket.query_params
+    can_continue = query.get("run") == broadcast.run_id and query.get("from", "").isdecimal()
     index = min(int(query["from"]), len(broadcast)) if can_continue else 0
     with contextlib.suppress(WebSocketDisconnect):
-        await page.send_json({"run": broadcast.name, "from": index})
-        disconnected = asyncio.create_task(_until_disconnected(page))
+        await websocket.send_json({"run": broadcast.run_id, "from": index})
+        disconnected = asyncio.create_task(_wait_for_disconnection(websocket))
         sent_end = False
         while not disconnected.done():
             ended = broadcast.ended  # read before the frames, since none is added once it is set
@@ -245,12 +245,12 @@ async def _send_frames(page: WebSocket, broadcast: TraceBroadcast, report: Path 
             if batch is not None or over != sent_end:
                 sent_end = over
                 flags = RUN_OVER * over | HAS_REPORT * (over and report is not None and report.is_file())
-                await page.send_bytes(struct.pack("<II", index, flags) + (batch.frames if batch else b""))
+                await websocket.send_bytes(struct.pack("<II", index, flags) + (batch.frames if batch else b""))
             await asyncio.sleep(SEND_PERIOD)
 
 
-async def _until_disconnected(page: WebSocket) -> None:
+async def _wait_for_disconnection(websocket: WebSocket) -> None:
     """Wait until a page disconnects; its messages are ignored."""
     with contextlib.suppress(WebSocketDisconnect):
         while True:
-            await page.receive_text()
+            await websocket.receive_text()

@@ -1,7 +1,6 @@
 "use strict";
-// Connects trace, player, scene and panels, and handles mouse, touch and keys.
+// Connects trace, player, scene and panels, and handles pointer and keyboard.
 
-const settings = JSON.parse(element("settings").textContent);
 const trace = new Trace();
 const player = new Player(trace);
 const scene = new Scene(element("canvas"), trace);
@@ -9,7 +8,7 @@ const panels = new Panels(trace, (time) => player.seek(time));
 const PAN_STEP = 60; // px per key press
 const CLICK_TOLERANCE = 4; // px that the pointer may move during a click
 
-// Theme: the one chosen before, or else that of the system.
+// Theme: that of the address, the one chosen before, or that of the system.
 function setTheme(name) {
   document.documentElement.dataset.theme = name;
   scene.theme();
@@ -28,56 +27,51 @@ function switchTheme() {
   try {
     localStorage.setItem("wherry-theme", name);
   } catch {
-    // without storage, the theme lasts until the page is closed
+    // Without storage the choice lasts until the page is closed.
   }
 }
 element("theme").addEventListener("click", switchTheme);
 
-// The legend: layers, which can be hidden, other symbols, and colours of the timeline.
-function swatch(colour, shape = "") {
-  const mark = make("i", shape);
-  mark.style.setProperty("--c", colour);
-  return mark;
-}
-for (const [layer, [words, colour]] of Object.entries(LAYERS)) {
-  const box = make("input");
-  box.type = "checkbox";
-  box.checked = true;
-  box.addEventListener("change", () => (box.checked ? scene.hidden.delete(layer) : scene.hidden.add(layer)));
-  const label = make("label", "", box, swatch(`var(${colour})`, layer === "plan" ? "dashed" : ""), make("span", "", words));
+// Legend: layers, which can be hidden, other symbols, and colours of the timeline.
+for (const [layer, [text, colour]] of Object.entries(LAYERS)) {
+  const checkbox = make("input");
+  checkbox.type = "checkbox";
+  checkbox.checked = true;
+  checkbox.addEventListener("change", () => (checkbox.checked ? scene.hidden.delete(layer) : scene.hidden.add(layer)));
+  const label = make("label", "", checkbox, swatch(`var(${colour})`, layer === "plan" ? "dashed" : ""), make("span", "", text));
   label.id = `layer-${layer}`;
   element("layers").append(label);
 }
-// Layers by task; a log has no boxes or cells, and a learner on a grid no laser.
+// Layers of each task; all layers for a delivery.
 const LAYERS_OF = { map: ["laser", "trail"], localize: ["laser", "particles", "trail"], learn: ["cells"] };
-// [text, colour, shape] of the other symbols.
+// Label, colour and shape of the symbols that a task has besides its layers.
 function symbolsOf({ task }) {
   if (task === "deliver") return SYMBOLS;
-  if (task !== "learn") return [["Robot", "--robot", "fork"], ...SYMBOLS.slice(1)]; // the shape of a log's robot is unknown
-  const kinds = new Set((trace.records.Perceived[0]?.things ?? []).map(({ kind }) => kind));
-  if (trace.records.CellsLaid[0]?.warehouse.length) kinds.add("Warehouse");
-  const objects = [...kinds].map((kind) => {
-    const role = KINDS[kind] ?? "load";
-    return [kind, `--${KIND_COLOURS[role]}`, role === "place" ? "plain" : "disc"];
+  if (task !== "learn") return [["Robot", "--robot", "fork"], ...SYMBOLS.slice(1)]; // without "fork ahead": the shape of a log's robot is unknown
+  const classes = new Set((trace.records.PerceivedState[0]?.objects ?? []).map(({ className }) => className));
+  if (trace.records.CellLayout[0]?.warehouse.length) classes.add("Warehouse");
+  const objects = [...classes].map((className) => {
+    const role = ROLES[className] ?? "load";
+    return [className, `--${ROLE_COLOURS[role]}`, role === "destination" ? "plain" : "disc"];
   });
-  return [...objects, SYMBOLS.find(([words]) => words === "Wall")];
+  return [...objects, SYMBOLS.find(([text]) => text === "Wall")];
 }
 let legendKey = "";
 function updateLegend() {
-  const began = trace.records.Began[0];
-  if (!began) return;
+  const run = trace.records.RunStarted[0];
+  if (!run) return;
   const phases = [...new Set(trace.phases().map(({ phase }) => phase))];
-  const boxes = trace.records.Stepped.at(-1)?.delivered;
-  const key = JSON.stringify([began, phases, Boolean(boxes), trace.records.Perceived.length > 0]);
+  const delivered = trace.records.StepTaken.at(-1)?.delivered;
+  const key = JSON.stringify([run, phases, Boolean(delivered), trace.records.PerceivedState.length > 0]);
   if (key === legendKey) return;
   legendKey = key;
-  const layers = LAYERS_OF[began.task] ?? Object.keys(LAYERS);
+  const layers = LAYERS_OF[run.task] ?? Object.keys(LAYERS);
   for (const layer of Object.keys(LAYERS)) element(`layer-${layer}`).hidden = !layers.includes(layer);
-  element("scale").hidden = began.task === "learn";
-  const entry = (words, colour, shape) => make("p", "", swatch(colour, shape), make("span", "", words));
-  element("symbols-drawn").replaceChildren(...symbolsOf(began).map(([words, colour, shape]) => entry(words, `var(${colour})`, shape)));
-  const bands = phases.map((phase) => entry(phaseName(phase, began), `var(--${phase}-phase)`, "plain"));
-  if (boxes) bands.push(entry(began.task === "learn" ? "Episode over" : "Box delivered", "var(--card)", "notch"));
+  element("scale").hidden = run.task === "learn";
+  const entry = (text, colour, shape) => make("p", "", swatch(colour, shape), make("span", "", text));
+  element("symbols-drawn").replaceChildren(...symbolsOf(run).map(([text, colour, shape]) => entry(text, `var(${colour})`, shape)));
+  const bands = phases.map((phase) => entry(phaseName(phase, run), `var(--${phase}-phase)`, "plain"));
+  if (delivered) bands.push(entry(run.task === "learn" ? "Episode over" : "Box delivered", "var(--card)", "notch"));
   element("bands").replaceChildren(...bands);
 }
 if (matchMedia("(max-width: 720px)").matches) element("legend").open = false;
@@ -92,16 +86,13 @@ function showConnection(state, hasReport = false) {
   notice.hidden = state !== "lost";
   notice.textContent = trace.over
     ? "The run is over and its server has stopped. It can be replayed until you close this page."
-    : "The server does not answer: the run was stopped. What was received can still be replayed.";
+    : "The server does not answer: the run was stopped. The part of the run received so far can still be replayed.";
   element("report").hidden = !hasReport;
   element("report").search = location.search;
   element("live").hidden = state === "file" || (state === "over" && !player.following);
 }
 function resetTrace() {
-  const fresh = new Trace();
-  trace.records = fresh.records;
-  Object.assign(trace, { moments: [], end: 0, begin: null, over: false });
-  trace.phaseCache = undefined;
+  trace.clear();
   scene.map.clear();
   scene.selected = null;
   panels.clear();
@@ -113,12 +104,13 @@ else
     element("trace").remove();
     showConnection("file");
   });
-// Transport.
-const press = (name, action) => element(name).addEventListener("click", action);
-press("play", () => player.toggle());
-press("back", () => player.step(-1));
-press("forward", () => player.step(1));
-press("live", () => player.goLive());
+
+// Playback.
+const onClick = (name, action) => element(name).addEventListener("click", action);
+onClick("play", () => player.toggle());
+onClick("back", () => player.step(-1));
+onClick("forward", () => player.step(1));
+onClick("live", () => player.goLive());
 element("speed").addEventListener("change", () => player.setSpeed(Number(element("speed").value)));
 element("seek").addEventListener("input", () => player.seek(Number(element("seek").value)));
 
@@ -127,14 +119,14 @@ function follow() {
   scene.mode = scene.mode === "follow" ? "free" : "follow";
   if (scene.mode === "follow") scene.scale = Math.max(scene.scale, 90);
 }
-press("zoom-in", () => scene.zoom(1.4));
-press("zoom-out", () => scene.zoom(1 / 1.4));
-press("fit", () => (scene.mode = "fit"));
-press("follow", follow);
+onClick("zoom-in", () => scene.zoom(1.4));
+onClick("zoom-out", () => scene.zoom(1 / 1.4));
+onClick("fit", () => (scene.mode = "fit"));
+onClick("follow", follow);
 
 const canvas = element("canvas");
-const pointers = new Map();
-let dragged = 0;
+const pointers = new Map(); // position [x, y] of each pressed pointer, px, by its id
+let dragged = 0; // px that the pointer has moved since it was pressed
 canvas.addEventListener("pointerdown", (event) => {
   canvas.setPointerCapture(event.pointerId);
   pointers.set(event.pointerId, [event.offsetX, event.offsetY]);
@@ -147,11 +139,11 @@ canvas.addEventListener("pointermove", (event) => {
     return;
   }
   const now = [event.offsetX, event.offsetY];
-  const others = [...pointers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
+  const others = [...pointers].filter(([id]) => id !== event.pointerId).map(([, position]) => position);
   dragged += Math.hypot(now[0] - before[0], now[1] - before[1]);
   if (others.length) {
-    const apart = (place) => Math.hypot(place[0] - others[0][0], place[1] - others[0][1]);
-    scene.zoom(apart(now) / Math.max(apart(before), 1), (now[0] + others[0][0]) / 2, (now[1] + others[0][1]) / 2);
+    const distance = (position) => Math.hypot(position[0] - others[0][0], position[1] - others[0][1]);
+    scene.zoom(distance(now) / Math.max(distance(before), 1), (now[0] + others[0][0]) / 2, (now[1] + others[0][1]) / 2);
   } else if (dragged > CLICK_TOLERANCE) {
     canvas.classList.add("dragging");
     scene.pan(now[0] - before[0], now[1] - before[1]);
@@ -186,17 +178,17 @@ const KEYS = {
   Escape: () => (scene.selected = null),
   "?": () => element("help").showModal(),
 };
-press("help-open", () => element("help").showModal());
-press("help-close", () => element("help").close());
-element("help").addEventListener("click", (event) => event.target === element("help") && element("help").close()); // a click on the backdrop
+onClick("help-open", () => element("help").showModal());
+onClick("help-close", () => element("help").close());
+element("help").addEventListener("click", (event) => event.target === element("help") && element("help").close()); // a click on the backdrop closes the dialog
 const PANS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("select, dialog")) return;
   if (event.key === " " && event.target.closest("button, summary, input:not([type=range])")) return; // space activates the focused control
-  const line = event.target === element("log") && { ArrowUp: -1, ArrowDown: 1 }[event.key];
+  const logStep = event.target === element("log") && { ArrowUp: -1, ArrowDown: 1 }[event.key];
   const pan = event.target === canvas && PANS[event.key];
   const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-  if (line) panels.stepInLog(line);
+  if (logStep) panels.stepInLog(logStep);
   else if (pan) scene.pan(pan[0] * PAN_STEP, pan[1] * PAN_STEP);
   else if (step) player.step(step);
   else if (KEYS[event.key]) KEYS[event.key]();
@@ -213,8 +205,8 @@ function updateControls() {
   element("live").setAttribute("aria-pressed", player.following || (player.atEnd && player.playing && !trace.over));
   element("waiting").hidden = trace.begin !== null;
   const begin = trace.begin ?? 0; // a real robot's clock does not start at 0
-  const [now, all] = [clockText(Math.max(player.time - begin, 0)), clockText(trace.end - begin)];
-  if (element("clock").textContent !== `${now} / ${all}`) element("clock").replaceChildren(now, make("small", "", ` / ${all}`));
+  const [now, total] = [clockText(Math.max(player.time - begin, 0)), clockText(trace.end - begin)];
+  if (element("clock").textContent !== `${now} / ${total}`) element("clock").replaceChildren(now, make("small", "", ` / ${total}`));
   const seek = element("seek");
   if (Number(seek.max) !== trace.end) seek.max = trace.end;
   seek.min = begin;
@@ -225,46 +217,48 @@ function updateControls() {
 // The phases on the timeline, and a notch for every delivered box.
 let phasesKey = "";
 function updatePhases() {
-  const { Said, Stepped } = trace.records;
+  const { Narration: narrations, StepTaken: steps } = trace.records;
   const begin = trace.begin ?? 0;
   const duration = Math.max(trace.end - begin, 1);
-  const key = `${Said.length} ${Stepped.length} ${duration.toFixed(0)}`;
+  const key = `${narrations.length} ${steps.length} ${duration.toFixed(0)}`;
   if (key === phasesKey) return;
   phasesKey = key;
-  const place = (time) => `${(100 * (time - begin)) / duration}%`;
-  const bands = trace.phases();
-  const nodes = bands.map(({ time, phase }, at) => {
+  const percent = (time) => (100 * (time - begin)) / duration;
+  const phases = trace.phases();
+  const nodes = phases.map(({ time, phase }, index) => {
     const band = make("i");
-    band.style.left = place(time);
-    band.style.right = `${100 - (100 * ((bands[at + 1]?.time ?? trace.end) - begin)) / duration}%`;
+    band.style.left = `${percent(time)}%`;
+    band.style.right = `${100 - percent(phases[index + 1]?.time ?? trace.end)}%`;
     band.style.setProperty("--c", `var(--${phase}-phase)`);
     return band;
   });
-  for (let at = 1; at < Stepped.length; at++)
-    if (Stepped[at].delivered > Stepped[at - 1].delivered) {
-      const notch = make("b");
-      notch.style.left = place(Stepped[at].time);
-      nodes.push(notch);
-    }
+  steps.slice(1).forEach((step, index) => {
+    if (step.delivered <= steps[index].delivered) return;
+    const notch = make("b");
+    notch.style.left = `${percent(step.time)}%`;
+    nodes.push(notch);
+  });
   element("phases").replaceChildren(...nodes);
 }
 
-const SCALES = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100]; // m
+const SCALE_LENGTHS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100]; // m
+const MAX_SCALE_WIDTH = 130; // px
 function updateScale() {
-  const length = SCALES.findLast((metres) => metres * scene.scale <= 130) ?? SCALES[0];
+  const length = SCALE_LENGTHS.findLast((length) => length * scene.scale <= MAX_SCALE_WIDTH) ?? SCALE_LENGTHS[0];
   element("scale-bar").style.width = `${length * scene.scale}px`;
   element("scale-text").textContent = `${length} m`;
 }
 
-let before = performance.now();
+const MAX_FRAME_TIME = 0.25; // s by which playback advances in a frame, as after a hidden tab is shown again
+let previousFrame = performance.now();
 function frame(now) {
-  player.advance(Math.min((now - before) / 1000, 0.25));
-  before = now;
+  player.advance(Math.min((now - previousFrame) / 1000, MAX_FRAME_TIME));
+  previousFrame = now;
   scene.show(player.time);
   scene.draw();
   panels.update(player.time);
   panels.inspect(scene.selected, scene);
-  if (trace.records.Began[0]) panels.updateEstimate(trace.records.Began[0], scene.instant.seen, scene.instant.pose);
+  if (trace.records.RunStarted[0]) panels.updateEstimate(trace.records.RunStarted[0], scene.instant.snapshot, scene.instant.pose);
   updateControls();
   updatePhases();
   updateScale();

@@ -1,73 +1,71 @@
 "use strict";
-// The map at any time of a trace, as one image in which only changed tiles are repainted.
+// The map at any time of a trace, as an image in which only changed tiles are painted again.
 
-const TILE = 64; // grid cells
-const UNKNOWN = 255; // value of unknown cells, otherwise percent
+const TILE = 64; // side of a tile, grid cells
+const UNKNOWN = 255; // value of unknown cells; known ones have P(occupied) in percent
 
 class MapPicture {
   constructor() {
     this.canvas = document.createElement("canvas");
     this.palette = new Uint32Array(256);
-    this.knownParts = new WeakMap(); // pixels of a tile → bounds of its known cells
+    this.knownBounds = new WeakMap(); // bounds of the known cells of a tile, by its pixels
     this.clear();
   }
 
   clear() {
-    this.shown = -1; // index of the painted map record
-    this.number = 0;
-    this.bounds = null; // first and one-past-last tile: x0, y0, x1, y1
-    this.tiles = new Map(); // "x,y" → pixels
+    this.shownIndex = -1; // of the painted MapUpdate
+    this.anchorNumber = 0;
+    this.bounds = null; // tiles, as [x0, y0, x1, y1] with exclusive ends
+    this.tiles = new Map(); // pixels of each tile by its key "x,y"
   }
 
   // Set the colours of free, occupied and unknown cells, as [r, g, b].
-  paint(free, wall, unknown) {
+  setColours(free, wall, unknown) {
     for (let percent = 0; percent <= 100; percent++) {
       const fraction = percent / 100;
-      const [r, g, b] = free.map((from, at) => Math.round(from + (wall[at] - from) * fraction));
+      const [r, g, b] = free.map((from, channel) => Math.round(from + (wall[channel] - from) * fraction));
       this.palette[percent] = (255 << 24) | (b << 16) | (g << 8) | r;
     }
     this.palette[UNKNOWN] = (255 << 24) | (unknown[2] << 16) | (unknown[1] << 8) | unknown[0];
     this.repaint();
   }
 
-  // Show the map of a record, given its index; return whether anything changed.
-  show(explored, index) {
-    if (index === this.shown) return false;
+  // Show the map of an update, given its index; return whether anything changed.
+  show(updates, index) {
+    if (index === this.shownIndex) return false;
     if (index < 0) {
       this.clear();
       return true;
     }
-    const record = explored[index];
-    let first = this.shown + 1;
-    if (index < this.shown || record.map !== this.number) {
+    const update = updates[index];
+    let first = this.shownIndex + 1;
+    if (index < this.shownIndex || update.map !== this.anchorNumber) {
       this.clear();
       first = index;
-      while (first > 0 && explored[first - 1].map === record.map) first--;
+      while (first > 0 && updates[first - 1].map === update.map) first--;
     }
-    this.shown = index;
-    this.number = record.map;
-    this.origin = record.origin;
-    this.resolution = record.resolution;
-    const fresh = new Map();
-    for (let at = first; at <= index; at++) {
-      const { tiles, pixels } = explored[at];
+    this.shownIndex = index;
+    this.anchorNumber = update.map;
+    this.origin = update.origin;
+    this.resolution = update.resolution;
+    const changed = new Map();
+    for (const { tiles, pixels } of updates.slice(first, index + 1))
       for (let n = 0; n < tiles.length / 2; n++)
-        fresh.set(`${tiles[2 * n]},${tiles[2 * n + 1]}`, pixels.subarray(n * TILE * TILE, (n + 1) * TILE * TILE));
-    }
-    for (const [key, pixels] of fresh) this.tiles.set(key, pixels);
-    if (this.grow(fresh.keys())) this.repaint();
-    else for (const [key, pixels] of fresh) this.paintTile(key, pixels);
+        changed.set(`${tiles[2 * n]},${tiles[2 * n + 1]}`, pixels.subarray(n * TILE * TILE, (n + 1) * TILE * TILE));
+    for (const [key, pixels] of changed) this.tiles.set(key, pixels);
+    if (this.grow(changed.keys())) this.repaint();
+    else for (const [key, pixels] of changed) this.paintTile(key, pixels);
     return true;
   }
 
-  // Extend the image to contain tiles; return whether it was extended, which clears it.
+  // Enlarge the image to contain tiles; return whether it was enlarged, which clears it.
   grow(keys) {
     let [x0, y0, x1, y1] = this.bounds ?? [Infinity, Infinity, -Infinity, -Infinity];
     for (const key of keys) {
       const [x, y] = key.split(",").map(Number);
       [x0, y0, x1, y1] = [Math.min(x0, x), Math.min(y0, y), Math.max(x1, x + 1), Math.max(y1, y + 1)];
     }
-    if (x1 < x0 || (this.bounds && [x0, y0, x1, y1].every((side, at) => side === this.bounds[at]))) return false;
+    if (x1 < x0 || (this.bounds && [x0, y0, x1, y1].every((bound, index) => bound === this.bounds[index]))) return false;
     this.bounds = [x0, y0, x1, y1];
     this.canvas.width = (x1 - x0) * TILE;
     this.canvas.height = (y1 - y0) * TILE;
@@ -81,12 +79,12 @@ class MapPicture {
     for (const [key, pixels] of this.tiles) this.paintTile(key, pixels);
   }
 
-  // Row 0 of a tile is at its smallest y; the scene draws the image mirrored.
+  // Row 0 of a tile is at its smallest y, so the scene draws the image mirrored.
   paintTile(key, pixels) {
     const [x, y] = key.split(",").map(Number);
     const image = new ImageData(TILE, TILE);
     const colours = new Uint32Array(image.data.buffer);
-    for (let at = 0; at < pixels.length; at++) colours[at] = this.palette[pixels[at]];
+    for (let index = 0; index < pixels.length; index++) colours[index] = this.palette[pixels[index]];
     this.context.putImageData(image, (x - this.bounds[0]) * TILE, (y - this.bounds[1]) * TILE);
   }
 
@@ -97,14 +95,13 @@ class MapPicture {
     const side = TILE * this.resolution;
     let box = [Infinity, Infinity, -Infinity, -Infinity];
     for (const [key, pixels] of this.tiles) {
-      const known = this.knownParts;
-      if (!known.has(pixels)) known.set(pixels, knownPart(pixels));
-      const part = known.get(pixels);
-      if (!part) continue;
+      if (!this.knownBounds.has(pixels)) this.knownBounds.set(pixels, boundsOfKnown(pixels));
+      const bounds = this.knownBounds.get(pixels);
+      if (!bounds) continue;
       const [x, y] = key.split(",").map(Number);
       for (const [u, v] of [[0, 1], [2, 1], [0, 3], [2, 3]]) {
-        const px = (x + part[u] / TILE) * side;
-        const py = (y + part[v] / TILE) * side;
+        const px = (x + bounds[u] / TILE) * side;
+        const py = (y + bounds[v] / TILE) * side;
         const mx = ox + Math.cos(theta) * px - Math.sin(theta) * py;
         const my = oy + Math.sin(theta) * px + Math.cos(theta) * py;
         box = [Math.min(box[0], mx), Math.min(box[1], my), Math.max(box[2], mx), Math.max(box[3], my)];
@@ -127,11 +124,11 @@ class MapPicture {
 }
 
 // Bounds of the known cells of a tile, as [x0, y0, x1, y1] with exclusive ends; null if there are none.
-function knownPart(pixels) {
+function boundsOfKnown(pixels) {
   let [x0, y0, x1, y1] = [TILE, TILE, 0, 0];
-  for (let at = 0; at < pixels.length; at++) {
-    if (pixels[at] === UNKNOWN) continue;
-    const [x, y] = [at % TILE, (at / TILE) | 0];
+  for (let index = 0; index < pixels.length; index++) {
+    if (pixels[index] === UNKNOWN) continue;
+    const [x, y] = [index % TILE, Math.floor(index / TILE)];
     if (x < x0) x0 = x;
     if (x >= x1) x1 = x + 1;
     if (y < y0) y0 = y;

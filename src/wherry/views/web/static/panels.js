@@ -1,35 +1,30 @@
 "use strict";
-// The panels beside the map: condition, rules, unknown pairs, boxes, log, and attributes of the selected object.
+// The panels beside the map: condition, rules, unknown pairs, boxes, log, and attributes of the selection.
 
-const element = (name) => document.getElementById(name);
-
-// An element with a class and children; strings become text nodes, so that text of a trace is never parsed as HTML.
-function make(tag, style, ...children) {
-  const made = document.createElement(tag);
-  if (style) made.className = style;
-  made.append(...children);
-  return made;
-}
-
-const MAPPING_STEP = 0.2; // fraction of the area, or of a log, after which progress is logged
+const MAPPING_STEP = 0.2; // fraction of the area, or of the log, between two lines about mapping progress
+const MAX_BOX_SYMBOLS = 40;
+const WALL_PERCENT = 65; // P(occupied) in percent above which a point of the map is called a wall
 
 // A term without its first argument, the robot or taxi, which all terms share: "touch_N(wall)".
 const shortTerm = (term) => term.replace(/\((robot|taxi), /, "(");
 
-// Names of the terms that hold in a condition.
-function holding(condition, terms) {
-  const names = [...condition].flatMap((bit, at) => (bit === "1" ? [shortTerm(terms[at] ?? `term ${at + 1}`)] : []));
+const termName = (terms, index) => terms[index] ?? `term ${index + 1}`;
+
+// Names of the terms that are true in a condition.
+function trueTerms(condition, terms) {
+  const names = [...condition].flatMap((bit, index) => (bit === "1" ? [shortTerm(termName(terms, index))] : []));
   return names.length ? names.join(", ") : "no term holds";
 }
 
 const PHASES = { explore: "Explores", localize: "Localizes", survey: "Looks for boxes", learn: "Learns", deliver: "Delivers", map: "Maps", done: "Done" };
-const phaseName = (phase, began) => (phase === "deliver" && began.task === "learn" ? "Uses its rules" : PHASES[phase]) ?? phase ?? "";
-const REASONS = {
+const phaseName = (phase, run) => (phase === "deliver" && run.task === "learn" ? "Uses its rules" : PHASES[phase]) ?? phase ?? "";
+// Explanation of an action, and its tag in the log, by the purpose of the action.
+const EXPLANATIONS = {
   plan: "Part of its plan: the outcome is known.",
   experiment: "An experiment: the outcome is unknown under this condition.",
-  way: "On the way to an experiment: the action leads to a condition with an unknown outcome.",
+  approach: "On the way to an experiment: the action leads to a condition with an unknown outcome.",
 };
-const TAGS = { plan: "", experiment: " · experiment", way: " · to an experiment" };
+const TAGS = { plan: "", experiment: " · experiment", approach: " · to an experiment" };
 const SVG = "http://www.w3.org/2000/svg";
 
 function clockText(seconds) {
@@ -38,26 +33,27 @@ function clockText(seconds) {
   return `${minutes}:${String(whole % 60).padStart(2, "0")}`;
 }
 
-// The bits of a condition; * (either) is shown paler.
-function pattern(condition) {
+// The bits of a condition; a star (either) is shown paler.
+function bitPattern(condition) {
   const made = make("code", "pattern");
   for (const bit of condition) made.append(make(bit === "*" ? "i" : "b", "", bit));
   return made;
 }
 
-// A condition as terms: "if touch_N(wall) and not in_bot", or "always".
-function inWords(condition, terms) {
-  const words = [...condition].flatMap((bit, at) => (bit === "*" ? [] : [(bit === "1" ? "" : "not ") + (terms[at] ?? `term ${at + 1}`)]));
-  return words.length ? "if " + words.join(" and ") : "always";
+// A condition as a conjunction of terms: "if touch_N(wall) and not in_bot", or "always".
+function conjunction(condition, terms) {
+  const literals = [...condition].flatMap((bit, index) => (bit === "*" ? [] : [(bit === "1" ? "" : "not ") + termName(terms, index)]));
+  return literals.length ? "if " + literals.join(" and ") : "always";
 }
 
-// The same in few words: where every bit is given, only the terms that hold are named.
-function inFewWords(condition, terms) {
-  if (condition.includes("*")) return inWords(condition, terms.map(shortTerm));
-  return condition.includes("1") ? `if only ${holding(condition, terms)}` : "if no term holds";
+// A shorter form of the same: of a condition without stars, only the true terms are named.
+function shortConjunction(condition, terms) {
+  if (condition.includes("*")) return conjunction(condition, terms.map(shortTerm));
+  return condition.includes("1") ? `if only ${trueTerms(condition, terms)}` : "if no term holds";
 }
 
-const covers = (condition, terms) => [...condition].every((bit, at) => bit === "*" || bit === terms[at]);
+// Whether a condition, which may have stars, covers a condition without stars.
+const covers = (condition, bits) => [...condition].every((bit, index) => bit === "*" || bit === bits[index]);
 
 class Panels {
   constructor(trace, seek) {
@@ -67,17 +63,17 @@ class Panels {
   }
 
   clear() {
-    this.logged = { Said: 0, Stepped: 0, Learnt: 0, Explored: 0 };
-    this.mappedSteps = 0; // mapping progress that was logged, in steps of MAPPING_STEP
-    this.entries = []; // {time, node}
-    this.chosen = -1; // index of the clicked entry, among entries of the same time
-    this.marked = -1; // index of the last entry that is not later than the time shown
-    this.shown = {};
+    this.logged = { Narration: 0, StepTaken: 0, LearntModel: 0, MapUpdate: 0 }; // number of logged records by type
+    this.mappedSteps = 0; // logged mapping progress, in units of MAPPING_STEP
+    this.entries = []; // {time, node} of each line of the log
+    this.clicked = -1; // index of the clicked entry, while its time is shown
+    this.latest = -1; // index of the last entry that is not later than the shown time
+    this.shown = {}; // values of the last update, by name
     element("log").replaceChildren();
     element("bits").replaceChildren();
   }
 
-  // Whether a value differs from that of the last call with the same name.
+  // Whether a value differs from that of the previous call with the same name.
   changed(name, value) {
     if (this.shown[name] === value) return false;
     this.shown[name] = value;
@@ -86,88 +82,88 @@ class Panels {
 
   update(time) {
     const { trace } = this;
-    const began = trace.records.Began[0];
-    if (!began) return;
-    const step = trace.at("Stepped", time);
-    const perceived = trace.at("Perceived", time);
-    const learnt = trace.at("Learnt", time);
+    const run = trace.records.RunStarted[0];
+    if (!run) return;
+    const step = trace.at("StepTaken", time);
+    const perceived = trace.at("PerceivedState", time);
+    const model = trace.at("LearntModel", time);
     const condition = perceived?.condition ?? step?.condition;
-    this.updateTitle(began, time);
+    this.updateTitle(run, time);
     this.updateNow(time);
-    this.updateBits(began, condition);
-    this.updateRules(began, learnt, condition, time);
+    this.updateBits(run, condition);
+    this.updateRules(run, model, condition, time);
     this.updateProgress(step, perceived, time);
-    this.updateExplored(trace.at("Explored", time), Boolean(step) || began.task === "localize");
+    this.updateExplored(trace.at("MapUpdate", time), Boolean(step) || run.task === "localize");
     this.updateLog(time);
   }
 
-  updateTitle(began, time) {
-    if (this.changed("title", began)) element("subject").textContent = `${began.task} · ${began.subject}`;
+  updateTitle(run, time) {
+    if (this.changed("title", run)) element("subject").textContent = `${run.task} · ${run.subject}`;
     const phases = this.trace.phases();
     const phase = phases[lastNotAfter(phases, time, (band) => band.time)]?.phase;
     if (this.changed("phase", phase)) {
       element("phase").hidden = !phase;
-      element("phase").textContent = phaseName(phase, began);
+      element("phase").textContent = phaseName(phase, run);
       element("phase").style.setProperty("--phase", `var(--${phase}-phase)`);
     }
   }
 
-  // The action in progress, which is the next one to end, if it is in the trace already; otherwise the last narration.
+  // The action in progress or, before the robot acts and after it is done, the last narration.
   updateNow(time) {
     const { trace } = this;
-    const steps = trace.records.Stepped;
-    const next = steps[trace.indexAt("Stepped", time) + 1] ?? steps.at(-1);
+    const steps = trace.records.StepTaken;
+    const next = steps[trace.indexAt("StepTaken", time) + 1] ?? steps.at(-1);
     const acting = next && time >= trace.actsFrom && !this.isDone(time);
-    const said = trace.at("Said", time);
-    if (!this.changed("now", acting ? next : said)) return;
+    const narration = trace.at("Narration", time);
+    if (!this.changed("now", acting ? next : narration)) return;
     const action = element("action");
     action.hidden = !acting;
     if (acting) {
       action.textContent = next.action;
       action.dataset.learning = next.learning;
-      element("why").textContent = REASONS[this.reason(next)];
-    } else element("why").textContent = said?.text ?? "";
+      element("why").textContent = EXPLANATIONS[this.purpose(next)];
+    } else element("why").textContent = narration?.text ?? "";
   }
 
-  // Reason of a step: "plan", "experiment" (no rule or failure condition predicts it), or "way" to an experiment.
-  reason(step) {
+  // Purpose of a step: "plan", "experiment" (no rule or failure condition predicts it), or "approach" to an experiment.
+  purpose(step) {
     if (!step.learning) return "plan";
-    const known = this.trace.records.Learnt[lastNotAfter(this.trace.records.Learnt, step.time - 1e-3, (learnt) => learnt.time)];
-    const predictions = [...(known?.rules ?? []), ...(known?.failures[step.action] ?? []).map((condition) => [step.action, condition])];
-    return predictions.some(([action, condition]) => action === step.action && covers(condition, step.condition)) ? "way" : "experiment";
+    const model = this.trace.at("LearntModel", step.time - 1e-3); // the one before the step
+    const predictions = [...(model?.rules ?? []), ...(model?.failures[step.action] ?? []).map((condition) => [step.action, condition])];
+    return predictions.some(([action, condition]) => action === step.action && covers(condition, step.condition)) ? "approach" : "experiment";
   }
 
   isDone(time) {
-    return this.trace.at("Said", time)?.phase === "done";
+    return this.trace.at("Narration", time)?.phase === "done";
   }
 
-  updateBits(began, condition) {
-    element("symbols").hidden = !began.terms.length;
-    if (!began.terms.length || !this.changed("bits", condition ?? null)) return;
+  updateBits(run, condition) {
+    element("symbols").hidden = !run.terms.length;
+    if (!run.terms.length || !this.changed("bits", condition ?? null)) return;
     const list = element("bits");
     if (!list.children.length)
-      for (const term of began.terms) {
+      for (const term of run.terms) {
         const name = make("span", "", shortTerm(term));
         name.title = term;
         list.append(make("li", "", make("b", "", "0"), name));
       }
     element("condition").textContent = condition ?? "";
-    [...list.children].forEach((item, at) => {
-      const on = condition?.[at] === "1";
-      const state = condition?.[at] === undefined ? "unknown" : on ? "holds" : "does not hold";
-      item.classList.toggle("on", on);
-      item.firstChild.textContent = condition?.[at] ?? "–";
-      item.setAttribute("aria-label", `${began.terms[at]}: ${state}`);
+    [...list.children].forEach((item, index) => {
+      const bit = condition?.[index];
+      const state = bit === undefined ? "unknown" : bit === "1" ? "holds" : "does not hold";
+      item.classList.toggle("on", bit === "1");
+      item.firstChild.textContent = bit ?? "–";
+      item.setAttribute("aria-label", `${run.terms[index]}: ${state}`);
     });
   }
 
-  updateRules(began, learnt, condition, time) {
-    element("knowledge").hidden = !began.terms.length;
-    if (!began.terms.length) return;
-    const rulesChanged = this.changed("learnt", learnt);
+  updateRules(run, model, condition, time) {
+    element("knowledge").hidden = !run.terms.length;
+    if (!run.terms.length) return;
+    const rulesChanged = this.changed("learnt", model);
     if (!rulesChanged && !this.changed("applies", condition)) return;
     this.shown.applies = condition;
-    if (rulesChanged) this.makeRules(began, learnt, time);
+    if (rulesChanged) this.makeRules(run, model, time);
     for (const item of element("rules").querySelectorAll("[data-condition]")) {
       const applies = condition !== undefined && covers(item.dataset.condition, condition);
       item.classList.toggle("applies", applies);
@@ -176,17 +172,17 @@ class Panels {
     for (const item of element("rules").querySelectorAll("[data-failure]")) item.classList.toggle("on", item.dataset.failure === condition);
   }
 
-  makeRules(began, learnt, time) {
+  makeRules(run, model, time) {
     const open = new Set([...element("rules").querySelectorAll("details[open]")].map((item) => item.dataset.action));
     const previous = new Set(this.ruleKeys ?? []);
     const fresh = this.rulesTime !== undefined && time >= this.rulesTime;
-    const rules = learnt?.rules ?? [];
-    const failures = learnt?.failures ?? {};
+    const rules = model?.rules ?? [];
+    const failures = model?.failures ?? {};
     this.rulesTime = time;
     this.ruleKeys = rules.map((rule) => rule.join(" "));
-    const items = began.actions.flatMap((action) => {
+    const items = run.actions.flatMap((action) => {
       const made = rules.filter((rule) => rule[0] === action).map(([, condition, effect]) => {
-        const item = this.ruleItem(action, condition, effect, began.terms);
+        const item = this.ruleItem(action, condition, effect, run.terms);
         if (fresh && !previous.has([action, condition, effect].join(" "))) item.classList.add("new");
         return item;
       });
@@ -204,8 +200,8 @@ class Panels {
   }
 
   ruleItem(action, condition, effect, terms) {
-    const top = make("div", "rule-top", make("b", "", action), make("span", "", effect), pattern(condition));
-    const item = make("li", "", top, make("div", "rule-when", inWords(condition, terms.map(shortTerm))));
+    const top = make("div", "rule-top", make("b", "", action), make("span", "", effect), bitPattern(condition));
+    const item = make("li", "", top, make("div", "rule-when", conjunction(condition, terms.map(shortTerm))));
     item.dataset.condition = condition;
     return item;
   }
@@ -214,9 +210,9 @@ class Panels {
     const summary = make("summary", "", `no effect in ${conditions.length}`);
     summary.title = `Number of conditions in which ${action} is known to have no effect; press to list them`;
     const items = conditions.map((condition) => {
-      const { terms } = this.trace.records.Began[0];
-      const item = make("span", "", inFewWords(condition, terms));
-      item.title = `${condition}: ${inWords(condition, terms)}`;
+      const { terms } = this.trace.records.RunStarted[0];
+      const item = make("span", "", shortConjunction(condition, terms));
+      item.title = `${condition}: ${conjunction(condition, terms)}`;
       item.dataset.failure = condition;
       return item;
     });
@@ -229,56 +225,57 @@ class Panels {
   updateProgress(step, perceived, time) {
     element("progress").hidden = !step;
     if (!step) return;
-    const steps = this.trace.records.Stepped;
-    if (this.changed("step", step) | this.changed("steps", steps.length)) this.drawChart(steps, this.trace.indexAt("Stepped", time));
-    const held = perceived?.things.some((object) => object.values.in_bot) ? 1 : 0;
+    const steps = this.trace.records.StepTaken;
+    const [isOtherStep, hasNewSteps] = [this.changed("step", step), this.changed("steps", steps.length)];
+    if (isOtherStep || hasNewSteps) this.drawChart(steps, this.trace.indexAt("StepTaken", time));
+    const held = perceived?.objects.some(({ attributes }) => attributes.in_bot) ? 1 : 0;
     if (!this.changed("boxes", `${step.delivered} ${step.remaining} ${held}`)) return;
-    const all = step.delivered + step.remaining;
-    if (this.trace.records.Began[0].task === "learn") {
+    const total = step.delivered + step.remaining;
+    if (this.trace.records.RunStarted[0].task === "learn") {
       element("counted").textContent = "Episodes";
       element("delivered").textContent = step.delivered;
       return;
     }
-    element("delivered").textContent = `${step.delivered} of ${all}`;
-    element("boxes").setAttribute("aria-label", `${step.delivered} of ${all} boxes delivered, ${held} in the fork`);
+    element("delivered").textContent = `${step.delivered} of ${total}`;
+    element("boxes").setAttribute("aria-label", `${step.delivered} of ${total} boxes delivered, ${held} in the fork`);
     element("boxes").replaceChildren(
-      ...Array.from({ length: Math.min(all, 40) }, (_, at) => make("i", at < step.delivered ? "done" : at < step.delivered + held ? "held" : "")),
+      ...Array.from({ length: Math.min(total, MAX_BOX_SYMBOLS) }, (_, index) => make("i", index < step.delivered ? "done" : index < step.delivered + held ? "held" : "")),
     );
   }
 
-  // The number of unknown pairs after every action as a step chart; the future is shown paler.
-  drawChart(steps, here) {
-    const most = Math.max(1, ...steps.map((step) => step.unknown));
+  // The number of unknown pairs after each action as a step chart; the future is shown paler.
+  drawChart(steps, current) {
+    const maximum = Math.max(1, ...steps.map((step) => step.unknown));
     const width = Math.max(steps.length - 1, 1);
-    const point = (at) => [(160 * at) / width, 53 - (48 * steps[at].unknown) / most];
+    const point = (index) => [(160 * index) / width, 53 - (48 * steps[index].unknown) / maximum];
     const line = (from, to) => {
-      let text = "";
-      for (let at = from; at <= to; at++) {
-        const [x, y] = point(at);
-        text += at === from ? `M${x.toFixed(1)} ${y.toFixed(1)}` : `H${x.toFixed(1)}V${y.toFixed(1)}`;
+      let path = "";
+      for (let index = from; index <= to; index++) {
+        const [x, y] = point(index);
+        path += index === from ? `M${x.toFixed(1)} ${y.toFixed(1)}` : `H${x.toFixed(1)}V${y.toFixed(1)}`;
       }
-      return text;
+      return path;
     };
     const shape = (tag, attributes) => {
       const made = document.createElementNS(SVG, tag);
       for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
       return made;
     };
-    const done = line(0, here);
+    const done = line(0, current);
     element("chart").replaceChildren(
       shape("line", { x1: 0, x2: 160, y1: 53, y2: 53 }),
       shape("path", { class: "area", d: `${done}V53H0Z` }),
-      shape("path", { class: "rest", d: line(here, steps.length - 1) }),
+      shape("path", { class: "rest", d: line(current, steps.length - 1) }),
       shape("path", { d: done }),
     );
-    element("unknown").textContent = steps[here].unknown;
+    element("unknown").textContent = steps[current].unknown;
   }
 
-  updateExplored(explored, past) {
-    const fraction = explored && !past ? explored.fraction : null;
+  updateExplored(update, isExplored) {
+    const fraction = update && !isExplored ? update.fraction : null;
     if (!this.changed("explored", fraction)) return;
     element("exploring").hidden = fraction === null;
-    element("exploring-name").textContent = this.trace.records.Began[0].task === "map" ? "Mapped part of the log" : "Explored";
+    element("exploring-name").textContent = this.trace.records.RunStarted[0].task === "map" ? "Mapped part of the log" : "Explored";
     const percent = Math.round((fraction ?? 0) * 100);
     element("explored").textContent = `${percent} %`;
     element("meter").setAttribute("aria-valuenow", percent);
@@ -288,41 +285,44 @@ class Panels {
   updateLog(time) {
     this.extendLog();
     const last = lastNotAfter(this.entries, time, (entry) => entry.time);
-    if (this.chosen >= 0 && Math.abs(this.entries[this.chosen].time - time) > 1e-6) this.chosen = -1;
-    const here = this.chosen >= 0 ? this.chosen : last;
-    if (!this.changed("log", `${here} ${last} ${this.entries.length}`)) return;
+    if (this.clicked >= 0 && Math.abs(this.entries[this.clicked].time - time) > 1e-6) this.clicked = -1;
+    const current = this.clicked >= 0 ? this.clicked : last;
+    if (!this.changed("log", `${current} ${last} ${this.entries.length}`)) return;
     const list = element("log");
     list.querySelector(".here")?.classList.remove("here");
-    for (let at = Math.min(this.marked, last) + 1; at <= Math.max(this.marked, last); at++)
-      this.entries[at].node.classList.toggle("later", at > last);
-    this.marked = last;
-    const node = this.entries[here]?.node;
+    for (let index = Math.min(this.latest, last) + 1; index <= Math.max(this.latest, last); index++)
+      this.entries[index].node.classList.toggle("later", index > last);
+    this.latest = last;
+    const node = this.entries[current]?.node;
     if (!node) return;
     node.classList.add("here");
-    if (!list.matches(":hover") && document.activeElement !== list) list.scrollTop = node.offsetTop - list.offsetTop - Math.max(0, Math.min(list.clientHeight * 0.7, list.clientHeight - node.offsetHeight));
+    if (list.matches(":hover") || document.activeElement === list) return;
+    const above = Math.max(0, Math.min(list.clientHeight * 0.7, list.clientHeight - node.offsetHeight)); // px of earlier lines
+    list.scrollTop = node.offsetTop - list.offsetTop - above;
   }
 
-  // Append new narrations, actions and rules to the log, in order of time.
+  // Append new narrations, actions, rules and mapping progress to the log, in order of time.
   extendLog() {
     const { records } = this.trace;
-    const { terms, task } = records.Began[0];
-    const lines = [];
-    for (; this.logged.Said < records.Said.length; this.logged.Said++) {
-      const said = records.Said[this.logged.Said];
-      lines.push([said.time, 1, "said", said.text]);
+    const { terms, task } = records.RunStarted[0];
+    const lines = []; // [time, rank among lines of the same time, class, text, hint]
+    for (; this.logged.Narration < records.Narration.length; this.logged.Narration++) {
+      const narration = records.Narration[this.logged.Narration];
+      lines.push([narration.time, 1, "said", narration.text]);
     }
-    for (; this.logged.Stepped < records.Stepped.length; this.logged.Stepped++) {
-      const step = records.Stepped[this.logged.Stepped];
+    for (; this.logged.StepTaken < records.StepTaken.length; this.logged.StepTaken++) {
+      const step = records.StepTaken[this.logged.StepTaken];
       const outcome = step.moved ? "" : " · no effect";
-      const words = `${step.action} · ${holding(step.condition, terms)}${TAGS[this.reason(step)]}${outcome}`;
-      lines.push([step.time, 0, "act", words, `Condition ${step.condition}: ${inWords(step.condition, terms).slice(3)}`]);
+      const text = `${step.action} · ${trueTerms(step.condition, terms)}${TAGS[this.purpose(step)]}${outcome}`;
+      lines.push([step.time, 0, "act", text, `Condition ${step.condition}: ${conjunction(step.condition, terms).slice(3)}`]);
     }
-    for (; this.logged.Learnt < records.Learnt.length; this.logged.Learnt++) {
-      const now = records.Learnt[this.logged.Learnt];
-      for (const [words, hint] of newRules(records.Learnt[this.logged.Learnt - 1], now, terms)) lines.push([now.time, 2, "rule", words, hint]);
+    for (; this.logged.LearntModel < records.LearntModel.length; this.logged.LearntModel++) {
+      const model = records.LearntModel[this.logged.LearntModel];
+      const previous = records.LearntModel[this.logged.LearntModel - 1];
+      for (const [text, hint] of newRules(previous, model, terms)) lines.push([model.time, 2, "rule", text, hint]);
     }
-    for (; this.logged.Explored < records.Explored.length; this.logged.Explored++) {
-      const { time, fraction } = records.Explored[this.logged.Explored];
+    for (; this.logged.MapUpdate < records.MapUpdate.length; this.logged.MapUpdate++) {
+      const { time, fraction } = records.MapUpdate[this.logged.MapUpdate];
       const reached = Math.floor(fraction / MAPPING_STEP + 1e-9);
       if (task === "localize" || reached <= this.mappedSteps || time >= this.trace.actsFrom) continue;
       this.mappedSteps = reached;
@@ -332,13 +332,13 @@ class Panels {
     if (!lines.length) return;
     lines.sort((a, b) => a[0] - b[0] || a[1] - b[1]);
     const made = document.createDocumentFragment();
-    for (const [time, , style, text, hint] of lines) {
-      const node = make("li", `${style} later`, make("time", "", clockText(time - this.trace.begin)), make("span", "", text));
+    for (const [time, , className, text, hint] of lines) {
+      const node = make("li", `${className} later`, make("time", "", clockText(time - this.trace.begin)), make("span", "", text));
       if (hint) node.title = hint;
-      const number = this.entries.length;
+      const index = this.entries.length;
       node.addEventListener("click", () => {
         this.seek(time);
-        this.chosen = number;
+        this.clicked = index;
       });
       this.entries.push({ time, node });
       made.append(node);
@@ -346,30 +346,30 @@ class Panels {
     element("log").append(made);
   }
 
-  // Go to the previous or next line of the log.
-  stepInLog(by) {
-    const here = this.chosen >= 0 ? this.chosen : this.marked;
-    const next = Math.min(Math.max(here + by, 0), this.entries.length - 1);
+  // Go to the next (direction 1) or previous (-1) line of the log.
+  stepInLog(direction) {
+    const current = this.clicked >= 0 ? this.clicked : this.latest;
+    const next = Math.min(Math.max(current + direction, 0), this.entries.length - 1);
     if (next < 0) return;
     this.seek(this.entries[next].time);
-    this.chosen = next;
+    this.clicked = next;
     this.entries[next].node.scrollIntoView({ block: "nearest" });
   }
 
-  // The estimated pose, for a robot of a log, which has no terms.
-  updateEstimate(began, seen, pose) {
-    element("estimate").hidden = Boolean(began.terms.length) || !seen;
-    if (!seen || !this.changed("estimate", `${seen.time} ${pose}`)) return;
+  // The estimated pose of a recorded log, whose runs have no terms.
+  updateEstimate(run, snapshot, pose) {
+    element("estimate").hidden = Boolean(run.terms.length) || !snapshot;
+    if (!snapshot || !this.changed("estimate", `${snapshot.time} ${pose}`)) return;
     const rows = [["x", metres(pose[0])], ["y", metres(pose[1])], ["heading", degrees(pose[2])]];
-    const count = seen.particles.length / 3;
-    if (count) rows.push(["particles", count], ["particle spread (rms)", metres(spreadOf(seen.particles))]);
+    const count = snapshot.particles.length / 3;
+    if (count) rows.push(["particles", count], ["particle spread (rms)", metres(spreadOf(snapshot.particles))]);
     element("estimated").replaceChildren(...rows.flatMap(([name, value]) => [make("dt", "", name), make("dd", "", String(value))]));
   }
 
-  // Show the attributes of the selected object.
-  inspect(picked, scene) {
+  // Show the attributes of the selection.
+  inspect(selection, scene) {
     const panel = element("inspector");
-    const details = picked && scene.instant ? attributesOf(picked, scene) : null;
+    const details = selection && scene.instant ? attributesOf(selection, scene) : null;
     panel.hidden = !details;
     if (!details) {
       this.shown.inspected = null;
@@ -380,23 +380,21 @@ class Panels {
     const close = make("button", "icon", "×");
     close.setAttribute("aria-label", "Close");
     close.addEventListener("click", () => (scene.selected = null));
-    const mark = make("i");
-    mark.style.setProperty("--c", `var(${colour})`);
     const list = make("dl");
     for (const [name, value] of rows) list.append(make("dt", "", name), make("dd", "", String(value)));
-    panel.replaceChildren(make("header", "", mark, make("span", "", title), close), list);
+    panel.replaceChildren(make("header", "", swatch(`var(${colour})`), make("span", "", title), close), list);
   }
 }
 
-// Rules that are new or changed since the model before, as [text, hint].
-function newRules(before, now, terms) {
-  const old = new Map((before?.rules ?? []).map(([action, condition, effect]) => [`${action} ${effect}`, condition]));
-  return now.rules
+// Rules that are new or changed since the previous model, as [text, hint].
+function newRules(previous, model, terms) {
+  const old = new Map((previous?.rules ?? []).map(([action, condition, effect]) => [`${action} ${effect}`, condition]));
+  return model.rules
     .filter(([action, condition, effect]) => old.get(`${action} ${effect}`) !== condition)
     .map(([action, condition, effect]) => {
       const was = old.get(`${action} ${effect}`);
-      const hint = `${condition}${was ? `, was ${was}` : ""}: ${inWords(condition, terms)}`;
-      return [`${action}: ${effect} ${inFewWords(condition, terms)}`, hint];
+      const hint = `${condition}${was ? `, was ${was}` : ""}: ${conjunction(condition, terms)}`;
+      return [`${action}: ${effect} ${shortConjunction(condition, terms)}`, hint];
     });
 }
 
@@ -413,31 +411,31 @@ function spreadOf(particles) {
 const metres = (value) => `${value.toFixed(2)} m`;
 const degrees = (value) => `${((value * 180) / Math.PI).toFixed(0)}°`;
 
-// Title, colour and attributes of an object; null if it is gone.
-function attributesOf(picked, scene) {
+// Title, colour and attributes of a selection; null if the object does not exist any more.
+function attributesOf(selection, scene) {
   const { instant } = scene;
-  const object = instant.perceived?.things.find((item) => item.name === (picked.kind === "robot" ? "robot" : picked.name));
-  const values = Object.entries(object?.values ?? {}).map(([name, value]) => [`${object.kind.toLowerCase()}.${name}`, value]);
-  const place = scene.placeOf(picked);
-  const where = place ? [["map", `${metres(place.x)}, ${metres(place.y)}`]] : [];
-  if (picked.kind === "robot") {
-    const { seen, pose } = instant;
+  const object = instant.perceived?.objects.find((item) => item.name === (selection.kind === "robot" ? "robot" : selection.name));
+  const attributes = Object.entries(object?.attributes ?? {}).map(([name, value]) => [`${object.className.toLowerCase()}.${name}`, value]);
+  const location = scene.locate(selection);
+  const position = location ? [["map", `${metres(location.x)}, ${metres(location.y)}`]] : [];
+  if (selection.kind === "robot") {
+    const { snapshot, pose } = instant;
     if (!pose) return null;
-    const rows = [["heading", degrees(pose[2])], ["latch", seen.loaded ? "holds a box" : "empty"], ["laser", `${seen.points.length / 2} points`]];
-    if (seen.particles.length) rows.push(["particles", seen.particles.length / 3]);
-    return ["Robot", "--robot", [...values, ...where, ...rows]];
+    const rows = [["heading", degrees(pose[2])], ["latch", snapshot.loaded ? "holds a box" : "empty"], ["laser", `${snapshot.points.length / 2} points`]];
+    if (snapshot.particles.length) rows.push(["particles", snapshot.particles.length / 3]);
+    return ["Robot", "--robot", [...attributes, ...position, ...rows]];
   }
-  if (picked.kind === "box" || picked.kind === "object") {
-    if (!place && !object) return null;
-    return [`${object?.kind ?? "Box"} ${picked.name ?? ""}`, "--box", [...values, ...where]];
+  if (selection.kind === "box" || selection.kind === "object") {
+    if (!location && !object) return null;
+    return [`${object?.className ?? "Box"} ${selection.name ?? ""}`, "--box", [...attributes, ...position]];
   }
-  if (picked.kind === "warehouse")
-    return ["Warehouse", "--warehouse", [["warehouse.x", picked.cell[0]], ["warehouse.y", picked.cell[1]], ...where]];
-  const percent = scene.map.percentAt(picked.x, picked.y);
-  const rows = [...where, ["P(occupied)", percent === null ? "unknown" : `${percent} %`]];
+  if (selection.kind === "warehouse")
+    return ["Warehouse", "--warehouse", [["warehouse.x", selection.cell[0]], ["warehouse.y", selection.cell[1]], ...position]];
+  const percent = scene.map.percentAt(selection.x, selection.y);
+  const rows = [...position, ["P(occupied)", percent === null ? "unknown" : `${percent} %`]];
   if (instant.cells) {
-    const [x, y] = scene.cellAt(instant.cells, picked.x, picked.y);
+    const [x, y] = scene.cellAt(instant.cells, selection.x, selection.y);
     rows.unshift(["cell", `${x}, ${y}`]);
   }
-  return [percent !== null && percent > 65 ? "Wall" : "Place", percent > 65 ? "--wall" : "--soft", rows];
+  return percent > WALL_PERCENT ? ["Wall", "--wall", rows] : ["Point", "--soft", rows];
 }

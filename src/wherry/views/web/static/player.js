@@ -1,25 +1,25 @@
 "use strict";
-// Playback of a trace, which may still grow while it is played.
+// Playback of a trace, which may be recorded or still growing.
 
 class Player {
   constructor(trace) {
     this.trace = trace;
     this.time = 0; // s
-    this.speed = 10; // times real time; 0 follows the run
+    this.speed = 10; // s of the robot's clock per s; 0 shows the latest time
     this.playing = true;
-    this.following = false; // whether the end of a growing trace is shown
+    this.following = false; // whether the latest time of a live run is shown
   }
 
   get atEnd() {
-    return this.time >= this.trace.end - 1e-6;
+    return this.time >= this.trace.end - TIME_TOLERANCE;
   }
 
-  // Advance by a real time, s.
+  // Advance by a time on the wall clock, s.
   advance(seconds) {
     if (!this.playing || this.trace.begin === null) return;
     this.time = Math.max(this.time, this.trace.begin);
-    const further = this.speed === 0 || this.following ? Infinity : this.time + seconds * this.speed;
-    this.time = Math.min(further, this.trace.end);
+    const target = this.speed === 0 || this.following ? Infinity : this.time + seconds * this.speed;
+    this.time = Math.min(target, this.trace.end);
     if (this.atEnd && this.trace.over) this.playing = false;
   }
 
@@ -33,14 +33,14 @@ class Player {
     this.time = Math.min(Math.max(time, this.trace.begin ?? 0), this.trace.end);
   }
 
-  // Pause at the next or previous event.
-  step(by) {
-    const { moments } = this.trace;
+  // Pause at the next (direction 1) or previous (-1) event.
+  step(direction) {
+    const { eventTimes } = this.trace;
     this.playing = false;
-    const here = lastNotAfter(moments, this.time);
-    const onIt = here >= 0 && Math.abs(moments[here] - this.time) < 1e-3;
-    const next = by > 0 ? here + 1 : onIt ? here - 1 : here;
-    this.seek(moments[Math.min(Math.max(next, 0), moments.length - 1)] ?? this.time);
+    const current = lastNotAfter(eventTimes, this.time);
+    const isAtEvent = current >= 0 && Math.abs(eventTimes[current] - this.time) < 1e-3;
+    const next = direction > 0 ? current + 1 : isAtEvent ? current - 1 : current;
+    this.seek(eventTimes[Math.min(Math.max(next, 0), eventTimes.length - 1)] ?? this.time);
   }
 
   goLive() {

@@ -1,6 +1,7 @@
 "use strict";
-// Draws a trace at one time: map, cells, warehouse, trail, laser, plan, path, boxes, robot, particles.
+// Draws a trace at one time on the canvas, in layers that can be hidden.
 
+// Label and colour of each layer.
 const LAYERS = {
   laser: ["Laser", "--laser"],
   particles: ["Particles", "--particle"],
@@ -11,21 +12,27 @@ const LAYERS = {
   warehouse: ["Warehouse", "--warehouse"],
   cells: ["Cells", "--soft"],
 };
-// Symbols that cannot be hidden. On a grid without a robot, objects are drawn by their class.
+// Label, colour and shape of the symbols that cannot be hidden.
 const SYMBOLS = [["Robot, fork ahead", "--robot", "fork"], ["Wall", "--wall", "plain"], ["Free", "--free", "plain"], ["Unknown", "--unknown", "plain"]];
-const KINDS = { Robot: "carrier", Taxi: "carrier", Box: "load", Passenger: "load", Destination: "place", Warehouse: "place" };
-const KIND_COLOURS = { carrier: "robot", load: "box", place: "warehouse" };
-const LABEL_MIN_CELL = 70; // px, side of a cell from which on objects are labelled
-const TRAIL_DURATION = 90; // s, of a delivery; of a log the whole trail is shown
+// On a grid without a robot, objects are drawn by the role of their class.
+const ROLES = { Robot: "carrier", Taxi: "carrier", Box: "load", Passenger: "load", Destination: "destination", Warehouse: "destination" };
+const ROLE_COLOURS = { carrier: "robot", load: "box", destination: "warehouse" };
+const LABEL_MIN_CELL = 70; // px, minimum side of a cell at which objects are labelled
+const GRID_MIN_CELL = 14; // px, minimum side of a cell at which grid lines are drawn
+const TRAIL_DURATION = 90; // s of the trail that is drawn during a delivery; for a log it is drawn whole
+const MAX_TRAIL_POINTS = 600;
+const MAX_INTERPOLATION = 3; // s between two snapshots above which the pose is not interpolated
 const MARGIN = 0.6; // m around the map
-const MIN_EXTENT = 4; // m, least extent of the fitted view
+const MIN_EXTENT = 4; // m, minimum extent of the fitted view
+const WIDE_VIEW = 640; // px, minimum width at which legend and tools are beside the map
 const SIDE_PADDING = [156, 56]; // px for legend and tools on the left and right of a wide view
-const TOP_PADDING = 50; // px for them at the top of a narrow view
+const TOP_PADDING = 50; // px for legend and tools at the top of a narrow view
+const PICK_TOLERANCE = 6; // px between a click and an object
 const MAX_SCALE = 2000; // px per metre
 const MIN_SCALE = 1; // px per metre
 
 // Whether an object is carried by the robot or taxi.
-const isCarried = ({ values }) => Boolean(values.in_bot || values.in_taxi);
+const isCarried = ({ attributes }) => Boolean(attributes.in_bot || attributes.in_taxi);
 
 class Scene {
   constructor(canvas, trace) {
@@ -36,18 +43,18 @@ class Scene {
     this.mode = "fit"; // "fit", "follow" or "free"
     this.centre = [0, 0]; // m, map frame
     this.scale = 60; // px per metre
-    this.hidden = new Set();
-    this.selected = null;
-    this.instant = null;
+    this.hidden = new Set(); // names of hidden layers
+    this.selected = null; // as returned by pick()
+    this.instant = null; // the records at the shown time
   }
 
-  // m; that of the simulated robot where the trace gives none.
+  // Radii of robot and boxes, m; those of the simulation if the trace has none.
   get robotRadius() {
-    return this.instant.began?.robot_radius || 0.2;
+    return this.instant.run?.robot_radius || 0.2;
   }
 
   get boxRadius() {
-    return this.instant.began?.box_radius || 0.1;
+    return this.instant.run?.box_radius || 0.1;
   }
 
   // Read the colours of the theme.
@@ -57,7 +64,7 @@ class Scene {
     this.colours = {};
     for (const name of ["laser", "particle", "path", "plan", "trail", "box", "warehouse", "unknown", "free", "wall", "grid", "robot", "robot-edge", "accent", "soft", "ink"])
       this.colours[name] = this.colour(`--${name}`);
-    this.map.paint(rgb(this.colours.free), rgb(this.colours.wall), rgb(this.colours.unknown));
+    this.map.setColours(rgb(this.colours.free), rgb(this.colours.wall), rgb(this.colours.unknown));
   }
 
   resize() {
@@ -74,41 +81,43 @@ class Scene {
   // Collect what is drawn at a time, with the pose interpolated between two records.
   show(time) {
     const { trace } = this;
-    const at = trace.indexAt("Seen", time);
-    const seen = trace.records.Seen[at];
-    this.map.show(trace.records.Explored, trace.indexAt("Explored", time));
+    const index = trace.indexAt("RobotSnapshot", time);
+    const snapshot = trace.records.RobotSnapshot[index];
+    const next = trace.records.RobotSnapshot[index + 1];
+    this.map.show(trace.records.MapUpdate, trace.indexAt("MapUpdate", time));
     this.instant = {
       time,
-      at,
-      seen,
-      pose: seen && interpolated(seen.pose, seen.time, trace.records.Seen[at + 1], "pose", time),
-      lidar: seen && interpolated(seen.lidar, seen.time, trace.records.Seen[at + 1], "lidar", time),
-      cells: trace.at("CellsLaid", time),
-      step: trace.at("Stepped", time),
-      perceived: trace.at("Perceived", time),
-      began: trace.records.Began[0],
+      index,
+      snapshot,
+      pose: snapshot && interpolated("pose", snapshot, next, time),
+      lidar: snapshot && interpolated("lidar", snapshot, next, time),
+      cells: trace.at("CellLayout", time),
+      step: trace.at("StepTaken", time),
+      perceived: trace.at("PerceivedState", time),
+      run: trace.records.RunStarted[0],
     };
     if (this.mode === "fit") this.fit();
     if (this.mode === "follow" && this.instant.pose) this.centre = [this.instant.pose[0], this.instant.pose[1]];
   }
 
-  // Fit the view to the map, or else the cells or the scan, and to the path driven.
+  // Fit the view to the path driven and to the map or, without a map, to the cells or the scan.
   fit() {
-    const box = unionOf(this.map.extent() ?? this.cellsExtent() ?? this.laserExtent(), this.instant?.seen?.reach);
+    const box = unionOf(this.map.extent() ?? this.cellsExtent() ?? this.laserExtent(), this.instant?.snapshot?.drivenExtent);
     if (!box || !this.width) return;
     const [west, south, east, north] = box;
-    const [left, right, top] = this.width > 640 ? [...SIDE_PADDING, 0] : [0, 0, TOP_PADDING];
-    const across = Math.min((this.width - left - right) / Math.max(east - west + 2 * MARGIN, MIN_EXTENT), (this.height - top) / Math.max(north - south + 2 * MARGIN, MIN_EXTENT));
-    this.scale = Math.min(Math.max(across, MIN_SCALE), MAX_SCALE);
+    const [left, right, top] = this.width > WIDE_VIEW ? [...SIDE_PADDING, 0] : [0, 0, TOP_PADDING];
+    const horizontal = (this.width - left - right) / Math.max(east - west + 2 * MARGIN, MIN_EXTENT);
+    const vertical = (this.height - top) / Math.max(north - south + 2 * MARGIN, MIN_EXTENT);
+    this.scale = Math.min(Math.max(Math.min(horizontal, vertical), MIN_SCALE), MAX_SCALE);
     this.centre = [(west + east) / 2 + (right - left) / 2 / this.scale, (south + north) / 2 + top / 2 / this.scale];
   }
 
   laserExtent() {
-    const seen = this.instant?.seen;
-    if (!seen?.points.length) return null;
+    const snapshot = this.instant?.snapshot;
+    if (!snapshot?.points.length) return null;
     let box = null;
-    for (let n = 0; n < seen.points.length; n += 2) {
-      const [x, y] = [seen.pose[0] + seen.points[n] * POSITION_STEP, seen.pose[1] + seen.points[n + 1] * POSITION_STEP];
+    for (let n = 0; n < snapshot.points.length; n += 2) {
+      const [x, y] = [snapshot.pose[0] + snapshot.points[n] * POSITION_STEP, snapshot.pose[1] + snapshot.points[n + 1] * POSITION_STEP];
       box = unionOf(box, [x, y, x, y]);
     }
     return box;
@@ -119,7 +128,7 @@ class Scene {
     if (!cells || !cells.walls.length) return null;
     const box = [Infinity, Infinity, -Infinity, -Infinity];
     for (let n = 0; n < cells.walls.length; n += 3) {
-      // Walls are on north and east edges, so that each wall touches the north-east corner of its cell.
+      // A wall is on the north or east edge of its cell, so it touches the north-east corner.
       const [x, y] = this.inMap(cells, (cells.walls[n] + 1) * cells.size, (cells.walls[n + 1] + 1) * cells.size);
       [box[0], box[1]] = [Math.min(box[0], x), Math.min(box[1], y)];
       [box[2], box[3]] = [Math.max(box[2], x), Math.max(box[3], y)];
@@ -127,13 +136,17 @@ class Scene {
     return box;
   }
 
-  // From the frame of the cells to the map frame, m.
+  // Transform a point from the frame of the cells to the map frame, m.
   inMap(cells, x, y) {
     const [ox, oy, theta] = cells.origin;
     return [ox + Math.cos(theta) * x - Math.sin(theta) * y, oy + Math.sin(theta) * x + Math.cos(theta) * y];
   }
 
-  // From the map frame, m, to pixels of the canvas, and back.
+  cellCentre(cells, [x, y]) {
+    return this.inMap(cells, (x + 0.5) * cells.size, (y + 0.5) * cells.size);
+  }
+
+  // Transform a point from the map frame, m, to pixels of the canvas, and back.
   project(x, y) {
     return [this.width / 2 + (x - this.centre[0]) * this.scale, this.height / 2 - (y - this.centre[1]) * this.scale];
   }
@@ -165,7 +178,7 @@ class Scene {
     context.fillStyle = colours.unknown;
     context.fillRect(0, 0, this.canvas.width, this.canvas.height);
     if (!instant) return;
-    // From here on coordinates are m in the map frame, y upwards; `px` is the size of a pixel.
+    // From here on coordinates are m in the map frame, y upwards; `px` is the size of a pixel, m.
     const scale = this.scale * this.ratio;
     context.setTransform(scale, 0, 0, -scale, (this.width / 2) * this.ratio - this.centre[0] * scale, (this.height / 2) * this.ratio + this.centre[1] * scale);
     this.px = 1 / this.scale;
@@ -173,7 +186,7 @@ class Scene {
     this.drawMap();
     if (instant.cells) this.drawCells(instant.cells);
     if (this.shows("trail")) this.drawTrail();
-    if (!instant.seen) {
+    if (!instant.snapshot) {
       this.drawObjects();
       return;
     }
@@ -201,66 +214,61 @@ class Scene {
   }
 
   drawCells(cells) {
-    const { context, colours, px } = this;
+    const { context } = this;
     const [ox, oy, theta] = cells.origin;
     context.save();
     context.translate(ox, oy);
     context.rotate(theta);
-    const [low, high] = [[Infinity, Infinity], [-Infinity, -Infinity]];
-    for (let n = 0; n < cells.walls.length; n += 3) {
-      for (const axis of [0, 1]) {
-        low[axis] = Math.min(low[axis], cells.walls[n + axis]);
-        high[axis] = Math.max(high[axis], cells.walls[n + axis]);
-      }
-    }
+    const [west, south, east, north] = wallBounds(cells.walls).map((bound) => bound * cells.size);
     if (!this.map.bounds) {
-      context.fillStyle = colours.free;
-      context.fillRect((low[0] + 1) * cells.size, (low[1] + 1) * cells.size, (high[0] - low[0]) * cells.size, (high[1] - low[1]) * cells.size);
+      context.fillStyle = this.colours.free;
+      context.fillRect(west, south, east - west, north - south);
     }
-    if (this.shows("cells") && cells.size * this.scale > 14) {
-      context.beginPath();
-      for (let x = low[0] + 1; x <= high[0] + 1; x++) context.rect(x * cells.size, (low[1] + 1) * cells.size, 0, (high[1] - low[1]) * cells.size);
-      for (let y = low[1] + 1; y <= high[1] + 1; y++) context.rect((low[0] + 1) * cells.size, y * cells.size, (high[0] - low[0]) * cells.size, 0);
-      context.strokeStyle = colours.grid;
-      context.lineWidth = px;
-      context.stroke();
-    }
-    if (!this.map.bounds) {
-      context.beginPath();
-      for (let n = 0; n < cells.walls.length; n += 3) {
-        const [x, y, north] = [cells.walls[n] * cells.size, cells.walls[n + 1] * cells.size, cells.walls[n + 2]];
-        if (north) context.rect(x, y + cells.size, cells.size, 0);
-        else context.rect(x + cells.size, y, 0, cells.size);
-      }
-      context.strokeStyle = colours.wall;
-      context.lineWidth = 0.08 * cells.size;
-      context.stroke();
-    }
-    if (this.shows("warehouse")) {
-      const inset = 0.03 * cells.size;
-      for (let n = 0; n < cells.warehouse.length; n += 2) {
-        context.beginPath();
-        context.rect(cells.warehouse[n] * cells.size + inset, cells.warehouse[n + 1] * cells.size + inset, cells.size - 2 * inset, cells.size - 2 * inset);
-        context.globalAlpha = 0.28;
-        context.fillStyle = colours.warehouse;
-        context.fill();
-        context.globalAlpha = 1;
-        context.strokeStyle = colours.warehouse;
-        context.lineWidth = Math.max(0.02, 1.5 * px);
-        context.stroke();
-      }
-    }
+    if (this.shows("cells") && cells.size * this.scale > GRID_MIN_CELL) this.drawGridLines(cells);
+    if (!this.map.bounds) this.drawWalls(cells);
+    if (this.shows("warehouse")) this.drawWarehouse(cells);
     context.restore();
+  }
+
+  drawGridLines(cells) {
+    const { context } = this;
+    const [west, south, east, north] = wallBounds(cells.walls);
+    const { size } = cells;
+    context.beginPath();
+    for (let x = west; x <= east; x++) context.rect(x * size, south * size, 0, (north - south) * size);
+    for (let y = south; y <= north; y++) context.rect(west * size, y * size, (east - west) * size, 0);
+    context.strokeStyle = this.colours.grid;
+    context.lineWidth = this.px;
+    context.stroke();
+  }
+
+  drawWalls({ walls, size }) {
+    const { context } = this;
+    context.beginPath();
+    for (let n = 0; n < walls.length; n += 3) {
+      const [x, y, isNorth] = [walls[n] * size, walls[n + 1] * size, walls[n + 2]];
+      if (isNorth) context.rect(x, y + size, size, 0);
+      else context.rect(x + size, y, 0, size);
+    }
+    context.strokeStyle = this.colours.wall;
+    context.lineWidth = 0.08 * size;
+    context.stroke();
+  }
+
+  drawWarehouse({ warehouse, size }) {
+    for (let n = 0; n < warehouse.length; n += 2)
+      this.drawSquare((warehouse[n] + 0.5) * size, (warehouse[n + 1] + 0.5) * size, 0.47 * size, this.colours.warehouse, Math.max(0.02, 1.5 * this.px));
   }
 
   drawTrail() {
     const { context, trace, instant, px } = this;
-    const seen = trace.records.Seen;
-    const first = instant.began?.task === "deliver" ? Math.max(0, trace.indexAt("Seen", instant.time - TRAIL_DURATION)) : 0;
     if (!instant.pose) return;
+    const snapshots = trace.records.RobotSnapshot;
+    const isDelivery = instant.run?.task === "deliver";
+    const first = isDelivery ? Math.max(0, trace.indexAt("RobotSnapshot", instant.time - TRAIL_DURATION)) : 0;
+    const stride = Math.max(1, Math.floor((instant.index - first) / MAX_TRAIL_POINTS));
     context.beginPath();
-    const stride = Math.max(1, Math.floor((instant.at - first) / 600));
-    for (let at = first; at <= instant.at; at += stride) context.lineTo(seen[at].pose[0], seen[at].pose[1]);
+    for (let index = first; index <= instant.index; index += stride) context.lineTo(snapshots[index].pose[0], snapshots[index].pose[1]);
     context.lineTo(instant.pose[0], instant.pose[1]);
     context.strokeStyle = this.colours.trail;
     context.globalAlpha = 0.6;
@@ -271,14 +279,14 @@ class Scene {
 
   drawLaser() {
     const { context, px, colours } = this;
-    const { seen, lidar } = this.instant;
-    const [x, y] = seen.pose;
-    const { points } = seen;
+    const { snapshot, lidar } = this.instant;
+    const [x, y] = snapshot.pose;
+    const { points } = snapshot;
     if (!points.length) return;
     context.beginPath();
-    context.moveTo(seen.lidar[0], seen.lidar[1]);
+    context.moveTo(snapshot.lidar[0], snapshot.lidar[1]);
     for (let n = 0; n < points.length; n += 2) {
-      context.lineTo(seen.lidar[0], seen.lidar[1]);
+      context.lineTo(snapshot.lidar[0], snapshot.lidar[1]);
       context.lineTo(x + points[n] * POSITION_STEP, y + points[n + 1] * POSITION_STEP);
     }
     context.strokeStyle = colours.laser;
@@ -294,6 +302,7 @@ class Scene {
     context.fill();
   }
 
+  // The plan from the robot on; the part after the current leg is drawn paler.
   drawPlans() {
     const { step, pose } = this.instant;
     if (!step || step.plan.length <= 2) return;
@@ -305,11 +314,11 @@ class Scene {
 
   drawPath() {
     const { context, px, colours } = this;
-    const { seen } = this.instant;
-    if (seen.path.length <= 2) return;
+    const { snapshot } = this.instant;
+    if (snapshot.path.length <= 2) return;
     context.beginPath();
-    for (let n = 0; n < seen.path.length; n += 2)
-      context.lineTo(seen.pose[0] + seen.path[n] * POSITION_STEP, seen.pose[1] + seen.path[n + 1] * POSITION_STEP);
+    for (let n = 0; n < snapshot.path.length; n += 2)
+      context.lineTo(snapshot.pose[0] + snapshot.path[n] * POSITION_STEP, snapshot.pose[1] + snapshot.path[n + 1] * POSITION_STEP);
     context.strokeStyle = colours.path;
     context.lineWidth = Math.max(0.05, 2.5 * px);
     context.stroke();
@@ -327,11 +336,11 @@ class Scene {
     context.setLineDash([0.1, Math.max(0.1, 6 * px)]);
     context.stroke();
     context.setLineDash([]);
-    this.disc(plan[plan.length - 2], plan[plan.length - 1], Math.max(0.07, 4 * px), colours.plan);
+    this.drawDisc(plan[plan.length - 2], plan[plan.length - 1], Math.max(0.07, 4 * px), colours.plan);
     context.globalAlpha = 1;
   }
 
-  disc(x, y, radius, fill, edge) {
+  drawDisc(x, y, radius, fill, edge) {
     const { context, px } = this;
     context.beginPath();
     context.arc(x, y, radius, 0, 2 * Math.PI);
@@ -344,25 +353,25 @@ class Scene {
     }
   }
 
-  // Positions [x, y] of the boxes on the floor, m.
+  // Estimated centres [x, y] of the boxes on the floor, m, map frame.
   boxes() {
-    const { seen } = this.instant;
+    const { snapshot } = this.instant;
     const positions = [];
-    if (seen)
-      for (let n = 0; n < seen.boxes.length; n += 2)
-        positions.push([seen.pose[0] + seen.boxes[n] * POSITION_STEP, seen.pose[1] + seen.boxes[n + 1] * POSITION_STEP]);
+    if (snapshot)
+      for (let n = 0; n < snapshot.boxes.length; n += 2)
+        positions.push([snapshot.pose[0] + snapshot.boxes[n] * POSITION_STEP, snapshot.pose[1] + snapshot.boxes[n + 1] * POSITION_STEP]);
     return positions;
   }
 
   drawBoxes() {
     const radius = Math.max(this.boxRadius, 4 * this.px);
-    for (const [x, y] of this.boxes()) this.disc(x, y, radius, this.colours.box, this.colours["robot-edge"]);
+    for (const [x, y] of this.boxes()) this.drawDisc(x, y, radius, this.colours.box, this.colours["robot-edge"]);
   }
 
-  // The robot from above: two prongs, the body with the lidar at the back, and the load between the prongs.
+  // The robot seen from above: fork, body with the lidar at the back, and the load between the prongs.
   drawRobot() {
     const { context, px, colours, instant } = this;
-    const { pose, lidar, seen } = instant;
+    const { pose, lidar, snapshot } = instant;
     const radius = Math.max(this.robotRadius, 7 * px);
     const [x, y, theta] = pose;
     context.save();
@@ -387,23 +396,23 @@ class Scene {
     context.lineWidth = (1.5 * px) / radius;
     context.stroke();
     context.restore();
-    if (seen.loaded) this.disc(x, y, radius * 0.5, colours.box, colours["robot-edge"]);
-    const larger = radius / this.robotRadius;
-    this.disc(x + (lidar[0] - x) * larger, y + (lidar[1] - y) * larger, radius * 0.17, colours.laser);
+    if (snapshot.loaded) this.drawDisc(x, y, radius * 0.5, colours.box, colours["robot-edge"]);
+    const magnification = radius / this.robotRadius;
+    this.drawDisc(x + (lidar[0] - x) * magnification, y + (lidar[1] - y) * magnification, radius * 0.17, colours.laser);
   }
 
   drawParticles() {
     const { context, px } = this;
-    const { seen } = this.instant;
-    const [x, y] = seen.pose;
-    const { particles } = seen;
+    const { snapshot } = this.instant;
+    const [x, y] = snapshot.pose;
+    const { particles } = snapshot;
     if (!particles.length) return;
     const length = Math.max(0.1, 6 * px);
     context.beginPath();
     for (let n = 0; n < particles.length; n += 3) {
-      const [px0, py0, theta] = [x + particles[n] * POSITION_STEP, y + particles[n + 1] * POSITION_STEP, particles[n + 2] * ANGLE_STEP];
-      context.moveTo(px0, py0);
-      context.lineTo(px0 + length * Math.cos(theta), py0 + length * Math.sin(theta));
+      const [particleX, particleY, theta] = [x + particles[n] * POSITION_STEP, y + particles[n + 1] * POSITION_STEP, particles[n + 2] * ANGLE_STEP];
+      context.moveTo(particleX, particleY);
+      context.lineTo(particleX + length * Math.cos(theta), particleY + length * Math.sin(theta));
     }
     context.strokeStyle = this.colours.particle;
     context.globalAlpha = 0.55;
@@ -412,48 +421,48 @@ class Scene {
     context.globalAlpha = 1;
   }
 
-  // Objects of a grid without a robot: a frame for destinations, a disc for the carrier, a smaller one for its load.
+  // Objects of a grid without a robot: squares for destinations, discs for the carrier and, smaller, for loads.
   drawObjects() {
     const { perceived, cells } = this.instant;
     if (!perceived || !cells) return;
-    const objects = perceived.things.filter(({ values }) => values.x !== undefined);
-    const order = ["place", "carrier", "load"];
-    objects.sort((a, b) => order.indexOf(KINDS[a.kind]) - order.indexOf(KINDS[b.kind]));
+    const objects = perceived.objects.filter(({ attributes }) => attributes.x !== undefined);
+    const order = ["destination", "carrier", "load"];
+    objects.sort((a, b) => order.indexOf(ROLES[a.className]) - order.indexOf(ROLES[b.className]));
     for (const object of objects) {
-      const role = KINDS[object.kind] ?? "load";
-      const [x, y] = this.inMap(cells, ...this.cellOf(object).map((at) => (at + 0.5) * cells.size));
-      const fill = this.colours[KIND_COLOURS[role]];
-      if (role === "place") this.frame(x, y, 0.42 * cells.size, fill);
-      else this.disc(x, y, (role === "carrier" ? 0.3 : 0.17) * cells.size, fill, this.colours["robot-edge"]);
-      const below = { carrier: -0.34, load: 0.28, place: 0.39 }[role];
-      if (cells.size * this.scale >= LABEL_MIN_CELL) this.label(object.name, x, y - below * cells.size, role === "carrier" ? fill : this.colours.ink);
+      const role = ROLES[object.className] ?? "load";
+      const [x, y] = this.cellCentre(cells, this.cellOf(object));
+      const fill = this.colours[ROLE_COLOURS[role]];
+      if (role === "destination") this.drawSquare(x, y, 0.42 * cells.size, fill, 2 * this.px);
+      else this.drawDisc(x, y, (role === "carrier" ? 0.3 : 0.17) * cells.size, fill, this.colours["robot-edge"]);
+      const labelOffset = { carrier: 0.34, load: -0.28, destination: -0.39 }[role]; // cells, upwards
+      if (cells.size * this.scale >= LABEL_MIN_CELL) this.drawLabel(object.name, x, y + labelOffset * cells.size, role === "carrier" ? fill : this.colours.ink);
     }
     this.drawSelection();
   }
 
-  // The cell of an object. A carried object is in the cell of its carrier; its own x and y stay those of the pickup.
+  // The cell of an object; that of the carrier if it is carried, since its own x and y remain those of the pickup.
   cellOf(object) {
-    const carrier = isCarried(object) && this.instant.perceived.things.find(({ kind }) => KINDS[kind] === "carrier");
-    const { x, y } = (carrier || object).values;
+    const carrier = isCarried(object) && this.instant.perceived.objects.find(({ className }) => ROLES[className] === "carrier");
+    const { x, y } = (carrier || object).attributes;
     return [x, y];
   }
 
-  // A square around the centre of a cell, like those of the warehouse.
-  frame(x, y, half, colour) {
-    const { context, px } = this;
+  // A translucent square with an edge around a centre.
+  drawSquare(x, y, halfSide, colour, lineWidth) {
+    const { context } = this;
     context.beginPath();
-    context.rect(x - half, y - half, 2 * half, 2 * half);
+    context.rect(x - halfSide, y - halfSide, 2 * halfSide, 2 * halfSide);
     context.globalAlpha = 0.28;
     context.fillStyle = colour;
     context.fill();
     context.globalAlpha = 1;
     context.strokeStyle = colour;
-    context.lineWidth = 2 * px;
+    context.lineWidth = lineWidth;
     context.stroke();
   }
 
-  // Text below a point of the map.
-  label(text, x, y, fill) {
+  // Text centred at a point of the map.
+  drawLabel(text, x, y, fill) {
     const { context } = this;
     const [px, py] = this.project(x, y);
     context.save();
@@ -470,41 +479,41 @@ class Scene {
 
   drawSelection() {
     if (!this.selected) return;
-    const place = this.placeOf(this.selected);
-    if (!place) return;
+    const circle = this.locate(this.selected);
+    if (!circle) return;
     const { context, px, colours } = this;
     context.beginPath();
-    context.arc(place.x, place.y, Math.max(place.radius + 4 * px, 9 * px), 0, 2 * Math.PI);
+    context.arc(circle.x, circle.y, Math.max(circle.radius + 4 * px, 9 * px), 0, 2 * Math.PI);
     context.strokeStyle = colours.accent;
     context.lineWidth = 2.5 * px;
     context.stroke();
   }
 
-  // The object at a pixel, as {kind, …}; null where the map is unknown.
+  // The object or point of the map at a pixel, as {kind, …}; null where the map is unknown.
   pick(px, py) {
     const { instant } = this;
     if (!instant) return null;
     const [x, y] = this.unproject(px, py);
-    const tolerance = 6 / this.scale;
-    const near = (ox, oy, radius) => Math.hypot(x - ox, y - oy) <= radius + tolerance;
-    if (instant.pose && near(instant.pose[0], instant.pose[1], this.robotRadius)) return { kind: "robot" };
-    const box = this.boxes().find(([bx, by]) => near(bx, by, this.boxRadius));
+    const tolerance = PICK_TOLERANCE / this.scale;
+    const isNear = (ox, oy, radius) => Math.hypot(x - ox, y - oy) <= radius + tolerance;
+    if (instant.pose && isNear(instant.pose[0], instant.pose[1], this.robotRadius)) return { kind: "robot" };
+    const box = this.boxes().find(([bx, by]) => isNear(bx, by, this.boxRadius));
     if (box) return { kind: "box", name: this.nameOfBox(box), x: box[0], y: box[1] };
     if (instant.cells) {
       const [cx, cy] = this.cellAt(instant.cells, x, y);
-      const object = !instant.seen && instant.perceived?.things.find((item) => this.cellOf(item).join() === `${cx},${cy}`);
+      const object = !instant.snapshot && instant.perceived?.objects.find((item) => this.cellOf(item).join() === `${cx},${cy}`);
       if (object) return { kind: "object", name: object.name };
       const { warehouse } = instant.cells;
       for (let n = 0; n < warehouse.length; n += 2)
         if (warehouse[n] === cx && warehouse[n + 1] === cy) return { kind: "warehouse", cell: [cx, cy] };
     }
-    return this.map.percentAt(x, y) === null ? null : { kind: "place", x, y };
+    return this.map.percentAt(x, y) === null ? null : { kind: "point", x, y };
   }
 
   // All objects that can be selected, in the order of the O key.
   pickable() {
     const { instant } = this;
-    const objects = instant?.pose ? [{ kind: "robot" }] : (instant?.perceived?.things ?? []).map(({ name }) => ({ kind: "object", name }));
+    const objects = instant?.pose ? [{ kind: "robot" }] : (instant?.perceived?.objects ?? []).map(({ name }) => ({ kind: "object", name }));
     for (const box of this.boxes()) objects.push({ kind: "box", name: this.nameOfBox(box), x: box[0], y: box[1] });
     const warehouse = instant?.cells?.warehouse ?? [];
     for (let n = 0; n < warehouse.length; n += 2) objects.push({ kind: "warehouse", cell: [warehouse[n], warehouse[n + 1]] });
@@ -514,10 +523,11 @@ class Scene {
   pickNext() {
     const objects = this.pickable();
     const key = (object) => JSON.stringify([object.kind, object.name, object.cell]);
-    const here = this.selected ? objects.findIndex((object) => key(object) === key(this.selected)) : -1;
-    this.selected = objects[(here + 1) % objects.length] ?? null;
+    const current = this.selected ? objects.findIndex((object) => key(object) === key(this.selected)) : -1;
+    this.selected = objects[(current + 1) % objects.length] ?? null;
   }
 
+  // The cell that contains a point of the map frame, m.
   cellAt(cells, x, y) {
     const [ox, oy, theta] = cells.origin;
     const [dx, dy] = [x - ox, y - oy];
@@ -532,33 +542,34 @@ class Scene {
     const { cells, perceived } = this.instant;
     if (!cells || !perceived) return null;
     const [cx, cy] = this.cellAt(cells, x, y);
-    return perceived.things.find((object) => object.kind === "Box" && object.values.x === cx && object.values.y === cy)?.name ?? null;
+    const box = perceived.objects.find(({ className, attributes }) => className === "Box" && attributes.x === cx && attributes.y === cy);
+    return box?.name ?? null;
   }
 
-  // Position of a selected object, m; null if it is gone.
-  placeOf(picked) {
+  // Centre and radius of a selected object, m, map frame; null if it does not exist any more.
+  locate(selection) {
     const { instant } = this;
     const { cells, perceived, pose } = instant;
-    if (picked.kind === "robot") return pose && { x: pose[0], y: pose[1], radius: this.robotRadius };
-    if (picked.kind === "place") return { x: picked.x, y: picked.y, radius: 0 };
-    if (picked.kind === "warehouse" && cells) {
-      const [x, y] = this.inMap(cells, (picked.cell[0] + 0.5) * cells.size, (picked.cell[1] + 0.5) * cells.size);
+    if (selection.kind === "robot") return pose && { x: pose[0], y: pose[1], radius: this.robotRadius };
+    if (selection.kind === "point") return { x: selection.x, y: selection.y, radius: 0 };
+    if (selection.kind === "warehouse" && cells) {
+      const [x, y] = this.cellCentre(cells, selection.cell);
       return { x, y, radius: cells.size / 2 };
     }
-    if (picked.kind === "box") {
-      const object = perceived?.things.find((item) => item.name === picked.name);
-      if (object?.values.in_bot) return pose && { x: pose[0], y: pose[1], radius: this.boxRadius };
-      const nearest = this.boxes().find((box) => (picked.name ? this.nameOfBox(box) === picked.name : Math.hypot(box[0] - picked.x, box[1] - picked.y) < 0.3));
+    if (selection.kind === "box") {
+      const object = perceived?.objects.find((item) => item.name === selection.name);
+      if (object?.attributes.in_bot) return pose && { x: pose[0], y: pose[1], radius: this.boxRadius };
+      const nearest = this.boxes().find((box) => (selection.name ? this.nameOfBox(box) === selection.name : Math.hypot(box[0] - selection.x, box[1] - selection.y) < 0.3));
       return nearest ? { x: nearest[0], y: nearest[1], radius: this.boxRadius } : null;
     }
-    const object = perceived?.things.find((item) => item.name === picked.name);
+    const object = perceived?.objects.find((item) => item.name === selection.name);
     if (!object || !cells) return null;
-    const [x, y] = this.inMap(cells, ...this.cellOf(object).map((at) => (at + 0.5) * cells.size));
+    const [x, y] = this.cellCentre(cells, this.cellOf(object));
     return { x, y, radius: cells.size / 3 };
   }
 }
 
-// The plan from the robot on: its first segment is cut at the robot, if the robot is on it.
+// The plan from the robot on: its first segment begins at the robot if the robot is on it.
 function aheadOf([x, y], plan) {
   const [x0, y0, x1, y1] = plan;
   const length = Math.hypot(x1 - x0, y1 - y0);
@@ -571,7 +582,7 @@ function aheadOf([x, y], plan) {
   return ahead;
 }
 
-// Index at which the current leg of a plan ends: the first cell after a move in which the robot stays, to pick up or drop.
+// Index at which the current leg of a plan ends: the first cell after a move where the robot stays, to pick up or drop.
 function legEnd(plan) {
   let moved = false;
   for (let n = 2; n < plan.length; n += 2) {
@@ -582,17 +593,30 @@ function legEnd(plan) {
   return plan.length - 2;
 }
 
-// A pose interpolated between two records, for smooth playback.
-function interpolated(pose, time, next, name, now) {
-  if (!next || next.time - time > 3 || now <= time) return pose;
-  const fraction = Math.min((now - time) / (next.time - time), 1);
+// A pose of a snapshot, "pose" or "lidar", interpolated linearly to the next snapshot.
+function interpolated(name, snapshot, next, time) {
+  const from = snapshot[name];
+  if (!next || next.time - snapshot.time > MAX_INTERPOLATION || time <= snapshot.time) return from;
+  const fraction = Math.min((time - snapshot.time) / (next.time - snapshot.time), 1);
   const [x, y, theta] = next[name];
-  const turn = Math.atan2(Math.sin(theta - pose[2]), Math.cos(theta - pose[2]));
-  return [pose[0] + (x - pose[0]) * fraction, pose[1] + (y - pose[1]) * fraction, pose[2] + turn * fraction];
+  const turn = Math.atan2(Math.sin(theta - from[2]), Math.cos(theta - from[2]));
+  return [from[0] + (x - from[0]) * fraction, from[1] + (y - from[1]) * fraction, from[2] + turn * fraction];
 }
 
+// Bounds of the area enclosed by walls, cells, as [west, south, east, north].
+function wallBounds(walls) {
+  let [west, south, east, north] = [Infinity, Infinity, -Infinity, -Infinity];
+  for (let n = 0; n < walls.length; n += 3) {
+    // A wall is on the north or east edge of its cell, so it touches the north-east corner.
+    [west, east] = [Math.min(west, walls[n] + 1), Math.max(east, walls[n] + 1)];
+    [south, north] = [Math.min(south, walls[n + 1] + 1), Math.max(north, walls[n + 1] + 1)];
+  }
+  return [west, south, east, north];
+}
+
+// The channels [r, g, b] of a colour #rgb or #rrggbb.
 function rgb(colour) {
-  const digits = colour.slice(1);
-  const wide = digits.length < 6 ? [...digits].map((digit) => digit + digit).join("") : digits;
-  return [0, 2, 4].map((at) => parseInt(wide.slice(at, at + 2), 16));
+  const short = colour.slice(1);
+  const digits = short.length < 6 ? [...short].map((digit) => digit + digit).join("") : short;
+  return [0, 2, 4].map((start) => parseInt(digits.slice(start, start + 2), 16));
 }

@@ -1,3 +1,5 @@
+"""YAML and JSON documents are validated, and errors name file, field, value and reason."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -34,7 +36,7 @@ def test_yaml_mapping_is_parsed(text: str, found: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "text", ["- 1", "a", "a: [", "!!python/object:os.system {}", "a: \t- x", "[" * 3000, "? {a: 1}\n: 2\n? b"]
 )
-def test_text_that_is_no_yaml_mapping_is_refused_in_one_line(text: str) -> None:
+def test_invalid_yaml_is_rejected_in_one_line(text: str) -> None:
     with pytest.raises(InputError) as caught:
         parse_yaml(text, "file.yaml")
     assert str(caught.value).startswith("file.yaml: ")
@@ -43,27 +45,27 @@ def test_text_that_is_no_yaml_mapping_is_refused_in_one_line(text: str) -> None:
 
 
 @pytest.mark.parametrize(("text", "value"), [("1e-1", 0.1), ("2E3", 2000.0), ("-1e+2", -100.0), ("1.5e-1", 0.15)])
-def test_numbers_with_an_exponent_are_numbers_as_in_ros(text: str, value: float) -> None:
+def test_numbers_with_an_exponent_are_parsed_as_in_ros(text: str, value: float) -> None:
     assert parse_yaml(f"a: {text}", "file") == {"a": value}
 
 
-def test_whole_numbers_are_accepted_for_real_ones() -> None:
+def test_an_integer_is_accepted_for_a_float() -> None:
     assert validate(Wheel, {"radius": 1}, "file").radius == 1.0
 
 
 @pytest.mark.parametrize(
     ("radius", "reason"),
     [
-        (True, "True is refused: input should be a valid number"),
-        ("1", "'1' is refused: input should be a valid number"),
-        (0, "0 is refused: input should be greater than 0"),
-        (1.5, "1.5 is refused: input should be less than or equal to 1"),
-        (float("nan"), "nan is refused: input should be a finite number"),
-        (float("inf"), "inf is refused: input should be a finite number"),
-        ([1] * 100, "[1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1,… is refused: input should be a valid number"),
+        (True, "True is invalid: input should be a valid number"),
+        ("1", "'1' is invalid: input should be a valid number"),
+        (0, "0 is invalid: input should be greater than 0"),
+        (1.5, "1.5 is invalid: input should be less than or equal to 1"),
+        (float("nan"), "nan is invalid: input should be a finite number"),
+        (float("inf"), "inf is invalid: input should be a finite number"),
+        ([1] * 100, "[1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1,… is invalid: input should be a valid number"),
     ],
 )
-def test_a_value_that_is_refused_is_quoted_with_its_field(radius: Any, reason: str) -> None:
+def test_an_invalid_value_is_quoted_with_its_field(radius: Any, reason: str) -> None:
     with pytest.raises(InputError) as caught:
         validate(Cart, {"wheel": {"radius": radius}}, "cart.yaml")
     assert str(caught.value) == f"cart.yaml: wheel.radius: {reason}"
@@ -75,7 +77,7 @@ def test_a_value_that_is_refused_is_quoted_with_its_field(radius: Any, reason: s
         ({}, "cart.yaml: wheel.radius: is missing"),
         ({"radius": 1, "colour": "red"}, "cart.yaml: wheel.colour: is not a known field"),
         ({"radius": 1, "name": "square"}, "cart.yaml: wheel: must be round"),
-        (3, "cart.yaml: wheel: 3 is refused: input should be a valid dictionary or instance of Wheel"),
+        (3, "cart.yaml: wheel: 3 is invalid: input should be a valid dictionary or instance of Wheel"),
     ],
 )
 def test_missing_unknown_and_contradictory_fields_are_named(wheel: Any, message: str) -> None:
@@ -92,7 +94,7 @@ def test_files_are_read_into_models(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", '{"wheel": {"radius": 1}}' + " " * 100])
-def test_files_that_are_no_json_of_the_model_are_refused_in_one_line(tmp_path: Path, text: str) -> None:
+def test_invalid_json_is_rejected_in_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / "cart.json").write_text(text)
     with pytest.raises(InputError) as caught:
         load_json(tmp_path / "cart.json", Cart, max_bytes=100)

@@ -12,36 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from wherry import cli
 from wherry.floorplan.world_files import find_world, format_world
+from wherry_testing.command_line import RunCommand
 
 COMMAND = [sys.executable, "-m", "wherry"]
 SMALL = format_world(find_world("small"))
 HEAVY = ("matplotlib", "numba", "mujoco", "gymnasium", "pydantic", "scipy", "numpy", "rich", "starlette", "jinja2")
 
 
-def call(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: object
-) -> tuple[int, str, str]:
-    """Call the command in this process: exit status, standard output, standard error."""
-    monkeypatch.setattr(sys, "argv", ["wherry", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    out, err = capsys.readouterr()
-    return int(stop.value.code or 0), out, err
-
-
-def world(path: Path, *changes: tuple[str, str]) -> Path:
-    """A copy of the small world with replacements."""
-    text = SMALL
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new, 1)
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
-WORLDS = {
+INVALID_WORLDS = {
     "no warehouse": ([("w", " "), ("w", " ")], "has no warehouse"),
     "no robot": ([(">", " ")], "has no robot"),
     "a robot in an obstacle": ([(">  ", "#>#")], "inside an obstacle"),
@@ -56,22 +35,19 @@ WORLDS = {
 }
 
 
-@pytest.mark.parametrize("case", WORLDS)
-def test_an_invalid_world_is_rejected_in_one_line(
-    case: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    changes, reason = WORLDS[case]
-    text = SMALL.replace("\nwherry", "wherry")
-    head, drawing = text.split("\n\n")
+@pytest.mark.parametrize("case", INVALID_WORLDS)
+def test_an_invalid_world_is_rejected_in_one_line(case: str, run_command: RunCommand, tmp_path: Path) -> None:
+    changes, reason = INVALID_WORLDS[case]
+    fields, drawing = SMALL.split("\n\n")
     for old, new in changes:
         if old in drawing:
             drawing = drawing.replace(old, new, 1)
         else:
-            assert old in head, old
-            head = head.replace(old, new, 1)
+            assert old in fields, old
+            fields = fields.replace(old, new, 1)
     file = tmp_path / "world.txt"
-    file.write_text(f"{head}\n\n{drawing}", encoding="utf-8")
-    status, out, err = call(capsys, monkeypatch, "deliver", "--world", file, "--out", tmp_path / "out")
+    file.write_text(f"{fields}\n\n{drawing}", encoding="utf-8")
+    status, out, err = run_command("deliver", "--world", file, "--out", tmp_path / "out")
     assert (status, out) == (2, "")
     assert err.startswith(f"wherry: {file}: ")
     assert err.count("\n") == 1
@@ -79,7 +55,7 @@ def test_an_invalid_world_is_rejected_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
-FILES = {
+INVALID_FILES = {
     "--map": {
         "no yaml": ("map.yaml", b"\x00{[", "map.yaml"),
         "no mapping": ("map.yaml", b"- 1\n", "mapping"),
@@ -89,22 +65,24 @@ FILES = {
     },
     "--rules": {
         "no json": ("rules.json", b"{", "rules.json"),
-        "another thing": ("rules.json", b"[]", "rules.json"),
+        "a list": ("rules.json", b"[]", "rules.json"),
         "an empty object": ("rules.json", b"{}", "rules.json"),
-        "no text": ("rules.json", b"\xff\xfe", "UTF-8"),
+        "invalid UTF-8": ("rules.json", b"\xff\xfe", "UTF-8"),
         "too large": ("rules.json", b" " * 20_000_001, "larger than"),
     },
 }
 
 
-@pytest.mark.parametrize(("option", "case"), [(option, case) for option, cases in FILES.items() for case in cases])
+@pytest.mark.parametrize(
+    ("option", "case"), [(option, case) for option, cases in INVALID_FILES.items() for case in cases]
+)
 def test_an_invalid_file_is_rejected_in_one_line(
-    option: str, case: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    option: str, case: str, run_command: RunCommand, tmp_path: Path
 ) -> None:
-    name, content, reason = FILES[option][case]
+    name, content, reason = INVALID_FILES[option][case]
     file = tmp_path / name
     file.write_bytes(content)
-    status, out, err = call(capsys, monkeypatch, "deliver", "--world", "small", option, file, "--out", tmp_path / "out")
+    status, out, err = run_command("deliver", "--world", "small", option, file, "--out", tmp_path / "out")
     assert (status, out) == (2, "")
     assert err.startswith("wherry: ")
     assert str(tmp_path) in err
@@ -113,12 +91,10 @@ def test_an_invalid_file_is_rejected_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_map_without_walls_is_rejected(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_map_without_walls_is_rejected(run_command: RunCommand, tmp_path: Path) -> None:
     (tmp_path / "map.pgm").write_bytes(b"P5\n10 10\n255\n" + bytes([254]) * 100)
     (tmp_path / "map.yaml").write_text("image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n", encoding="utf-8")
-    status, _, err = call(capsys, monkeypatch, "deliver", "--world", "small", "--map", tmp_path / "map.yaml")
+    status, _, err = run_command("deliver", "--world", "small", "--map", tmp_path / "map.yaml")
     assert (status, err) == (2, f"wherry: {tmp_path / 'map.yaml'}: image: shows no walls\n")
 
 
@@ -136,51 +112,49 @@ def test_a_map_without_walls_is_rejected(
 def test_an_invalid_option_is_rejected_in_one_line(
     arguments: list[str],
     reason: str,
-    capsys: pytest.CaptureFixture[str],
+    run_command: RunCommand,
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    status, out, err = call(capsys, monkeypatch, "deliver", *arguments)
+    status, out, err = run_command("deliver", *arguments)
     assert (status, out) == (2, "")
     assert reason in err
     assert err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unwritable_folder_is_rejected(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_an_unwritable_folder_is_rejected(run_command: RunCommand, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
-    status, _, err = call(capsys, monkeypatch, "deliver", "--world", "small", "--out", tmp_path / "file" / "out")
+    status, _, err = run_command("deliver", "--world", "small", "--out", tmp_path / "file" / "out")
     assert status == 2
-    assert err == f"wherry: {tmp_path / 'file' / 'out'}: cannot be made: Not a directory\n"
+    assert err == f"wherry: {tmp_path / 'file' / 'out'}: cannot be created: Not a directory\n"
 
 
-def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run the real command."""
+def run_process(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process of its own."""
     return subprocess.run(
         [*COMMAND, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=120, check=False
     )
 
 
 def test_the_installed_command_reports_one_line_and_exits_with_2(tmp_path: Path) -> None:
-    done = run("deliver", "--world", "nowhere", cwd=tmp_path)
+    done = run_process("deliver", "--world", "nowhere", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("wherry: nowhere: is neither a file")
     assert done.stderr.count("\n") == 1
 
 
 def test_json_is_the_only_standard_output(tmp_path: Path) -> None:
-    done = run("deliver", "--world", "taxi", "--boxes", "0", "--json", "--out", "out", cwd=tmp_path)
+    done = run_process("deliver", "--world", "taxi", "--boxes", "0", "--json", "--out", "out", cwd=tmp_path)
     assert done.returncode == 0
     result = json.loads(done.stdout)
     assert done.stdout.count("\n") == 1
-    wanted = (
+    documented_keys = (
         "delivered boxes collisions learning_steps actions path_ratio localization_rmse_m map_error_m sim_seconds "
         "wall_seconds real_time_factor seed world"
     )
-    assert set(wanted.split()) <= set(result)
+    assert set(documented_keys.split()) <= set(result)
     assert (result["world"], result["delivered"]) == ("taxi", 0)
     assert (tmp_path / "out" / "report.html").exists()
 
@@ -215,7 +189,7 @@ def test_help_takes_less_than_half_a_second() -> None:
         usage = resource.getrusage(resource.RUSAGE_CHILDREN)
         return usage.ru_utime + usage.ru_stime
 
-    times = []  # CPU times, which depend less on the load than the wall clock; the best of three
+    times = []  # CPU times, which depend less on the load than the wall clock; minimum of three
     for _ in range(3):
         before = cpu_time()
         subprocess.run([*COMMAND, "--help"], capture_output=True, check=True)
@@ -224,15 +198,13 @@ def test_help_takes_less_than_half_a_second() -> None:
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["deliver", "--help"]])
-def test_help_is_printed(
-    arguments: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    status, out, err = call(capsys, monkeypatch, *arguments)
+def test_help_is_printed(arguments: list[str], run_command: RunCommand) -> None:
+    status, out, err = run_command(*arguments)
     assert (status, err) == (0, "")
     assert "deliver" in out
 
 
-def test_the_version_is_printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    status, out, _ = call(capsys, monkeypatch, "--version")
+def test_the_version_is_printed(run_command: RunCommand) -> None:
+    status, out, _ = run_command("--version")
     assert status == 0
     assert out.startswith("wherry ")

@@ -1,4 +1,4 @@
-"""The commands wherry view and wherry worlds."""
+"""wherry view and wherry worlds: pages, printed worlds, and rejected input."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_a_shown_world_can_be_parsed_again(name: str) -> None:
     assert parse_world(result.output, name) == find_world(name)
 
 
-def test_a_recording_becomes_a_page(tmp_path: Path) -> None:
+def test_a_recording_is_written_as_a_page(tmp_path: Path) -> None:
     with TraceRecorder(tmp_path / TRACE_FILE_NAME) as recorder:
         for record in short_run():
             recorder(record)
@@ -38,7 +38,7 @@ def test_a_recording_becomes_a_page(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("arguments", [["view"], ["worlds", "edit"]])
-def test_commands_that_always_show_a_page_do_not_mention_view(arguments: list[str]) -> None:
+def test_commands_that_always_serve_a_page_have_no_view_option(arguments: list[str]) -> None:
     output = CliRunner().invoke(app, [*arguments, "--help"]).output
     assert "--host" in output
     assert "--view" not in output
