@@ -54,8 +54,8 @@ def test_a_localization_update_takes_less_than_20_ms(tmp_path: Path) -> None:
     assert external[-1].source is TimingSource.PUBLISHED
 
 
-def test_pypi_amcl_is_given_the_same_drive(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A fake amcl module records its updates, as the real one is not installed for tests."""
+def test_pypi_amcl_is_timed_on_the_same_drive(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A fake amcl module records its updates; the real one is not a dependency."""
     updates: list[tuple[int, float]] = []
 
     class Vector:

@@ -1,4 +1,4 @@
-"""The figures of learning, checked by the lines that were drawn."""
+"""Learning curves and step comparisons, checked on the drawn matplotlib axes."""
 
 from __future__ import annotations
 
