@@ -20,6 +20,7 @@ from wherry.trace.records import (
     MapUpdate,
     Narration,
     PerceivedState,
+    Phase,
     Record,
     RobotSnapshot,
     RunStarted,
@@ -38,7 +39,7 @@ def log() -> LidarLog:
 
 def test_times_count_from_the_first_scan_and_points_are_in_the_map_frame() -> None:
     records: list[Record] = []
-    trace = LogTrace("localize", "walk.log", log(), records.append)
+    trace = LogTrace(Phase.LOCALIZE, "walk.log", log(), records.append)
     grid = OccupancyGrid(np.full((2, 2), 0.5, np.float32), 0.1)
     trace.map(grid)
     trace.scan(1, Pose(1.0, 2.0, np.pi / 2), np.array([[1.0, 2.0, 0.5]]))
@@ -54,18 +55,18 @@ def test_times_count_from_the_first_scan_and_points_are_in_the_map_frame() -> No
 
 def test_getting_lost_and_localized_again_is_narrated_once_each() -> None:
     records: list[Record] = []
-    trace = LogTrace("localize", "walk.log", log(), records.append)
+    trace = LogTrace(Phase.LOCALIZE, "walk.log", log(), records.append)
     for probability in (0.1, 0.6, 0.9, 0.2, 0.1):
         trace.lost_probability(1, probability)
     assert [record.text for record in records[2:] if isinstance(record, Narration)] == [
-        "I no longer know where I am.",
-        "Now I know where I am.",
+        "I am lost.",
+        "I am localized again.",
     ]
 
 
 def test_loop_closures_are_narrated_when_their_number_changes() -> None:
     records: list[Record] = []
-    trace = LogTrace("map", "walk.log", log(), records.append)
+    trace = LogTrace(Phase.MAP, "walk.log", log(), records.append)
     candidates = [closure(None), closure(Rejection.LOW_SCORE), closure(None)]
     for count in (0, 2, 2, 3):
         trace.loop_closures(1, candidates[:count])

@@ -1,4 +1,4 @@
-"""``wherry localize``: a robot's trajectory on a map, from its log."""
+"""``wherry localize``: localization of a recorded log on a map."""
 
 from __future__ import annotations
 
@@ -44,6 +44,7 @@ def localize(
     """Estimate the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
     from wherry.pipelines.logs.localization import LocalizationSettings, prepare
     from wherry.pipelines.logs.trace import LogTrace
+    from wherry.trace.records import Phase
     from wherry.views.metrics_tables import LOCALIZATION_METRICS
     from wherry.views.terminal import print_metrics
 
@@ -62,7 +63,7 @@ def localize(
     if _has_no_free_particle(run.grid, run.localizer.particles):
         say(console, "The map has no free space at the start pose of the log; --global searches the whole map.")
     with trace_sink(f"wherry: {log.name}", out, console, page) as sink:
-        trace = LogTrace("localize", log.name, run.log, sink)
+        trace = LogTrace(Phase.LOCALIZE, log.name, run.log, sink)
         trace.map(run.grid)
         with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
             task = progress.add_task("localizing", total=len(run))

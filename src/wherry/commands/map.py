@@ -71,12 +71,13 @@ def map_log(
     """Make a map and a trajectory from recorded scans and odometry (SLAM)."""
     from wherry.pipelines.logs.mapping import prepare
     from wherry.pipelines.logs.trace import LogTrace
+    from wherry.trace.records import Phase
 
     run = prepare(_settings(log, options))
     console = output.console()
     with trace_sink(f"wherry: {log.name}", options.out, console, page) as sink:
         maps = MAPS_SHOWN if page.view else MAPS_RECORDED if options.out is not None else 0
-        _map(run, LogTrace("map", log.name, run.log, sink), console, record, maps)
+        _map(run, LogTrace(Phase.MAP, log.name, run.log, sink), console, record, maps)
         metrics = asdict(run.result)
         _print_result(console, log, run, metrics)
     if output.as_json:

@@ -1,10 +1,10 @@
-"""``wherry replay``: a recorded bag, mapped and localized again."""
+"""``wherry replay``: mapping and localization of a recorded bag."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +17,9 @@ from wherry.commands.common import (
     say,
 )
 from wherry.commands.option_groups import with_option_groups
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
 
 
 @with_option_groups
@@ -36,7 +39,7 @@ def replay(
 ) -> None:
     """Map a bag's scans and odometry, and then localize them on that map.
 
-    The errors of localization are its distances from mapping's own trajectory.
+    The errors of localization are the distances to the trajectory from mapping.
     """
     from wherry.pipelines.logs.replay import ReplaySettings, prepare
     from wherry.views.metrics_tables import LOCALIZATION_METRICS, MAPPING_METRICS
@@ -56,10 +59,11 @@ def replay(
     )
     console = output.console()
     with progress_bar(console, "scans") as progress:
+        tasks: dict[str, TaskID] = {}
         for stage, done, total in run.steps():
-            task = next((task.id for task in progress.tasks if task.description == stage), None)
-            task = progress.add_task(stage, total=total) if task is None else task
-            progress.update(task, completed=done)
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stage, total=total)
+            progress.update(tasks[stage], completed=done)
     metrics: dict[str, object] = {"bag": str(bag), "mapping": None}
     if run.mapping is not None:
         metrics["mapping"] = asdict(run.mapping)

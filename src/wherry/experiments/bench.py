@@ -22,7 +22,7 @@ import numpy as np
 from wherry.domains.delivery import DeliveryHeuristic, boxes_left, delivery_grid
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
-from wherry.experiments.localization.speed import RANGE, beam_angles, straight_drive
+from wherry.experiments.localization.speed import MAX_RANGE, beam_angles, straight_drive
 from wherry.experiments.machine import machine_load
 from wherry.experiments.mapping.speed import measure_external, measure_own
 from wherry.floorplan.world_files import find_world
@@ -279,7 +279,7 @@ def _wherry_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Flo
     amcl = Amcl(grid, IDENTITY, parameters, np.random.default_rng(0))
     durations = []
     for index, (pose, ranges) in enumerate(zip(poses, scans, strict=True)):
-        scan = Scan(0.1 * index, ranges, -math.pi, 2 * math.pi / BEAMS, 0.05, RANGE)
+        scan = Scan(0.1 * index, ranges, -math.pi, 2 * math.pi / BEAMS, 0.05, MAX_RANGE)
         started = time.perf_counter()
         amcl.update(Odometry(0.1 * index, pose, Velocity()), scan)
         durations.append(1e3 * (time.perf_counter() - started))
@@ -323,8 +323,11 @@ def _pypi_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Float
     )
     durations, angles = [], beam_angles(BEAMS)
     for pose, ranges in zip(poses, scans, strict=True):
-        readings = np.column_stack([np.minimum(ranges, RANGE), angles]).tolist()
-        scan, odometry = amcl.create_laser_scan_from_list(readings, RANGE), amcl.Vector3D(pose.x, pose.y, pose.theta)
+        readings = np.column_stack([np.minimum(ranges, MAX_RANGE), angles]).tolist()
+        scan, odometry = (
+            amcl.create_laser_scan_from_list(readings, MAX_RANGE),
+            amcl.Vector3D(pose.x, pose.y, pose.theta),
+        )
         started = time.perf_counter()
         particle_filter.update(scan, odometry)
         durations.append(1e3 * (time.perf_counter() - started))

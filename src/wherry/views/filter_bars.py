@@ -1,4 +1,4 @@
-"""Bar charts of filters side by side: a panel for each metric, as a picture for documents."""
+"""Bar charts that compare filters, with a panel for each metric, as figures for documents."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-COLOUR, INK, FAINT = "#0072b2", "#222222", "#d9d9d9"
+from wherry.views.learning_curve import FAINT, INK
+
+COLOUR = "#0072b2"  # of the bars
 
 
 def filter_bars(names: Sequence[str], metrics: Mapping[str, Sequence[float]]) -> Figure:
-    """Draw a bar for every filter in every panel; the axes of values are logarithmic.
+    """Draw a bar for every filter in every panel, on logarithmic axes.
 
     Args:
         names: [N] names of the filters.
-        metrics: [N] positive values of every metric, by the heading of its panel.
+        metrics: [N] positive values of the filters for every metric, by the heading of its panel.
     """
     figure = Figure(figsize=(9.0, 0.38 * len(names) + 0.9), layout="constrained", facecolor="white")
     panels = figure.subplots(1, len(metrics), sharey=True, squeeze=False)[0]

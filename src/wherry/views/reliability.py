@@ -1,4 +1,4 @@
-"""Reliability diagrams: observed frequency against stated probability, as pictures for documents."""
+"""Reliability diagrams: observed frequency against stated probability, as figures for documents."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from wherry.space.pose import Floats
+from wherry.views.learning_curve import FAINT, INK
 
-COLOUR, INK, FAINT = "#0072b2", "#222222", "#d9d9d9"
+COLOUR = "#0072b2"  # of the curve and its markers
 MIN_MARKER, MAX_MARKER = 4.5, 13.5  # points, diameters of the markers, which grow with the number of cases
 
 
@@ -15,8 +16,8 @@ def reliability_diagram(bins: Floats, stated_label: str, observed_label: str) ->
     """Draw a reliability diagram; the dashed diagonal is perfect calibration.
 
     Args:
-        bins: [B, 3] mean stated probability, observed frequency and number of cases of every bin; bins without cases
-            are left out.
+        bins: [B, 3] mean stated probability, observed frequency and number of cases of every bin; empty bins are not
+            drawn.
         stated_label: Label of the horizontal axis.
         observed_label: Label of the vertical axis.
     """

@@ -1,7 +1,7 @@
 """Fitting the coefficients of `localization.lost` to kidnapped robots.
 
-The coefficients are fitted to two simulated worlds and to three buildings, whose maps are made from other scans than
-those that are localized. The evaluation data are held out: the world `rooms` and the Intel lab.
+The coefficients are fitted to two simulated worlds and three recorded buildings. Each building is mapped from its even
+scans, and its odd scans are localized. The world `rooms` and the Intel lab are held out for the evaluation.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ WORLDS = (
 )
 KIDNAPPINGS = 60  # kidnappings in each building
 RESOLUTION = 0.05  # m, side of the cells of the buildings' maps
-MIN_WEIGHT = 0.9  # posterior weight of the estimate below which a scan is no example, as it is lost for another reason
-SCANS_UNTIL_LOST = 2000  # scans, mean number of scans until a robot gets lost; the base rate of the calibration
+MIN_WEIGHT = 0.9  # posterior weight of the estimate above which a scan is used, as others are lost by ambiguity
+SCANS_UNTIL_LOST = 2000  # mean number of scans until a robot gets lost, the base rate of the calibration
 RIDGE = 1e-3  # regularization of the regressions, which keeps them finite on separable data
-NEWTON_ITERATIONS = 30
+NEWTON_ITERATIONS = 30  # iterations of the logistic regression
 
 
 @dataclass(frozen=True)
 class LabelledScans:
-    """Features of all scans of a run with the truth.
+    """Features of all scans of a run, with the ground truth.
 
     Attributes:
         features: [N, 2] mean evidence and z-score of every scan, see `lost.LostFeatures`.
@@ -60,7 +60,7 @@ class LabelledScans:
 
 
 def calibrate(runs: Iterable[LabelledScans]) -> LostCalibration:
-    """Fit the calibration to runs of equal weight, as if a robot got lost once in `SCANS_UNTIL_LOST` scans."""
+    """Fit the calibration to equally weighted runs, at a base rate of one loss in `SCANS_UNTIL_LOST` scans."""
     features, is_lost, weights = [], [], []
     for run in runs:
         lost_weight = np.count_nonzero(~run.is_lost) / SCANS_UNTIL_LOST / run.kidnappings
@@ -73,11 +73,11 @@ def calibrate(runs: Iterable[LabelledScans]) -> LostCalibration:
 
 
 def fit_evidence(agreements: list[ScanAgreement], is_lost: NDArray[np.bool_]) -> EvidenceModel:
-    """Fit the coefficients of a scan's evidence, with lost and localized robots weighing the same.
+    """Fit the coefficients of a scan's evidence, with equal total weight of lost and localized robots.
 
     Args:
         agreements: [N] agreements of scans with the map at correct and wrong poses.
-        is_lost: [N] whether the pose was wrong; both must occur.
+        is_lost: [N] whether the pose was wrong; both cases must occur.
     """
     fractions = np.array([[scan.inlier_fraction, scan.blocked_fraction, scan.passed_fraction] for scan in agreements])
     balance = np.where(is_lost, 0.5 / is_lost.mean(), 0.5 / (1.0 - is_lost.mean()))
@@ -89,7 +89,7 @@ def fit_calibration(features: Floats, is_lost: NDArray[np.bool_], weights: Float
 
     Args:
         features: [N, 2] mean evidence and z-score, see `lost.LostFeatures`.
-        is_lost: [N] whether the robot was lost; both must occur.
+        is_lost: [N] whether the robot was lost; both cases must occur.
         weights: [N] relative weights of the scans.
     """
     columns = np.column_stack([np.ones(len(is_lost)), features[:, 0], np.sqrt(features[:, 1])])
@@ -109,7 +109,7 @@ def _logistic_regression(features: Floats, labels: NDArray[np.bool_], weights: F
 
 
 def calibration_runs(data: Path) -> Iterator[LabelledScans]:
-    """Run everything that the calibration is fitted to.
+    """Run the robots that the calibration is fitted to.
 
     Args:
         data: Folder of recorded logs.
@@ -122,15 +122,15 @@ def calibration_runs(data: Path) -> Iterator[LabelledScans]:
 
 
 def label_simulation(settings: kidnapping.KidnappingSettings) -> LabelledScans:
-    """Features and truth of a simulated robot."""
+    """Features and ground truth of a simulated robot."""
     scans = kidnapping.run(settings)
     return _label(((scan.localization, not scan.is_localized) for scan in scans), settings.kidnappings)
 
 
 def label_building(log_file: Path, seed: int) -> LabelledScans:
-    """Features and truth of the odd scans of a log on the map of the even ones, with drifting odometry.
+    """Features and ground truth of the odd scans of a log on the map of the even ones, with drifting odometry.
 
-    The whole log is localized first, and then random segments of it, each after a kidnapping.
+    The robot drives the whole log and is then kidnapped to the starts of random segments of it.
 
     Args:
         log_file: Path of a log whose poses were corrected.
@@ -159,7 +159,7 @@ def label_building(log_file: Path, seed: int) -> LabelledScans:
 
 
 def _map_of_even_scans(log: LidarLog, poses: Floats) -> OccupancyGrid:
-    """The map of every second scan at poses [N, 3] m, m, rad of all scans."""
+    """The map of the even scans; the poses [N, 3] m, m, rad, map frame, are of all scans."""
     mapper = GridMapper(RESOLUTION)
     for scan, pose in zip(log.scans[::2], poses[::2], strict=True):
         lidar = Pose.from_array(pose) @ log.lidar
@@ -169,7 +169,7 @@ def _map_of_even_scans(log: LidarLog, poses: Floats) -> OccupancyGrid:
 
 
 def _label(steps: Iterable[tuple[Localization, bool]], kidnappings: int) -> LabelledScans:
-    """Repeat the localizer's lost detection on its agreements, and collect the features."""
+    """Repeat the localizer's detection of being lost on its agreements, and collect the features."""
     detector = LostDetector()
     features, weights, is_lost = [], [], []
     for localization, is_truly_lost in steps:

@@ -1,8 +1,7 @@
-"""The paper's section 5.A as an experiment: Kalman filter, grid Markov localization, Monte Carlo localization.
+"""Comparison of a Kalman filter, grid Markov and Monte Carlo localization, as in the paper's section 5.A.
 
-All filters get the same scans and odometry of a simulated robot among unmapped boxes, three times: from a known start,
-from a global start, and with a kidnapping half-way. The paper's three claims are then tested; where one does not hold,
-the result says so.
+All filters process the same scans and odometry of a simulated robot among unmapped boxes: from a known start, from a
+global start, and with a kidnapping half-way. The paper's three claims are then tested on the metrics.
 """
 
 from __future__ import annotations
@@ -33,13 +32,13 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
 MCL_PARTICLES = 2000  # particles of MCL without adaptation
-AMCL_MAX_PARTICLES = 20_000  # particles of AMCL at a global start; KLD sampling soon needs fewer
+AMCL_MAX_PARTICLES = 20_000  # particles of AMCL at a global start, of which KLD sampling soon drops most
 AMCL_PARAMETERS = replace(
     PRECISE_PARAMETERS, recovery_alpha_slow=0.01, recovery_alpha_fast=0.3, max_particles=AMCL_MAX_PARTICLES
 )
 MCL_PARAMETERS = replace(PRECISE_PARAMETERS, min_particles=MCL_PARTICLES, max_particles=MCL_PARTICLES, refine=False)
-LOCALIZED_MAX_DISTANCE = 0.5  # m, distance from the true position at the end of a drive within which a filter succeeded
-UPDATE_QUANTILE = 0.95  # quantile of the time of all scans that falls among those that update a filter
+LOCALIZED_MAX_DISTANCE = 0.5  # m, distance from the true position at the end of a drive below which it is localized
+UPDATE_QUANTILE = 0.95  # quantile of the processor times, high since only few scans update a filter
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +62,13 @@ class FilterComparisonSettings:
 
 @dataclass(frozen=True, slots=True)
 class LocalizationFilter:
-    """One filter as functions, ready to be started.
+    """The functions that all compared filters have in common.
 
     Attributes:
-        start: Starts at a known pose, map frame.
-        start_globally: Starts without a pose; the EKF starts at the map's centre with a large covariance.
-        update: Processes a scan and returns the estimated pose of base_link, map frame.
-        memory: Size of the filter's state, bytes.
+        start: Starts at a known pose of base_link, map frame.
+        start_globally: Starts without a pose; the EKF starts at the map's centre with the covariance of the whole map.
+        update: Processes odometry and scan of the same instant and returns the pose of base_link, map frame.
+        memory: Returns the size of the filter's state, bytes.
     """
 
     start: Callable[[Pose], None]
@@ -122,18 +121,19 @@ def _particle_filter(particle_filter: Amcl | Localizer) -> LocalizationFilter:
     )
 
 
-FILTERS: MappingProxyType[str, Callable[[OccupancyGrid, Pose, np.random.Generator], LocalizationFilter]] = (
-    MappingProxyType(
-        {
-            "EKF, scan-matched": _ekf,
-            "grid Markov, 0.25 m, 5°": _grid_markov,
-            "MCL, 2,000 particles": _mcl,
-            "AMCL": _amcl,
-            "AMCL with relocalization": _amcl_with_relocalization,
-        }
-    )
+FilterFactory = Callable[[OccupancyGrid, Pose, np.random.Generator], LocalizationFilter]
+"""Makes a filter from the map, the lidar's pose in the base_link frame, and the source of its randomness."""
+
+FILTERS: MappingProxyType[str, FilterFactory] = MappingProxyType(
+    {
+        "EKF, scan-matched": _ekf,
+        "grid Markov, 0.25 m, 5°": _grid_markov,
+        "MCL, 2,000 particles": _mcl,
+        "AMCL": _amcl,
+        "AMCL with relocalization": _amcl_with_relocalization,
+    }
 )
-"""Factories of all filters by displayed name; each gets the map, the lidar's pose on the base and a generator."""
+"""The compared filters by their displayed names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,12 +142,12 @@ class FilterMetrics:
 
     Attributes:
         name: Key of the filter in `FILTERS`.
-        rmse_m: Root mean square position error from a known start, m.
-        p99_m: 99th percentile of the position errors from a known start, m.
+        rmse_m: Root mean square position error on the drives from a known start, m.
+        p99_m: 99th percentile of the position errors on the drives from a known start, m.
         memory_bytes: Mean size of the filter's state on the drives from a known start, bytes.
-        hertz: Scans that the filter can process in a second of processor time, 1/s.
-        localized: Fraction of the drives from a global start at whose end the filter was localized.
-        recovered: Fraction of the drives with a kidnapping at whose end the filter was localized.
+        hertz: Number of scans with a filter update that fit into a second of processor time, 1/s.
+        localized: Fraction of the drives from a global start at whose end the estimate is correct.
+        recovered: Fraction of the drives with a kidnapping at whose end the estimate is correct.
     """
 
     name: str
@@ -161,12 +161,12 @@ class FilterMetrics:
 
 @dataclass(frozen=True, slots=True)
 class PaperClaim:
-    """A claim of the paper with the measured verdict.
+    """A claim of the paper with the result of testing it.
 
     Attributes:
         text: Text of the claim, shortened.
         holds: Whether the claim was confirmed.
-        evidence: Metrics that the verdict rests on.
+        evidence: The metrics by which the claim was tested.
     """
 
     text: str
@@ -200,28 +200,35 @@ def run(settings: FilterComparisonSettings) -> Iterator[FilterMetrics]:
     kidnapped = [_record_drive(settings, seed, is_kidnapped=True) for seed in seeds]
     lidar = build(replace(plan, boxes=()), np.random.default_rng(0)).robot.body.lidar
     for name, make in FILTERS.items():
-        filters = [make(grid, lidar, np.random.default_rng(seed)) for seed in seeds for _ in range(3)]
-        yield _metrics(name, iter(filters), undisturbed, kidnapped)
+        filters = [[make(grid, lidar, np.random.default_rng(seed)) for _ in range(3)] for seed in seeds]
+        yield _metrics(name, filters, undisturbed, kidnapped)
 
 
 def _metrics(
     name: str,
-    filters: Iterator[LocalizationFilter],
+    filters: list[list[LocalizationFilter]],
     undisturbed: list[SimulatedDrive],
     kidnapped: list[SimulatedDrive],
 ) -> FilterMetrics:
+    """Metrics of one filter.
+
+    Args:
+        name: Key of the filter in `FILTERS`.
+        filters: For each seed three instances: for a known start, a global start, and the recovery from a kidnapping.
+        undisturbed: The drive without a kidnapping for each seed.
+        kidnapped: The drive with a kidnapping for each seed.
+    """
     errors, seconds, memory, localized, recovered = [], [], [], [], []
-    for calm, disturbed in zip(undisturbed, kidnapped, strict=True):
-        tracking, searching, recovering = next(filters), next(filters), next(filters)
-        tracking.start(calm.poses[0])
-        searching.start_globally()
-        recovering.start(disturbed.poses[0])
-        run_errors, run_seconds, run_memory = _follow(tracking, calm)
-        errors.append(run_errors)
-        seconds.append(run_seconds)
-        memory.append(run_memory)
-        localized.append(_follow(searching, calm)[0][-1] < LOCALIZED_MAX_DISTANCE)
-        recovered.append(_follow(recovering, disturbed)[0][-1] < LOCALIZED_MAX_DISTANCE)
+    for (tracking, global_start, recovery), drive, kidnapped_drive in zip(filters, undisturbed, kidnapped, strict=True):
+        tracking.start(drive.poses[0])
+        global_start.start_globally()
+        recovery.start(kidnapped_drive.poses[0])
+        drive_errors, drive_seconds, drive_memory = _follow(tracking, drive)
+        errors.append(drive_errors)
+        seconds.append(drive_seconds)
+        memory.append(drive_memory)
+        localized.append(_follow(global_start, drive)[0][-1] < LOCALIZED_MAX_DISTANCE)
+        recovered.append(_follow(recovery, kidnapped_drive)[0][-1] < LOCALIZED_MAX_DISTANCE)
     all_errors = np.concatenate(errors)
     return FilterMetrics(
         name,
@@ -235,7 +242,7 @@ def _metrics(
 
 
 def _follow(localization_filter: LocalizationFilter, drive: SimulatedDrive) -> tuple[Floats, Floats, float]:
-    """[N] m, position errors; [N] s, processor times of the updates; mean size of the filter's state, bytes."""
+    """[N] position errors, m; [N] processor times of the scans, s; mean size of the filter's state, bytes."""
     errors, seconds, memory = [], [], []
     for (odometry, scan), truth in zip(drive.measurements, drive.poses, strict=True):
         before = time.thread_time()
@@ -249,7 +256,7 @@ def _follow(localization_filter: LocalizationFilter, drive: SimulatedDrive) -> t
 def _record_drive(
     settings: FilterComparisonSettings, seed: np.random.SeedSequence, *, is_kidnapped: bool
 ) -> SimulatedDrive:
-    """Record a wandering robot, which may be kidnapped half-way."""
+    """Record a wandering robot, kidnapped half-way if ``is_kidnapped``."""
     boxes_rng, world_rng, path_rng = (np.random.default_rng(child) for child in seed.spawn(3))
     plan = place_boxes(find_world(settings.world), settings.boxes, boxes_rng)
     simulation = build(plan, world_rng)

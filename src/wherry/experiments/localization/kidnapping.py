@@ -1,7 +1,7 @@
 """Tracking and kidnapping of a simulated robot among unmapped boxes.
 
-Measures the precision of tracking, false alarms, whether the robot notices that it was kidnapped, and how soon it is
-localized again.
+Measures the precision of tracking, the number of false alarms, and the times until a kidnapping is detected and until
+the robot is localized again.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from wherry.simulation.faults import random_cell_pose
 from wherry.simulation.ground_truth import true_map
 from wherry.space.pose import Floats, Pose
 
-START_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.03**2])  # m², m², rad², around the true start pose
-LOCALIZED_MAX_DISTANCE = 0.3  # m, distance from the true position within which the robot is localized
-LOCALIZED_MAX_ANGLE = math.radians(15.0)  # rad, deviation from the true heading within which the robot is localized
+START_COVARIANCE = np.diag([0.05**2, 0.05**2, 0.03**2])  # m², m², rad², of the start pose
+LOCALIZED_MAX_DISTANCE = 0.3  # m, distance from the true position below which the robot is localized
+LOCALIZED_MAX_ANGLE = math.radians(15.0)  # rad, deviation from the true heading below which the robot is localized
 
 
 @dataclass(frozen=True, slots=True)
 class KidnappingSettings:
-    """Inputs of a run.
+    """Inputs of a kidnapping run.
 
     Attributes:
         world: Name of a built-in world, or path of a world file.
@@ -83,21 +83,21 @@ class EvaluatedScan:
 
 
 def is_localized(pose: Pose, truth: Pose) -> bool:
-    """Whether an estimated pose is so close to the true one that the robot is not lost."""
+    """Whether an estimated pose is close to the true one, so that the robot is not lost."""
     return pose.is_near(truth, LOCALIZED_MAX_DISTANCE, LOCALIZED_MAX_ANGLE)
 
 
 @dataclass(frozen=True, slots=True)
 class KidnappingResult:
-    """Metrics of a run.
+    """Metrics of a kidnapping run.
 
     Attributes:
         tracking_rmse_m: Root mean square position error before the first kidnapping, m.
         tracking_p99_m: 99th percentile of the position errors before the first kidnapping, m.
         false_alarms: Number of times that the robot reported itself lost before the first kidnapping.
         relocalizations: Number of relocalizations before the first kidnapping.
-        recovery_seconds: [K] s, time from each kidnapping until the robot is localized for good; inf if it never is.
-        detection_seconds: [K] s, time from each kidnapping until the robot reports itself lost; inf if it never does.
+        recovery_seconds: [K] s, time from each kidnapping until the robot is localized and stays so; inf if it is not.
+        detection_seconds: [K] s, time from each kidnapping until the robot reports itself lost; inf if it does not.
         reliability: Reliability of the probability of being lost.
     """
 
@@ -111,7 +111,7 @@ class KidnappingResult:
 
 
 def run(settings: KidnappingSettings) -> Iterator[EvaluatedScan]:
-    """Let the robot wander and kidnap it; `summarize` computes the metrics.
+    """Let the robot wander and kidnap it repeatedly, yielding every scan; `summarize` computes the metrics.
 
     Raises:
         InputError: The world cannot be used.
@@ -132,7 +132,7 @@ def run(settings: KidnappingSettings) -> Iterator[EvaluatedScan]:
 
 
 def summarize(scans: list[EvaluatedScan]) -> KidnappingResult:
-    """Compute the metrics of a run."""
+    """Compute the metrics of the scans of a run."""
     tracked = [scan for scan in scans if not scan.kidnapping]
     errors = np.array([scan.error for scan in tracked] or [math.nan])
     alarms = np.array([scan.is_reported_lost for scan in tracked], np.bool_)
@@ -153,11 +153,11 @@ def summarize(scans: list[EvaluatedScan]) -> KidnappingResult:
 
 
 def _recovery_seconds(trial: list[EvaluatedScan]) -> float:
-    """Time until the robot is localized for good, s."""
+    """Time until the robot is localized and stays so, s; inf if it is not."""
     last_lost = max((index for index, scan in enumerate(trial) if not scan.is_localized), default=-1)
     return trial[last_lost + 1].time - trial[0].time if last_lost + 1 < len(trial) else math.inf
 
 
 def _detection_seconds(trial: list[EvaluatedScan]) -> float:
-    """Time until the robot reports itself lost, s."""
+    """Time until the robot reports itself lost, s; inf if it does not."""
     return next((scan.time - trial[0].time for scan in trial if scan.is_reported_lost), math.inf)

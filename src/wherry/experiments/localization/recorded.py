@@ -1,4 +1,4 @@
-"""Localization of real robots: one half of the Intel log on the map of the other, Wean Hall from a global start."""
+"""Localization on recorded logs: the odd scans of the Intel log on the map of the even ones, and Wean Hall globally."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from wherry.space.trajectory import Trajectory
 INTEL = Path("intel/intel_910_rawodom.clf.gz")
 WEAN_MAP = Path("wean/wean.dat.gz")
 WEAN_LOGS = tuple(Path(f"wean/robotdata{number}.log.gz") for number in (1, 2, 3))
-MAX_DISTANCE = 0.5  # m, distance from the reference within which a pose is correct
+CORRECT_MAX_DISTANCE = 0.5  # m, distance from the reference below which a pose is correct
 KIDNAPPING_SECONDS = 3.0  # s, duration of a kidnapping
 SEGMENT_SCANS = 40  # scans that are played after a kidnapping
-KIDNAPPING_MIN_DISTANCE = 3.0  # m, distance that a kidnapped robot is carried at least
+KIDNAPPING_MIN_DISTANCE = 3.0  # m, minimum distance over which a robot is kidnapped
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class GroundTruthLog:
 
 @dataclass(frozen=True)
 class SplitLog:
-    """A log whose even scans are the map, and whose odd scans are localized on it.
+    """A log whose even scans are mapped, and whose odd scans are localized on the map.
 
     Attributes:
         grid: Map of the even scans.
         lidar: Pose of the lidar, base_link frame.
-        odd: The odd scans. Their poses are those of SLAM of the even scans, with odometry in between.
+        odd: The odd scans; their poses are interpolated by odometry between the even scans' poses from SLAM.
     """
 
     grid: OccupancyGrid
@@ -64,15 +64,15 @@ class SplitLog:
 
 @dataclass(frozen=True, slots=True)
 class TrackingResult:
-    """Metrics of one seed's run over the odd scans from a known start, and over a segment after a kidnapping.
+    """Metrics of tracking the odd scans from a known start and, after a kidnapping, another segment of them.
 
     Attributes:
         median_m: Median distance from the reference before the kidnapping, m.
         p99_m: 99th percentile of the distances from the reference before the kidnapping, m.
-        incorrect_fraction: Fraction of the scans before the kidnapping farther than MAX_DISTANCE from the reference.
+        incorrect_fraction: Fraction of the scans before the kidnapping whose estimate is not correct.
         lost_fraction: Fraction of the scans before the kidnapping at which the robot was reported lost.
-        lost_probabilities: [M] stated probabilities of being lost at all scans.
-        is_lost: [M] whether the robot was lost at all scans.
+        lost_probabilities: [M] stated probability of being lost at every scan, also those after the kidnapping.
+        is_lost: [M] whether the robot was lost at every scan, also those after the kidnapping.
     """
 
     median_m: float
@@ -85,27 +85,27 @@ class TrackingResult:
 
 @dataclass(frozen=True, slots=True)
 class SingleScanResult:
-    """Metrics of relocalizing every odd scan by itself on the whole map.
+    """Metrics of relocalizing odd scans, each by itself, on the whole map.
 
     Attributes:
         scans: Number of scans.
-        correct: Fraction of the scans whose best hypothesis is within MAX_DISTANCE of the reference.
-        ambiguous: Fraction of the scans that were declared ambiguous.
-        correct_or_ambiguous: Fraction of the scans that were correct or declared ambiguous.
+        correct_fraction: Fraction of the scans whose best hypothesis is within CORRECT_MAX_DISTANCE of the reference.
+        ambiguous_fraction: Fraction of the scans whose relocalization was ambiguous.
+        correct_or_ambiguous_fraction: Fraction of the scans with a correct best hypothesis or an ambiguous result.
         seconds_median: Median processor time of a scan, s.
         seconds_max: Largest processor time of a scan, s.
     """
 
     scans: int
-    correct: float
-    ambiguous: float
-    correct_or_ambiguous: float
+    correct_fraction: float
+    ambiguous_fraction: float
+    correct_or_ambiguous_fraction: float
     seconds_median: float
     seconds_max: float
 
 
 def split_log(path: Path) -> SplitLog:
-    """Map the even scans of a log, and find the poses of the odd ones among them.
+    """Map the even scans of a log, and interpolate the poses of the odd ones.
 
     Raises:
         InputError: The log cannot be read, or has scans without odometry.
@@ -165,7 +165,7 @@ def track(data: SplitLog, seed: int) -> TrackingResult:
     return TrackingResult(
         median_m=float(np.median(tracked)),
         p99_m=float(np.quantile(tracked, 0.99)),
-        incorrect_fraction=float(np.mean(tracked > MAX_DISTANCE)),
+        incorrect_fraction=float(np.mean(tracked > CORRECT_MAX_DISTANCE)),
         lost_fraction=float(np.mean(stated > LOST_PROBABILITY_THRESHOLD)),
         lost_probabilities=np.array(probabilities),
         is_lost=np.array(is_lost),
@@ -181,7 +181,7 @@ def distant_segment(log: GroundTruthLog, index: int, rng: np.random.Generator) -
 
 
 def relocalize(data: SplitLog, every: int = 1) -> SingleScanResult:
-    """Relocalize every ``every``-th odd scan by itself; the first one is searched twice, as the first call compiles."""
+    """Relocalize every ``every``-th odd scan by itself, after a search that only compiles the kernels."""
     relocalizer = Relocalizer(data.grid, data.lidar, LOG_PARAMETERS)
     relocalizer.search(data.odd.scans[0])
     correct, ambiguous, seconds = [], [], []
@@ -190,20 +190,20 @@ def relocalize(data: SplitLog, every: int = 1) -> SingleScanResult:
         result = relocalizer.search(scan)
         seconds.append(time.thread_time() - before)
         best = result.hypotheses[0].pose if result.hypotheses else None
-        correct.append(best is not None and best.distance_to(Pose.from_array(truth)) < MAX_DISTANCE)
+        correct.append(best is not None and best.distance_to(Pose.from_array(truth)) < CORRECT_MAX_DISTANCE)
         ambiguous.append(result.is_ambiguous)
     return SingleScanResult(
         scans=len(seconds),
-        correct=float(np.mean(correct)),
-        ambiguous=float(np.mean(ambiguous)),
-        correct_or_ambiguous=float(np.mean(np.logical_or(correct, ambiguous))),
+        correct_fraction=float(np.mean(correct)),
+        ambiguous_fraction=float(np.mean(ambiguous)),
+        correct_or_ambiguous_fraction=float(np.mean(np.logical_or(correct, ambiguous))),
         seconds_median=float(np.median(seconds)),
         seconds_max=max(seconds),
     )
 
 
 def final_poses(log: Path, map_file: Path, seeds: range) -> Iterator[Floats]:
-    """Final pose [3] m, m, rad, map frame, of a global localization with each seed.
+    """Final poses [3] m, m, rad, map frame, of global localization with each seed.
 
     Raises:
         InputError: Log or map cannot be read.
@@ -216,6 +216,6 @@ def final_poses(log: Path, map_file: Path, seeds: range) -> Iterator[Floats]:
 
 
 def largest_group(poses: Floats) -> int:
-    """Largest number of poses [N, 3] m, m, rad within MAX_DISTANCE of one of them; N if all agree."""
+    """Largest number of the poses [N, 3] m, m, rad that are within CORRECT_MAX_DISTANCE of one of them."""
     distance = np.hypot(*(poses[:, None, :2] - poses[None, :, :2]).transpose(2, 0, 1))
-    return int((distance < MAX_DISTANCE).sum(axis=1).max())
+    return int((distance < CORRECT_MAX_DISTANCE).sum(axis=1).max())

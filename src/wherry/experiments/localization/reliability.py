@@ -19,12 +19,12 @@ class Reliability:
     """Calibration of stated probabilities.
 
     Attributes:
-        bins: [10, 3] mean stated probability, observed frequency and number of cases in every bin of the stated
-            probability; NaN, NaN, 0 in empty bins.
+        bins: [10, 3] mean stated probability, observed frequency and number of cases of every bin; NaN, NaN, 0 in
+            empty bins.
         cases: Number of cases.
-        base_rate: Observed frequency over all cases; always stating it is calibrated but uninformative.
-        calibration_error: Expected calibration error (ECE): mean over the cases of the absolute difference between
-            stated probability and observed frequency of their bin.
+        base_rate: Observed frequency over all cases.
+        calibration_error: Expected calibration error (ECE), the mean absolute difference between stated probability and
+            observed frequency of a bin, weighted by its number of cases.
         brier: Brier score: mean squared difference between stated probability and outcome, 1 or 0.
     """
 
@@ -51,12 +51,12 @@ class Reliability:
 
     @property
     def base_brier(self) -> float:
-        """Brier score of always stating the base rate."""
+        """Brier score of always stating the base rate, which is calibrated but uninformative."""
         return self.base_rate * (1.0 - self.base_rate)
 
 
 def reliability_table(reliability: Reliability, event: str) -> str:
-    """The bins with cases, as a Markdown table.
+    """The bins that are not empty, as a Markdown table.
 
     Args:
         reliability: Calibration of the stated probabilities.

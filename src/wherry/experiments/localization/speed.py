@@ -21,19 +21,19 @@ from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.raycast import cast_rays
 
 PARTICLE_COUNTS = (2_000, 20_000, 100_000)
-BEAMS = 360  # beams of a scan; the filter weighs max_beams of them, 60 by default, and matches all
-RANGE = 12.0  # m, maximum range of the lidar
+BEAMS = 360  # beams of a scan; the filter's sensor model uses 60 of them by default, and its scan match all
+MAX_RANGE = 12.0  # m, maximum range of the lidar
 STEP = 0.02  # m, distance from one scan to the next
-WARM_UP_UPDATES = 3  # updates that are not counted, as the first ones compile
+WARM_UP_UPDATES = 3  # updates that are not counted, since the first ones compile the kernels
 FIELD_SIDE = 100.0  # m, side of the map of the likelihood field
-RESOLUTION = 0.05  # m, side of that map's cells
-OBSTACLE_FRACTION = 0.02  # fraction of that map's cells
-FIELD_REPETITIONS = 4  # times that the likelihood field is built; the first one compiles
+RESOLUTION = 0.05  # m, side of the cells of the likelihood field
+OBSTACLE_FRACTION = 0.02  # fraction of the cells that are obstacles in the map of the likelihood field
+FIELD_REPETITIONS = 4  # likelihood fields that are built, of which the first compiles the kernels and is not counted
 
 
 @dataclass(frozen=True, slots=True)
 class TaskTime:
-    """Time of one task.
+    """Processor time of one task.
 
     Attributes:
         task: Description of the task.
@@ -88,11 +88,11 @@ def straight_drive(grid: OccupancyGrid, count: int, step: float, beams: int) -> 
     ]
     poses = [grid.origin @ Pose(x, y) for x, y in positions]
     table = np.array([pose.as_array() for pose in poses])
-    return poses, list(cast_rays(grid.occupied, grid.resolution, grid.origin, table, beam_angles(beams), RANGE))
+    return poses, list(cast_rays(grid.occupied, grid.resolution, grid.origin, table, beam_angles(beams), MAX_RANGE))
 
 
 def beam_angles(beams: int) -> Floats:
-    """[B] rad, lidar frame: evenly spaced beams all around, the first one backwards."""
+    """[B] rad, lidar frame, angles of beams that are evenly spaced over a full turn from −π."""
     angles: Floats = -math.pi + math.tau / beams * np.arange(beams, dtype=np.float64)
     return angles
 
@@ -104,7 +104,7 @@ def _update_milliseconds(
     amcl = Amcl(grid, IDENTITY, parameters, np.random.default_rng(0))
     seconds = []
     for number, (pose, ranges) in enumerate(zip(poses, scans, strict=True)):
-        scan = Scan(0.1 * number, ranges, -math.pi, math.tau / BEAMS, 0.05, RANGE + 1.0)
+        scan = Scan(0.1 * number, ranges, -math.pi, math.tau / BEAMS, 0.05, MAX_RANGE + 1.0)
         odometry = Odometry(0.1 * number, pose, Velocity())
         before = time.thread_time()
         amcl.update(odometry, scan)
@@ -113,7 +113,7 @@ def _update_milliseconds(
 
 
 def _field_milliseconds(side: float) -> float:
-    """Median processor time of a random map's distance field and log likelihoods, ms."""
+    """Median processor time of computing the likelihood field of a random map, ms."""
     cells = round(side / RESOLUTION)
     occupied = np.random.default_rng(0).random((cells, cells)) < OBSTACLE_FRACTION
     grid = OccupancyGrid(np.where(occupied, np.float32(0.9), np.float32(0.1)), RESOLUTION)
@@ -122,6 +122,6 @@ def _field_milliseconds(side: float) -> float:
     for _ in range(FIELD_REPETITIONS):
         before = time.thread_time()
         distances = DistanceField.of(grid, parameters.laser_likelihood_max_dist)
-        log_likelihood(distances.distance, RANGE, parameters)
+        log_likelihood(distances.distance, MAX_RANGE, parameters)
         seconds.append(time.thread_time() - before)
     return 1e3 * float(np.median(seconds[1:]))

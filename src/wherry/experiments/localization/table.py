@@ -1,4 +1,4 @@
-"""The localization section of the results: section 5.A's claims, real buildings, kidnapping and calibration."""
+"""The localization section of the results: the paper's claims, recorded logs, kidnapping, calibration and speed."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ from wherry.views.learning_curve import as_bytes
 from wherry.views.reliability import reliability_diagram
 
 Progress = Callable[[int, int], None]
+"""Called with the number of parts done and the number of all parts."""
 
 RELIABILITY_PICTURE, FILTERS_PICTURE = "localization-reliability.svg", "localization-filters.svg"
 INTEL_RELIABILITY_PICTURE = "localization-reliability-intel.svg"
 WORKERS = 2  # processes, each running one part at a time
-RECOVERY_TIMEOUT = 20.0  # s, simulated time within which a kidnapped robot should be localized
+RECOVERY_TIMEOUT = 20.0  # s, simulated time after which a kidnapping counts as not recovered
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ class LocalizationTableSettings:
         filters: Settings of the comparison of filters.
         kidnapping: Settings of the kidnapping experiment.
         seeds: Number of seeds of every run on recorded logs.
-        every: Step from one relocalized odd scan of the Intel log to the next.
+        every: Step between the odd scans of the Intel log that are relocalized, 1 for all.
         updates: Number of filter updates whose time is measured.
         should_calibrate: Whether the calibration is fitted again.
     """
@@ -57,8 +58,8 @@ def reproduce(data: Path, images: Path, progress: Progress, settings: Localizati
     Args:
         data: Folder of recorded logs.
         images: Folder for the pictures, beside the results file.
-        progress: Called with the number of parts done and of all parts.
-        settings: Amount of computation; everything by default.
+        progress: Called at the start and after every part.
+        settings: Amount of computation; None for that of the results file.
 
     Raises:
         InputError: A log or a map is missing or broken.
@@ -81,15 +82,15 @@ def _filter_comparison(_data: Path, images: Path, settings: LocalizationTableSet
         ["filter", "rmse m", "p99 m", "memory kB", "scans/s", "localized globally", "recovered"],
         [
             [
-                one.name,
-                f"{one.rmse_m:.3f}",
-                f"{one.p99_m:.3f}",
-                f"{one.memory_bytes / 1e3:.1f}",
-                f"{one.hertz:.0f}",
-                f"{one.localized:.0%}",
-                f"{one.recovered:.0%}",
+                row.name,
+                f"{row.rmse_m:.3f}",
+                f"{row.p99_m:.3f}",
+                f"{row.memory_bytes / 1e3:.1f}",
+                f"{row.hertz:.0f}",
+                f"{row.localized:.0%}",
+                f"{row.recovered:.0%}",
             ]
-            for one in metrics
+            for row in metrics
         ],
     )
     claims = markdown_table(
@@ -97,11 +98,11 @@ def _filter_comparison(_data: Path, images: Path, settings: LocalizationTableSet
         [[claim.text, "yes" if claim.holds else "no", claim.evidence] for claim in filter_comparison.claims(metrics)],
     )
     bars = filter_bars(
-        [one.name for one in metrics],
+        [row.name for row in metrics],
         {
-            "rmse, m": [one.rmse_m for one in metrics],
-            "memory, kB": [one.memory_bytes / 1e3 for one in metrics],
-            "scans/s": [one.hertz for one in metrics],
+            "rmse, m": [row.rmse_m for row in metrics],
+            "memory, kB": [row.memory_bytes / 1e3 for row in metrics],
+            "scans/s": [row.hertz for row in metrics],
         },
     )
     picture = write_picture(images, FILTERS_PICTURE, as_bytes(bars, "svg"), "Accuracy, memory and speed of the filters")
@@ -127,10 +128,10 @@ def _intel(data: Path, images: Path, settings: LocalizationTableSettings) -> str
             ["tracking: median error m, median of the seeds", f"{np.median(medians):.3f}"],
             ["tracking: median error m, worst seed", f"{max(medians):.3f}"],
             ["tracking: seeds never reported lost", f"{never_lost} of {len(runs)}"],
-            [f"tracking: seeds never beyond {recorded.MAX_DISTANCE} m", f"{always_correct} of {len(runs)}"],
-            [f"single scan: within {recorded.MAX_DISTANCE} m", f"{single.correct:.1%}"],
-            ["single scan: declared ambiguous", f"{single.ambiguous:.1%}"],
-            ["single scan: either", f"{single.correct_or_ambiguous:.1%}"],
+            [f"tracking: seeds never beyond {recorded.CORRECT_MAX_DISTANCE} m", f"{always_correct} of {len(runs)}"],
+            [f"single scan: within {recorded.CORRECT_MAX_DISTANCE} m", f"{single.correct_fraction:.1%}"],
+            ["single scan: declared ambiguous", f"{single.ambiguous_fraction:.1%}"],
+            ["single scan: either", f"{single.correct_or_ambiguous_fraction:.1%}"],
             ["single scan: processor time s, median", f"{single.seconds_median:.3f}"],
             ["single scan: processor time s, slowest", f"{single.seconds_max:.3f}"],
         ],
@@ -159,7 +160,7 @@ def _wean(data: Path, _images: Path, settings: LocalizationTableSettings) -> str
         agreeing = recorded.largest_group(poses)
         x, y = np.median(poses[:, :2], axis=0)
         rows.append([log.name.removesuffix(".log.gz"), f"{agreeing} of {seeds}", f"{x:.2f}, {y:.2f}"])
-    table = markdown_table(["log", f"seeds that end within {recorded.MAX_DISTANCE} m", "x, y m"], rows)
+    table = markdown_table(["log", f"seeds that end within {recorded.CORRECT_MAX_DISTANCE} m", "x, y m"], rows)
     return f"### Wean Hall from a global start\n\n{table}"
 
 
@@ -182,7 +183,7 @@ def _kidnapping(_data: Path, images: Path, settings: LocalizationTableSettings) 
 
 
 def _reliability_report(reliability: Reliability, images: Path, name: str) -> str:
-    """Metrics, diagram and table of the calibration."""
+    """Metrics, diagram and table of the reliability of the probability of being lost, as Markdown."""
     diagram = reliability_diagram(reliability.bins, "stated probability of being lost", "fraction of scans truly lost")
     picture = write_picture(
         images, name, as_bytes(diagram, "svg"), "Stated probability of being lost against the fraction truly lost"

@@ -1,4 +1,4 @@
-"""A simulated robot that wanders about by its scans alone, so that its path does not depend on any estimate."""
+"""A simulated robot on a random walk that depends on its scans alone, so that no estimate influences its path."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from wherry.robot import Odometry, Scan, Velocity
 from wherry.simulation import Simulation
 from wherry.space.pose import Pose
 
-SPEED = 0.4  # m/s
-TURN_RATE = 1.2  # rad/s
-TURN_RATE_DEVIATION = 0.3  # rad/s, standard deviation while driving
-TURN_PROBABILITY = 0.02  # probability of a turn at a scan although the way is clear
-CLEAR_RANGE = 0.45  # m, free range ahead above which the robot drives
-HYSTERESIS = 0.15  # m, additional free range that ends a turn
-AHEAD = math.radians(35.0)  # rad, half width of the sector ahead
+SPEED = 0.4  # m/s, while driving
+TURN_RATE = 1.2  # rad/s, while turning
+TURN_RATE_DEVIATION = 0.3  # rad/s, standard deviation of the turn rate while driving
+TURN_PROBABILITY = 0.02  # probability per scan of starting a turn although the way is clear
+CLEAR_RANGE = 0.45  # m, clearance ahead above which the robot drives
+CLEAR_HYSTERESIS = 0.15  # m, additional clearance ahead that ends a turn
+AHEAD_HALF_ANGLE = math.radians(35.0)  # rad, half angle of the sector ahead
 
 
 class RandomWalk:
@@ -33,10 +33,13 @@ class RandomWalk:
         self._turn_rate = 0.0
 
     def velocity(self, scan: Scan) -> Velocity:
-        """The next velocity command, by the scan alone."""
-        is_ahead = np.abs(scan.angles) < AHEAD
+        """The next velocity command after a scan."""
+        is_ahead = np.abs(scan.angles) < AHEAD_HALF_ANGLE
         clearance = float(np.min(np.where(scan.valid & is_ahead, scan.ranges, np.inf), initial=np.inf))
-        if clearance > CLEAR_RANGE + (HYSTERESIS if self._turn_rate else 0.0) and self._rng.random() > TURN_PROBABILITY:
+        if (
+            clearance > CLEAR_RANGE + (CLEAR_HYSTERESIS if self._turn_rate else 0.0)
+            and self._rng.random() > TURN_PROBABILITY
+        ):
             self._turn_rate = 0.0
             return Velocity(SPEED, TURN_RATE_DEVIATION * float(self._rng.standard_normal()))
         self._turn_rate = self._turn_rate or float(self._rng.choice([-TURN_RATE, TURN_RATE]))

@@ -1,4 +1,4 @@
-"""Localization on a log: the robot's trajectory on a map, its reliability, and its errors against a reference."""
+"""Localization of a recorded log on a map, with errors against a reference trajectory if there is one."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ from wherry.space.trajectory import Trajectory, save_tum
 from wherry.space.wean_map import load_wean_map
 from wherry.views.map_picture import MapPicture
 
-TRAJECTORY_COLOUR, LOST_COLOUR, PARTICLE_COLOUR = (30, 150, 60), (230, 60, 60), (220, 40, 40)
+TRAJECTORY_COLOUR = (30, 150, 60)
+LOST_COLOUR = (230, 60, 60)
+PARTICLE_COLOUR = (220, 40, 40)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +48,13 @@ class LocalizationSettings:
     Attributes:
         log: Path of a lidar log (see `logs.read_log`) or of a bag (see `ros.bags.reading.read_bag`).
         map_file: Path of a map.yaml, of a pose graph saved by mapping, or of a wean.dat.
-        params: Path of a parameter file of amcl; None for `LOG_PARAMETERS`, or for `GLOBAL_PARAMETERS` if the start is
-            global.
-        reference: Path of the true trajectory (see `logs.read_odometry`); None if there is none.
-        is_global: Whether the robot starts anywhere on the map; otherwise it starts at the initial pose of ``params``,
-            or where the reference begins, or at the map's origin.
+        params: Path of a parameter file of amcl; None for `GLOBAL_PARAMETERS` if the start is global and
+            `LOG_PARAMETERS` otherwise.
+        reference: Path of the reference trajectory (see `logs.read_odometry`); None if there is none.
+        is_global: Whether the robot starts without an initial pose. Otherwise the initial pose is that of ``params``,
+            else that of the reference at the first scan, else the origin of the map frame.
         seed: Seed of all randomness.
-        lenient: Whether to skip broken lines of the log.
+        lenient: Whether to skip broken lines or messages of the log.
     """
 
     log: Path
@@ -66,20 +68,20 @@ class LocalizationSettings:
 
 @dataclass(frozen=True, slots=True)
 class LocalizationResult:
-    """Metrics of a localization run. Distances to the reference are None if there is no reference.
+    """Metrics of a localization run.
 
     Attributes:
-        rmse_m: Root mean square distance to the reference, m.
-        median_m: Median distance to the reference, m.
-        p99_m: 99th percentile of the distances to the reference, m.
-        lost_fraction: Fraction of the scans at which the robot was probably lost.
+        rmse_m: Root mean square distance to the reference, m; None without a reference.
+        median_m: Median distance to the reference, m; None without a reference.
+        p99_m: 99th percentile of the distances to the reference, m; None without a reference.
+        lost_fraction: Fraction of the scans at which the robot was reported lost.
         final_pose: Last estimated pose of base_link, x m, y m, θ rad, map frame.
         ms_per_update_median: Median time of a filter update, ms.
         particles_mean: Mean number of particles over the scans.
         scans: Number of scans.
         relocalizations: Number of relocalizations after the start.
-        skipped: Number of lines of the log that were skipped.
-        unknown_parameters: Keys of ``params`` that amcl does not know.
+        skipped: Number of broken lines or messages of the log that were skipped.
+        unknown_parameters: Keys of the parameter file that are no parameters of amcl.
         seed: Seed of all randomness.
     """
 
@@ -103,12 +105,12 @@ class LocalizationResult:
 
 @dataclass(frozen=True, slots=True)
 class LocalizedScan:
-    """The localization of one scan.
+    """A scan of the log with its localization.
 
     Attributes:
         index: Index of the scan in the log.
         localization: Estimated pose and its reliability.
-        seconds: Computation time, s.
+        seconds: Wall-clock time of the computation, s.
     """
 
     index: int
@@ -117,11 +119,11 @@ class LocalizedScan:
 
 
 def prepare(settings: LocalizationSettings, log: LidarLog | None = None) -> LocalizationRun:
-    """Read and check all inputs before anything is computed.
+    """Read and check the inputs, and initialize the localizer.
 
     Args:
         settings: Inputs of the run.
-        log: Content of the log file, if it was read already.
+        log: Content of the log file if it was read already; None to read it.
 
     Raises:
         InputError: Log, map, parameters or reference cannot be used, or the log has scans without odometry.
@@ -152,7 +154,7 @@ def odometry_of_scans(log: LidarLog, source: Path) -> list[Odometry]:
 
     Args:
         log: The log.
-        source: Path that errors name.
+        source: Path of the log, for the error message.
 
     Raises:
         InputError: A scan has no odometry.
@@ -164,7 +166,7 @@ def odometry_of_scans(log: LidarLog, source: Path) -> list[Odometry]:
 
 
 def load_any_map(path: Path) -> OccupancyGrid:
-    """Read a map.yaml, a saved pose graph (.npz) or a wean.dat, distinguished by their file names.
+    """Read a map from a map.yaml, a saved pose graph (.npz) or a wean.dat, recognized by the file name.
 
     Raises:
         InputError: The file cannot be read, or is not a map in the format of its name.
@@ -184,15 +186,15 @@ class LocalizationRun:
         grid: The map.
         log: The scans.
         odometry: [N] odometry at the scans.
-        reference: The true trajectory, if there is one.
+        reference: The reference trajectory; None if there is none.
         localizer: The localizer, already initialized.
-        unknown_parameters: Keys of the parameter file that amcl does not know.
+        unknown_parameters: Keys of the parameter file that are no parameters of amcl.
 
     Attributes:
         grid: The map.
         log: The scans.
-        localizer: The localizer after the steps so far.
-        localized: The localized scans so far.
+        localizer: The localizer in its state after the last localized scan.
+        localized: The scans that have been localized.
     """
 
     def __init__(
@@ -219,43 +221,48 @@ class LocalizationRun:
         return len(self.log.scans)
 
     def steps(self) -> Iterator[LocalizedScan]:
-        """Localize scan by scan."""
+        """Localize scan by scan, yielding each after it was localized."""
         times = increasing_times(np.array([scan.time for scan in self.log.scans])).tolist()
-        for index, (at, scan, odometry) in enumerate(zip(times, self.log.scans, self._odometry, strict=True)):
+        for index, (scan_time, scan, odometry) in enumerate(zip(times, self.log.scans, self._odometry, strict=True)):
             before = time.perf_counter()
-            localization = self.localizer.update(replace(odometry, time=at), replace(scan, time=at))
+            localization = self.localizer.update(replace(odometry, time=scan_time), replace(scan, time=scan_time))
             self.localized.append(LocalizedScan(index, localization, time.perf_counter() - before))
             yield self.localized[-1]
 
     @property
     def trajectory(self) -> Trajectory:
-        """Estimated poses at the scans so far."""
+        """Estimated poses of base_link at the localized scans, map frame."""
         poses = np.array([scan.localization.pose.as_array() for scan in self.localized]).reshape(-1, 3)
         return Trajectory(np.array([scan.time for scan in self.log.scans[: len(poses)]]), poses)
 
     def result(self) -> LocalizationResult:
-        """Metrics of the scans so far; at least one."""
+        """Metrics of the localized scans, of which there must be at least one.
+
+        Raises:
+            InputError: The reference has no pose at the time of any localized scan.
+        """
         errors = self._errors()
         localizations = [scan.localization for scan in self.localized]
+        is_lost = [localization.lost_probability > LOST_PROBABILITY_THRESHOLD for localization in localizations]
         updates = [scan.seconds for scan in self.localized if scan.localization.estimate.is_updated]
         x, y, theta = localizations[-1].pose.as_array().tolist()
         return LocalizationResult(
             rmse_m=None if errors is None else root_mean_square(errors),
             median_m=None if errors is None else float(np.median(errors)),
             p99_m=None if errors is None else float(np.quantile(errors, 0.99)),
-            lost_fraction=float(np.mean([one.lost_probability > LOST_PROBABILITY_THRESHOLD for one in localizations])),
+            lost_fraction=float(np.mean(is_lost)),
             final_pose=(x, y, theta),
             ms_per_update_median=1e3 * float(np.median(updates)) if updates else 0.0,
-            particles_mean=float(np.mean([one.estimate.particle_count for one in localizations])),
+            particles_mean=float(np.mean([localization.estimate.particle_count for localization in localizations])),
             scans=len(localizations),
-            relocalizations=sum(bool(one.hypotheses) for one in localizations[1:]),
+            relocalizations=sum(bool(localization.hypotheses) for localization in localizations[1:]),
             skipped=len(self.log.skipped),
             unknown_parameters=self._unknown,
             seed=self._settings.seed,
         )
 
     def _errors(self) -> Floats | None:
-        """[N] m, distances to the reference at the scans within its time; None without a reference."""
+        """[N] m, distances to the reference at the localized scans within its time; None without a reference."""
         if self._reference is None:
             return None
         trajectory = self.trajectory
@@ -277,7 +284,7 @@ class LocalizationRun:
         return [folder / "trajectory.tum", folder / "localization.png"]
 
     def picture(self) -> bytes:
-        """A PNG of the map, the last particles and the trajectory, which is red where the robot was probably lost."""
+        """A PNG of the map, the last particles, and the trajectory, which is red where the robot was reported lost."""
         picture = MapPicture(self.grid)
         picture.points(self.localizer.particles[:, :2], PARTICLE_COLOUR)
         path = self.trajectory.poses[:, :2]

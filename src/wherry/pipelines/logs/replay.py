@@ -1,16 +1,16 @@
-"""A recorded bag through mapping, and through localization on the map that it yields."""
+"""Replay of a bag: mapping of its scans, and then localization of them on the map."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from wherry.errors import InputError
 from wherry.localization.parameter_files import load_parameters
-from wherry.pipelines.logs import localization
-from wherry.pipelines.logs import mapping as slam
+from wherry.pipelines.logs import localization, mapping
 from wherry.pipelines.logs.localization import LocalizationResult, LocalizationRun, LocalizationSettings
+from wherry.pipelines.logs.mapping import MappingResult, MappingRun, MappingSettings
 from wherry.ros.bags.reading import is_bag
 
 
@@ -22,9 +22,9 @@ class ReplaySettings:
         bag: Path of a bag of ROS 1 or ROS 2.
         out: Folder of the results, with subfolders ``mapping/`` and ``localization/``.
         map_file: Path of the map to localize on; None to map the bag first.
-        backend: Method of mapping.
-        params: Path of a parameter file of amcl.
-        is_global: Whether localization starts anywhere on the map.
+        backend: Name of the mapping method, see `mapping.methods.SLAM_METHODS`.
+        params: Path of a parameter file of amcl; None for the defaults of `LocalizationSettings`.
+        is_global: Whether localization starts without an initial pose.
         seed: Seed of all randomness.
         lenient: Whether to skip broken messages.
     """
@@ -50,26 +50,29 @@ def prepare(settings: ReplaySettings) -> ReplayRun:
     if not is_bag(settings.bag):
         raise InputError(settings.bag, "", "is not a bag; wherry map and wherry localize read logs of other formats")
     if settings.map_file is not None:
-        return ReplayRun(
-            settings, settings.map_file, localization.prepare(_localization_settings(settings, settings.map_file))
-        )
+        localization_run = localization.prepare(_localization_settings(settings, settings.map_file))
+        return ReplayRun(settings.out, settings.map_file, None, lambda: localization_run)
     if settings.params is not None:
         load_parameters(settings.params)  # errors in the parameters are reported before the bag is mapped
     folder = settings.out / "mapping"
-    mapping = slam.prepare(
-        slam.MappingSettings(
+    mapping_run = mapping.prepare(
+        MappingSettings(
             log=settings.bag, out=folder, backend=settings.backend, seed=settings.seed, lenient=settings.lenient
         )
     )
-    if any(odometry is None for odometry in mapping.log.scan_odometry):
+    if any(odometry is None for odometry in mapping_run.log.scan_odometry):
         raise InputError(settings.bag, "", "has no odometry, which localization needs; wherry map can do without")
-    return ReplayRun(settings, folder / "map.yaml", mapping)
+    map_file = folder / "map.yaml"
+    localization_settings = _localization_settings(settings, map_file, reference=folder / "trajectory.tum")
+    return ReplayRun(
+        settings.out, map_file, mapping_run, lambda: localization.prepare(localization_settings, mapping_run.log)
+    )
 
 
 def _localization_settings(
     settings: ReplaySettings, map_file: Path, reference: Path | None = None
 ) -> LocalizationSettings:
-    """Settings of localization on a map, with a reference trajectory to compare with."""
+    """Settings of localization on a map, with errors against a reference trajectory if there is one."""
     return LocalizationSettings(
         log=settings.bag,
         map_file=map_file,
@@ -85,35 +88,40 @@ class ReplayRun:
     """The replay of a bag: iterate over `steps`, then read the results.
 
     Args:
-        settings: Inputs of the replay.
+        out: Folder of the results.
         map_file: Path of the map that localization uses.
-        first: The first run: mapping, which localization follows, or localization alone.
+        mapping_run: Mapping of the bag, which comes first; None if the map exists already.
+        prepare_localization: Prepares localization once the map exists.
 
     Attributes:
         out: Folder of the results.
         map_file: Path of the map that localization uses.
-        mapping: Metrics of mapping, if the bag is mapped.
-        localization: Metrics of localization, once it is done.
+        mapping: Metrics of mapping; None if the bag is not mapped.
+        localization: Metrics of localization, set after the last step.
     """
 
     localization: LocalizationResult
 
-    def __init__(self, settings: ReplaySettings, map_file: Path, first: slam.MappingRun | LocalizationRun) -> None:
-        self.out = settings.out
+    def __init__(
+        self,
+        out: Path,
+        map_file: Path,
+        mapping_run: MappingRun | None,
+        prepare_localization: Callable[[], LocalizationRun],
+    ) -> None:
+        self.out = out
         self.map_file = map_file
-        self.mapping: slam.MappingResult | None = None
-        self._settings = settings
-        self._first = first
+        self.mapping: MappingResult | None = None
+        self._mapping_run = mapping_run
+        self._prepare_localization = prepare_localization
 
     def steps(self) -> Iterator[tuple[str, int, int]]:
         """Run, yielding the name of the stage, the number of scans done and the number of all scans."""
-        run = self._first
-        if isinstance(run, slam.MappingRun):
-            for done in run.steps():
-                yield "mapping", done, run.scans
-            self.mapping = run.result
-            reference = self.map_file.with_name("trajectory.tum")
-            run = localization.prepare(_localization_settings(self._settings, self.map_file, reference), run.log)
+        if self._mapping_run is not None:
+            for done in self._mapping_run.steps():
+                yield "mapping", done, self._mapping_run.scans
+            self.mapping = self._mapping_run.result
+        run = self._prepare_localization()
         for scan in run.steps():
             yield "localizing", scan.index + 1, len(run)
         self.localization = run.result()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,34 +15,36 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.trace.records import MapUpdate, Narration, Phase, RobotSnapshot, RunStarted, Sink
 
-DRAWN_RADIUS = 0.25  # m, radius of the drawn robot, as a log does not contain the robot's size
-OPENINGS = {
-    "map": "I make a map of what the log's laser saw.",
-    "localize": "I find out where on the map I was.",
-}
+DRAWN_RADIUS = 0.25  # m, radius of the drawn robot, since a log does not contain the robot's size
+OPENINGS = MappingProxyType(
+    {
+        Phase.MAP: "I build a map from the log's laser scans.",
+        Phase.LOCALIZE: "I estimate my trajectory on the map.",
+    }
+)
 NO_PARTICLES = np.empty((0, 3))
 NO_POINTS = np.empty((0, 2), np.float32)
 
 
 class LogTrace:
-    """Emits the records of a run over a log; their times count from the first scan.
+    """Emits the trace records of a run over a log, with times relative to the first scan.
 
     Args:
-        task: "map" or "localize".
+        phase: What is done with the log, `Phase.MAP` or `Phase.LOCALIZE`.
         name: Displayed name of the log.
         log: The log.
         sink: Called with every record.
     """
 
-    def __init__(self, task: str, name: str, log: LidarLog, sink: Sink) -> None:
+    def __init__(self, phase: Phase, name: str, log: LidarLog, sink: Sink) -> None:
         self._log = log
         self._sink = sink
-        self._phase = Phase(task)
+        self._phase = phase
         self._is_lost = False
         self._closures_reported = 0
         self._start = log.scans[0].time
-        sink(RunStarted(task, name, robot_radius=DRAWN_RADIUS))
-        self.say(0, OPENINGS[task])
+        sink(RunStarted(phase.value, name, robot_radius=DRAWN_RADIUS))
+        self.say(0, OPENINGS[phase])
 
     def map(self, grid: OccupancyGrid, index: int = 0, *, fraction: float = 1.0) -> None:
         """Emit the map at a scan.
@@ -49,7 +52,7 @@ class LogTrace:
         Args:
             grid: The map.
             index: Index of the scan.
-            fraction: Fraction of the log that the map was made from, 0 to 1.
+            fraction: Fraction of the log that has been mapped, 0 to 1.
         """
         self._sink(MapUpdate(self._time(index), grid, fraction, 0.0))
 
@@ -59,7 +62,7 @@ class LogTrace:
         Args:
             index: Index of the scan.
             pose: Pose of base_link at the scan, map frame.
-            particles: [N, 3] x m, y m, θ rad, map frame.
+            particles: [N, 3] m, m, rad, map frame; none by default.
         """
         lidar = pose @ self._log.lidar
         points = lidar.transform(self._log.scans[index].points()).astype(np.float32)
@@ -67,7 +70,7 @@ class LogTrace:
         self._sink(RobotSnapshot(self._time(index), pose, lidar, points, samples, NO_POINTS, NO_POINTS, has_load=False))
 
     def loop_closures(self, index: int, candidates: Sequence[LoopClosure]) -> None:
-        """Report the numbers of accepted and rejected loop closures up to a scan, if there are new candidates."""
+        """Narrate the numbers of accepted and rejected loop closures up to a scan, if there are new candidates."""
         if len(candidates) == self._closures_reported:
             return
         self._closures_reported = len(candidates)
@@ -75,7 +78,7 @@ class LogTrace:
         self.say(index, f"Loop closures so far: {accepted} accepted, {len(candidates) - accepted} rejected.")
 
     def lost_probability(self, index: int, probability: float) -> None:
-        """Report when the robot gets lost and when it is localized again.
+        """Narrate when the robot gets lost and when it is localized again.
 
         Args:
             index: Index of the scan.
@@ -84,10 +87,10 @@ class LogTrace:
         is_lost = probability > LOST_PROBABILITY_THRESHOLD
         if is_lost != self._is_lost:
             self._is_lost = is_lost
-            self.say(index, "I no longer know where I am." if is_lost else "Now I know where I am.")
+            self.say(index, "I am lost." if is_lost else "I am localized again.")
 
     def say(self, index: int, text: str) -> None:
-        """Emit a message at a scan."""
+        """Emit a narration at a scan."""
         self._sink(Narration(self._time(index), self._phase, text))
 
     def _time(self, index: int) -> float:
