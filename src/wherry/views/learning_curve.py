@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from wherry.space.pose import Floats
+from wherry.views.plot_style import GRID_COLOUR, MEASURED_COLOUR, TEXT_COLOUR
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#6a6a6a", "#56b4e9", "#b8860b", "#000000", "#7b3294")
 """Line colours in the order of the learners, distinguishable for most colour-blind people (Okabe and Ito)."""
@@ -26,14 +27,12 @@ LINE_STYLES = ("solid", "dashed", "dotted")
 BAND_PERCENTILES = (10, 90)  # lower and upper edge of a curve's band
 CURVE_POINTS = 400  # samples of a curve
 MAX_LINEAR_RATIO = 30  # ratio of the longest to the shortest run above which the axis of steps is logarithmic
-MEASURED_COLOUR = "#0072b2"
 PUBLISHED_MARKER: Mapping[str, Any] = {
     "marker": "o",
     "linestyle": "none",
     "markerfacecolor": "white",
     "markeredgecolor": "#d55e00",
 }
-TEXT_COLOUR, GRID_COLOUR = "#222222", "#d9d9d9"
 
 Run = Sequence[tuple[int, int]]
 """The learning curve of one run: number of steps up to the end of each episode, and number of probes solved then."""
