@@ -205,7 +205,7 @@ class GoalAgent:
 
     def decide(self, state: State) -> Decision | None:
         """The next action of the plan; plans again in an unexpected state and after a revision; None at the end."""
-        self._unknown_pair_counter.meet(state)
+        self._unknown_pair_counter.add(state)
         if self._plan.states[:1] != (state,) or self._planned_revisions != self.learner.revisions:
             self._replan(state)
         if not self._is_exploring and self.learner.has_disagreement:

@@ -32,7 +32,7 @@ def play(run_command: RunCommand, monkeypatch: pytest.MonkeyPatch) -> RunCommand
 def test_a_pipe_is_read_line_by_line(play: RunCommand) -> None:
     status, out, _ = play("N\npickup\nss\nq\nn\n", "taxi", "--seed", 1)
     assert status == 0
-    screens = out.split("Taxi 5×5, watched by bayes: ")[1:]
+    screens = out.split("Taxi 5×5, learner bayes: ")[1:]
     assert [screen.partition(",")[0] for screen in screens] == [f"step {number}" for number in range(5)]
     assert "cond(s) = " in screens[0]
     assert "touch_N(taxi, wall)" in screens[0]
@@ -53,8 +53,8 @@ def test_the_learner_completes_an_episode_when_asked(play: RunCommand) -> None:
 
 def test_unknown_keys_are_reported_and_take_no_step(play: RunCommand) -> None:
     _, out, _ = play("north\nr\nx\n", "taxi")
-    assert "'north' means nothing" in out
-    assert "'x' means nothing" in out
+    assert "'north' is not a key" in out
+    assert "'x' is not a key" in out
     assert "step 1" not in out
 
 

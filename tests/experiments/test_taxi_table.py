@@ -1,4 +1,4 @@
-"""The Taxi tables: published results beside ours, and pictures beside the results file."""
+"""The Taxi tables: published results beside measured ones, and pictures beside the results file."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from wherry.experiments.results import write_picture, write_section
 from wherry.pipelines.grids.learners import LEARNERS
 from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 
-QUICK = {(learner, size): 0 for learner in LEARNERS for size in (5, 10)} | {
-    ("bayes", 5): 2, ("bayes", 10): 1, ("q-learning", 5): 1, ("doormax", 5): 1, ("doormax", 10): 1,
-}  # fmt: skip
+FEW = {("bayes", 5): 2, ("bayes", 10): 1, ("q-learning", 5): 1, ("doormax", 5): 1, ("doormax", 10): 1}
+NONE = {(learner, size): 0 for learner in LEARNERS for size in (5, 10)}
 
 
-def test_published_results_are_of_our_learners_or_of_people() -> None:
+def test_published_results_are_of_registered_learners_or_of_people() -> None:
     assert {row.name for row in PUBLISHED} - set(LEARNERS) == {"people", "people who play games"}
 
 
@@ -32,15 +31,15 @@ def test_a_row_shows_the_published_and_the_measured_steps() -> None:
 
 def test_reproduce_runs_every_learner_and_writes_tables_and_pictures(tmp_path: Path) -> None:
     calls: list[tuple[int, int]] = []
-    extent = TaxiRepetitions(default=2, fewer=QUICK)
-    text = reproduce(tmp_path / "images", lambda done, total: calls.append((done, total)), extent)
+    repetitions = TaxiRepetitions(default=2, fewer=NONE | FEW)
+    text = reproduce(tmp_path / "images", lambda done, total: calls.append((done, total)), repetitions)
     assert calls[-1] == (6, 6)
     for name in ("taxi-steps.svg", "taxi-curves-5.svg", "taxi-curves-10.svg"):
         assert f"(images/{name})" in text
         assert (tmp_path / "images" / name).read_text().startswith("<?xml")
     assert "bayes in 2 of 2, doormax in 1 of 1" in text
-    (counted,) = (line for line in text.splitlines() if "nk + k + 1" in line)
-    answers = re.findall(r"(\d+) by (\S+) on (\S+) \((\d+)\)", counted)
+    (counts,) = (line for line in text.splitlines() if "nk + k + 1" in line)
+    answers = re.findall(r"(\d+) by (\S+) on (\S+) \((\d+)\)", counts)
     assert [(learner, size) for _, learner, size, _ in answers] == [("doormax", "5×5"), ("doormax", "10×10")]
     assert all(0 < int(most) <= int(bound) == 17 for most, _, _, bound in answers)
     write_section(tmp_path / "results.md", "taxi", text)

@@ -1,4 +1,4 @@
-"""The Bayesian learner predicts well after few examples, with probabilities, and corrects its errors."""
+"""The Bayesian learner predicts with probabilities after few examples, and corrects its errors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_an_untried_action_has_an_unknown_outcome() -> None:
     assert sum(outcome.probability for outcome in prediction.outcomes) == 1.0
 
 
-def test_an_action_that_failed_is_likelier_to_work_where_more_terms_differ() -> None:
+def test_an_action_that_failed_is_more_likely_to_succeed_where_more_terms_differ() -> None:
     bayes = learner()
     teach(bayes, "000", (0, 0))
     assert p_unknown(bayes, "000") == 0.0
@@ -37,7 +37,7 @@ def test_an_action_that_failed_is_likelier_to_work_where_more_terms_differ() -> 
     assert counter_of(ask(bayes, "000", counter=4)) == 4
 
 
-def test_an_unseen_end_of_the_episode_is_sought_under_untried_conditions() -> None:
+def test_untried_conditions_may_end_the_episode_until_one_has_ended() -> None:
     bayes = learner()
     teach(bayes, "000", (0, 1))
     teach(bayes, "001", (0, 1))
@@ -45,13 +45,12 @@ def test_an_unseen_end_of_the_episode_is_sought_under_untried_conditions() -> No
     assert bayes.unseen.novelty < p_unknown(bayes, "100") < p_unknown(bayes, "110")
     before = dict(bayes.revisions)
     teach(bayes, "000", (0, 0), action=PULL, terminated=True)
-    assert all(
-        bayes.revisions[action] > before[action] for action in before
-    )  # so that planners update their cached predictions
+    # The revisions of all actions grow, so that planners update their cached predictions.
+    assert all(bayes.revisions[action] > before[action] for action in before)
     assert p_unknown(bayes, "110") == pytest.approx(bayes.unseen.novelty, rel=0.1)
 
 
-def test_a_given_end_of_the_episode_is_not_sought() -> None:
+def test_untried_conditions_are_not_expected_to_end_the_episode_where_its_end_is_given() -> None:
     bayes = learner(terminated=lambda state: False)
     teach(bayes, "000", (0, 1))
     assert p_unknown(bayes, "110") == pytest.approx(bayes.unseen.novelty, rel=0.1)
@@ -104,7 +103,7 @@ def test_rules_are_the_simplest_that_agree_with_the_examples() -> None:
     assert bayes.sentences() == ("PRESS: if machine.s0 and machine.s3: machine.counter += 1",)
 
 
-def test_each_of_two_effects_has_a_law() -> None:
+def test_each_of_two_effects_has_a_rule() -> None:
     bayes = learner(2)
     for counter in (0, 5):
         teach(bayes, "10", (counter, counter + 1))
@@ -114,7 +113,7 @@ def test_each_of_two_effects_has_a_law() -> None:
 
 def test_a_disjunction_is_learnt_as_two_conjunctions() -> None:
     bayes = learner(2)
-    for _ in range(2):  # an exception has to happen twice
+    for _ in range(2):  # a single failure would count as an outlier
         for switches, change in [("10", 1), ("01", 1), ("00", 0), ("11", 0)]:
             teach(bayes, switches, (0, change))
     assert [counter_of(ask(bayes, switches)) for switches in ("10", "01", "00", "11")] == [1, 1, 0, 0]
@@ -126,7 +125,7 @@ def test_the_more_frequent_result_counts_under_one_condition() -> None:
     for switches in ("10", "10", "11"):
         teach(bayes, switches, (0, 1))
     teach(bayes, "00", (0, 0))
-    teach(bayes, "10", (0, 0))  # a slip
+    teach(bayes, "10", (0, 0))  # an actuator failure
     assert counter_of(ask(bayes, "10")) == 1
     assert "changed at one time and not at another" in bayes.violations[0]
 

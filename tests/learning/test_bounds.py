@@ -25,8 +25,8 @@ def test_the_worst_case_is_below_the_bound() -> None:
         transition = Transition(before, PRESS, before.replace("machine", counter=1), 0.0, False)
         answers.observe(transition)
         learner.add_experience(transition)
-    assert answers.most == size + 1
-    assert answers.most <= unknown_answers_bound(size, 1)
+    assert answers.max_count == size + 1
+    assert answers.max_count <= unknown_answers_bound(size, 1)
 
 
 def test_failures_do_not_count() -> None:
@@ -37,4 +37,4 @@ def test_failures_do_not_count() -> None:
         transition = Transition(before, PRESS, before, 0.0, False)
         answers.observe(transition)
         learner.add_experience(transition)
-    assert answers.most == 0
+    assert answers.max_count == 0

@@ -7,6 +7,7 @@ import pytest
 from wherry.learning.doormax import Doormax
 from wherry.learning.effect_rules import Subject
 from wherry.oomdp.effects import EFFECT_TYPES
+from wherry_testing.doormax_rules import conditions_by_argument
 from wherry_testing.machine import PULL, ask, counter_of, machine_domain, state_of, teach
 
 COUNTER = Subject("PRESS", "Machine", "counter")
@@ -17,10 +18,7 @@ def learner(switches: int = 3, **options: object) -> Doormax:
 
 
 def models(doormax: Doormax, effect_type: str, subject: Subject = COUNTER) -> dict[object, str]:
-    return {
-        effect.argument: str(model)
-        for effect, model in doormax.effect_rules.models[subject].get(effect_type, {}).items()
-    }
+    return conditions_by_argument(doormax, subject, effect_type)
 
 
 def test_everything_is_unknown_at_first() -> None:
@@ -185,7 +183,7 @@ def test_a_given_reward_and_end_are_not_learnt() -> None:
     assert (prediction.most_likely.reward, prediction.most_likely.terminated) == (4.0, True)
 
 
-def test_a_slip_counts_only_when_it_happens_again() -> None:
+def test_an_unexpected_failure_counts_only_when_it_happens_again() -> None:
     doormax = learner()
     teach(doormax, "101", (3, 4))
     teach(doormax, "101", (4, 5))
@@ -224,14 +222,14 @@ def test_other_effect_types_can_be_given() -> None:
     assert counter_of(ask(doormax, "111", counter=7)) == 14
 
 
-def test_settling_keeps_the_effect_type_with_the_fewest_effects() -> None:
+def test_keep_simplest_keeps_the_effect_type_with_the_fewest_effects() -> None:
     doormax = learner()
     teach(doormax, "100", (3, 4))
     teach(doormax, "010", (5, 6))
     assert models(doormax, "assignment") == {4: "100", 6: "010"}
     assert ask(doormax, "100", counter=9).most_likely.next_state is None
     revisions = dict(doormax.revisions)
-    doormax.settle()
+    doormax.keep_simplest()
     assert models(doormax, "increment") == {1: "**0"}
     assert models(doormax, "assignment") == {}
     assert counter_of(ask(doormax, "100", counter=9)) == 10

@@ -1,4 +1,4 @@
-"""The registry: every entry leads to a factory, a codec and a counter that fit together."""
+"""The registry of learners: every entry's factory, codec and counter work together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every arena acts and tests in the same world, and learners learn in it under the published protocol."""
+"""The environment and the true model of every arena agree, and learners converge under the published protocol."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def test_environment_and_true_model_of_an_arena_agree(name: str) -> None:
     state = arena.environment.reset(rng)
     for _ in range(50):
         actions = arena.environment.domain.ground_actions(state)
-        done = arena.environment.step(actions[rng.integers(len(actions))])
-        assert done == arena.truth.transition(done.state, done.action)
-        state = arena.environment.reset(rng) if done.terminated else done.next_state
+        transition = arena.environment.step(actions[rng.integers(len(actions))])
+        assert transition == arena.truth.transition(transition.state, transition.action)
+        state = arena.environment.reset(rng) if transition.terminated else transition.next_state
     assert arena.environment.reset(rng) in arena.starts
     assert len({length for _, length in arena.probes}) > 1
     assert len({state for state, _ in arena.probes}) == 6

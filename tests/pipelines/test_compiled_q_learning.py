@@ -1,4 +1,4 @@
-"""Compiled Q-learning takes, step by step, the same steps as plain Q-learning with the same random numbers."""
+"""Compiled Q-learning takes the same steps as the reference implementation with the same random numbers."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ MAX_EPISODE_STEPS = 300
 
 
 class RecordedGenerator:
-    """Replays recorded numbers: for every step whether it explores, and which action it then takes."""
+    """Replays recorded random numbers, two in [0, 1) for every step: for exploration, and for the random action."""
 
     def __init__(self, draws: np.ndarray) -> None:
-        self.steps: Iterator[tuple[float, float]] = iter(draws.tolist())
-        self.which_action = 0.0
+        self.draws: Iterator[tuple[float, float]] = iter(draws.tolist())
+        self.action_draw = 0.0
 
     def random(self) -> float:
-        explores, self.which_action = next(self.steps)
-        return explores
+        exploration_draw, self.action_draw = next(self.draws)
+        return exploration_draw
 
     def integers(self, count: int) -> int:
-        return int(self.which_action * count)
+        return int(self.action_draw * count)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Compiled R-max takes, step by step, the same steps as plain R-max with value iteration."""
+"""Compiled R-max takes the same steps as the reference implementation with value iteration."""
 
 from __future__ import annotations
 
@@ -66,13 +66,13 @@ def test_compiled_and_plain_rmax_take_the_same_steps_on_taxi(
 
 
 def random_arena(seed: int) -> Arena:
-    """Return twenty places with random successors, few ends, and rewards of which no two are the same."""
+    """Return a world of twenty states with random successors, different rewards, and a tenth of terminal steps."""
     rng = np.random.default_rng(seed)
-    after, reward, ends = rng.integers(20, size=(20, 2)), rng.uniform(-9, 20, (20, 2)), rng.random((20, 2)) < 0.1
+    successor, reward, ends = rng.integers(20, size=(20, 2)), rng.uniform(-9, 20, (20, 2)), rng.random((20, 2)) < 0.1
 
     def transition(state: State, action: Action) -> Transition:
-        here = state["walker"].x, int(action.name == "right")
-        return Transition(state, action, state_at(int(after[here])), float(reward[here]), bool(ends[here]))
+        step = state["walker"].x, int(action.name == "right")
+        return Transition(state, action, state_at(int(successor[step])), float(reward[step]), bool(ends[step]))
 
     starts = tuple(state_at(number) for number in range(20))
     truth = DeterministicMdp(DOMAIN, transition, lambda rng: starts[rng.integers(len(starts))])
@@ -90,22 +90,19 @@ def test_steps_share_the_entries_of_the_same_parents() -> None:
     arena = Arena.of_size(5)
     networks = arena.network_entries
     assert np.unique(arena.step_entries.required).size == 600 * 6
-    published = [np.unique(networks["published"].required[:, action, 0]).size for action in range(6)]
-    assert published == [
-        1,
-        1,
-        1,
-        1,
-        25 * 5,
-        25 * 4 * 4,
-    ]  # 5 locations; 4 destinations, each with 3 other marks, or taxi
-    minimal = [np.unique(networks["minimal"].required[:, action, 0]).size for action in range(6)]
-    assert minimal == [1, 1, 1, 1, 25 * 4 * 2, 25 * 2 * 4]
+    reward_entries = {
+        name: [np.unique(network.required[:, action, 0]).size for action in range(6)]
+        for name, network in networks.items()
+    }
+    # PICKUP depends on the cell and 5 passenger locations; DROPOFF on the cell, 4 destinations, and the passenger at
+    # one of the 3 other marks or in the taxi.
+    assert reward_entries["published"] == [1, 1, 1, 1, 25 * 5, 25 * 4 * 4]
+    assert reward_entries["minimal"] == [1, 1, 1, 1, 25 * 4 * 2, 25 * 2 * 4]
 
 
 def test_a_network_that_is_too_small_is_refused() -> None:
     arena = Arena.of_size(5)
-    with pytest.raises(ValueError, match=r"E, taxi\.x: depends on more than the network says"):
+    with pytest.raises(ValueError, match=r"E, taxi\.x: depends on more than its parents in the network"):
         ModelEntries.of_network(
             arena.tables,
             arena.environment.domain,
@@ -122,7 +119,7 @@ def test_factored_rmax_takes_as_many_steps_as_published() -> None:
 
 def test_rewards_above_r_max_are_refused() -> None:
     arena = Arena.of_size(5)
-    with pytest.raises(ValueError, match="R_max is 10, and a step is worth 20"):
+    with pytest.raises(ValueError, match="R_max is 10, but a step has the reward 20"):
         replace(TabularRmax(ModelEntries.of_steps(arena.tables)), r_max=10.0).learn(
             arena.tables, arena.probes, np.random.default_rng(0), max_episode_steps=5, max_steps=5
         )

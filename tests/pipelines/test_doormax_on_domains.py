@@ -1,4 +1,4 @@
-"""DOORMAX on deliveries and Taxi: objects that are alike, objects that leave, and the bound of the theorem."""
+"""DOORMAX on deliveries and Taxi: several objects of a class, objects that leave, and the bound of the theorem."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from wherry.learning.effect_rules import Subject
 from wherry.oomdp.attributes import EXISTS
 from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import DeterministicMdp, Transition
+from wherry_testing.doormax_rules import conditions_by_argument
 
 PLAN = FloorPlan("plan", 4, 1, warehouse=frozenset({Cell(3, 0)}), start=Cell(0, 0))
 SITE = DeliverySite.of_plan(PLAN)
@@ -32,7 +33,7 @@ def delivery_learner() -> Doormax:
     return Doormax(SITE.domain, reward=delivery_reward, terminated=all_delivered)
 
 
-def test_a_pickup_is_learnt_of_the_box_that_was_picked_up() -> None:
+def test_a_pickup_is_learnt_for_the_box_under_the_robot_only() -> None:
     doormax = delivery_learner()
     state = SITE.state(Cell(1, 0), [BoxState("a", Cell(1, 0)), BoxState("b", Cell(3, 0))])
     doormax.add_experience(delivery_transition(state, PICKUP))
@@ -42,13 +43,6 @@ def test_a_pickup_is_learnt_of_the_box_that_was_picked_up() -> None:
     assert [box.in_bot for box in predicted.of_class("Box")] == [False, True]
 
 
-def models(doormax: Doormax, effect_type: str, subject: Subject) -> dict[object, str]:
-    return {
-        effect.argument: str(model)
-        for effect, model in doormax.effect_rules.models[subject].get(effect_type, {}).items()
-    }
-
-
 def test_a_delivered_box_leaves_the_predicted_state() -> None:
     doormax = delivery_learner()
     held, waiting = BoxState("a", Cell(0, 0), in_bot=True), BoxState("b", Cell(0, 0))
@@ -56,8 +50,8 @@ def test_a_delivered_box_leaves_the_predicted_state() -> None:
     doormax.add_experience(delivery_transition(state, DROPOFF))
     assert doormax.predict(state, DROPOFF).most_likely.next_state == state.without("a")
     exists = Subject("DROPOFF", "Box", EXISTS)
-    assert models(doormax, "assignment", exists) == {False: "1110011", True: "1110010"}
-    assert models(doormax, "increment", Subject("DROPOFF", "Box", "x")) == {0: "1110010"}
+    assert conditions_by_argument(doormax, exists, "assignment") == {False: "1110011", True: "1110010"}
+    assert conditions_by_argument(doormax, Subject("DROPOFF", "Box", "x"), "increment") == {0: "1110010"}
 
 
 def test_newly_perceived_walls_do_not_count_as_a_change() -> None:
@@ -78,8 +72,8 @@ def test_unknown_answers_stay_below_the_bound(environment: DeterministicMdp, opt
     state = environment.reset(rng)
     for _ in range(2500):
         actions = environment.domain.ground_actions(state)
-        done = environment.step(actions[rng.integers(len(actions))])
-        answers.observe(done)
-        learner.add_experience(done)
-        state = environment.reset(rng) if done.terminated else done.next_state
-    assert 0 < answers.most <= answers.bound
+        transition = environment.step(actions[rng.integers(len(actions))])
+        answers.observe(transition)
+        learner.add_experience(transition)
+        state = environment.reset(rng) if transition.terminated else transition.next_state
+    assert 0 < answers.max_count <= answers.bound

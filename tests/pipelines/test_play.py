@@ -10,41 +10,41 @@ from wherry.errors import InputError
 from wherry.oomdp.domain import Action
 from wherry.pipelines.grids.game_setups import GAME_SETUPS, PLAY_LEARNERS, GameSettings
 from wherry.pipelines.grids.play import Game
-from wherry.pipelines.grids.predictions_in_words import describe_changes
+from wherry.pipelines.grids.prediction_text import describe_changes
 
 
-def predicted(game: Game) -> dict[str, str]:
+def predicted_changes(game: Game) -> dict[str, str | None]:
     return {str(entry.action): entry.changes for entry in game.predictions()}
 
 
 @pytest.mark.parametrize("learner", PLAY_LEARNERS)
 @pytest.mark.parametrize("domain", GAME_SETUPS)
-def test_predictions_are_unknown_until_the_action_was_done(domain: str, learner: str) -> None:
+def test_an_action_is_predicted_only_after_it_was_tried(domain: str, learner: str) -> None:
     game = Game(GameSettings(domain, learner=learner, seed=3))
-    assert set(predicted(game).values()) == {"UNKNOWN"}
+    assert set(predicted_changes(game).values()) == {None}
     before = game.state
-    game.do(Action("N"))
+    game.act(Action("N"))
     assert game.message.startswith(f"N: {describe_changes(before, game.state)}")
-    assert game.message.endswith("which was unknown.")
+    assert game.message.endswith("which was not predicted.")
     if game.state == before:
-        assert predicted(game)["N"] == "nothing changes"
+        assert predicted_changes(game)["N"] == "nothing changes"
 
 
 @pytest.mark.parametrize("domain", GAME_SETUPS)
-def test_the_learner_completes_episodes_on_its_own(domain: str) -> None:
+def test_the_suggested_actions_complete_episodes(domain: str) -> None:
     game = Game(GameSettings(domain, seed=1, learner="bayes"))
     for episode in range(1, 4):
-        while not game.over:
-            action = game.advise()
+        while not game.is_over:
+            action = game.suggest_action()
             assert action is not None
-            game.do(action)
-        assert game.episodes == episode
-        assert "Done after" in game.message
+            game.act(action)
+        assert game.finished_episodes == episode
+        assert "The episode ended after" in game.message
         with pytest.raises(RuntimeError):
-            game.do(Action("N"))
-        game.begin()
+            game.act(Action("N"))
+        game.begin_episode()
     assert "N: if not touch_N" in "\n".join(game.rules)
-    assert game.advise() is not None
+    assert game.suggest_action() is not None
 
 
 def test_the_drawing_shows_taxi_passenger_destination_and_robot() -> None:

@@ -1,4 +1,4 @@
-"""Rules files: saved learners predict and learn as before, in any world of the domain; broken files are refused."""
+"""Rules files: a loaded learner predicts and learns like the saved one; invalid files are refused."""
 
 from __future__ import annotations
 
@@ -33,15 +33,17 @@ from wherry.oomdp.objects import State
 from wherry_testing.machine import ask, machine_domain, teach
 
 
-def wander(environment: DeterministicMdp, learner: RuleLearner, steps: int, seed: int = 0) -> list[State]:
-    """Act at random, learn from it, and return the states on the way."""
+def learn_from_random_steps(
+    environment: DeterministicMdp, learner: RuleLearner, steps: int, seed: int = 0
+) -> list[State]:
+    """Let a learner learn from random actions, and return the visited states."""
     rng = np.random.default_rng(seed)
     states = [environment.reset(rng)]
     for _ in range(steps):
         actions = environment.domain.ground_actions(states[-1])
-        done = environment.step(actions[rng.integers(len(actions))])
-        learner.add_experience(done)
-        states.append(environment.reset(rng) if done.terminated else done.next_state)
+        transition = environment.step(actions[rng.integers(len(actions))])
+        learner.add_experience(transition)
+        states.append(environment.reset(rng) if transition.terminated else transition.next_state)
     return states
 
 
@@ -59,7 +61,7 @@ MAKERS: dict[str, Callable[..., RuleLearner]] = {
 def test_a_loaded_learner_makes_the_same_predictions(name: str, tmp_path: Path) -> None:
     environment = taxi_grid(5)
     learner = MAKERS[name](environment.domain)
-    states = wander(environment, learner, 600)
+    states = learn_from_random_steps(environment, learner, 600)
     save_rules(learner, tmp_path / "rules.json")
     loaded = load_rules(tmp_path / "rules.json", environment.domain)
     assert answers(loaded, states) == answers(learner, states)
@@ -72,11 +74,11 @@ def test_a_loaded_learner_goes_on_learning_the_same_way(name: str, tmp_path: Pat
     environment = delivery_grid(find_world("small"))
     given = {"reward": delivery_reward, "terminated": all_delivered}
     learner = MAKERS[name](environment.domain, **given)
-    wander(environment, learner, 200)
+    learn_from_random_steps(environment, learner, 200)
     save_rules(learner, tmp_path / "rules.json")
     loaded = load_rules(tmp_path / "rules.json", environment.domain, **given)
-    states = wander(environment, learner, 200, seed=1)
-    wander(environment, loaded, 200, seed=1)
+    states = learn_from_random_steps(environment, learner, 200, seed=1)
+    learn_from_random_steps(environment, loaded, 200, seed=1)
     assert answers(loaded, states) == answers(learner, states)
 
 
@@ -117,11 +119,11 @@ def test_near_misses_of_single_attributes_are_refused(tmp_path: Path) -> None:
 
 def test_rules_learnt_in_one_world_hold_in_another(tmp_path: Path) -> None:
     learner = BayesianLearner(taxi_grid(5).domain)
-    wander(taxi_grid(5), learner, 1500)
+    learn_from_random_steps(taxi_grid(5), learner, 1500)
     save_rules(learner, tmp_path / "rules.json")
     large = taxi_grid(10)
     loaded = load_rules(tmp_path / "rules.json", large.domain)
-    for state in wander(large, BayesianLearner(large.domain), 100):
+    for state in learn_from_random_steps(large, BayesianLearner(large.domain), 100):
         for action in large.domain.ground_actions(state):
             assert (
                 loaded.predict(state, action).most_likely.next_state
@@ -145,7 +147,7 @@ def test_fractions_and_removed_types_are_saved(tmp_path: Path) -> None:
 
 def test_a_file_begins_with_sentences(tmp_path: Path) -> None:
     learner = BayesianLearner(taxi_grid(5).domain)
-    wander(taxi_grid(5), learner, 300)
+    learn_from_random_steps(taxi_grid(5), learner, 300)
     save_rules(learner, tmp_path / "rules.json")
     document = json.loads((tmp_path / "rules.json").read_text("utf-8"))
     assert list(document)[:3] == ["format", "version", "sentences"]
@@ -161,7 +163,7 @@ def test_a_learner_without_rules_is_refused(tmp_path: Path) -> None:
 def document(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     path = tmp_path_factory.mktemp("rules") / "rules.json"
     learner = RULE_LEARNERS[request.param].factory(taxi_grid(5).domain)
-    wander(taxi_grid(5), learner, 300)
+    learn_from_random_steps(taxi_grid(5), learner, 300)
     save_rules(learner, path)
     content: dict[str, Any] = json.loads(path.read_text("utf-8"))
     return content

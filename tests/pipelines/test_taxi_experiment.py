@@ -12,7 +12,12 @@ from wherry.errors import InputError
 from wherry.learning.registry import RULE_LEARNERS, Job
 from wherry.pipelines.grids.arenas import Arena
 from wherry.pipelines.grids.learners import LEARNERS
-from wherry.pipelines.grids.learning import LearningExperiment, LearningResult, LearningSettings, solved_at_once
+from wherry.pipelines.grids.learning import (
+    LearningExperiment,
+    LearningResult,
+    LearningSettings,
+    probes_solved_by_transfer,
+)
 
 
 def run(learner: str, size: int, repetitions: int, seed: int = 0) -> LearningResult:
@@ -80,7 +85,7 @@ def test_rules_learnt_on_the_small_grid_solve_the_large_one(learner: str) -> Non
     experiment = LearningExperiment(LearningSettings(size=5, learner=learner, repetitions=5))
     for _ in experiment.repetitions():
         assert experiment.learner is not None
-        assert solved_at_once(experiment.learner, large) == 6
+        assert probes_solved_by_transfer(experiment.learner, large) == 6
 
 
 def test_unknown_answers_stay_below_the_bound_in_the_experiment() -> None:

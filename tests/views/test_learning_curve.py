@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from wherry.views.learning_curve import StepsNeeded, as_bytes, learning_curves, solved_by, steps_needed
+from wherry.views.learning_curve import (
+    LINE_STYLES,
+    PALETTE,
+    StepsNeeded,
+    as_bytes,
+    learning_curves,
+    solved_by,
+    steps_needed,
+)
 
 RUNS = {"quick": [[(10, 0), (20, 6)], [(12, 3), (30, 6)]], "slow": [[(100, 1), (5000, 6)]]}
 
@@ -25,6 +33,19 @@ def test_a_line_ends_where_all_probes_are_solved() -> None:
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("steps in the environment", "probes solved optimally, of 6")
 
 
+def test_every_learner_has_its_own_combination_of_colour_and_style() -> None:
+    names = [f"learner {number}" for number in range(len(PALETTE) * len(LINE_STYLES))]
+    runs = dict.fromkeys(names, RUNS["quick"])
+    (axes,) = learning_curves(runs, 6, "All").axes
+    lines = {
+        str(line.get_label()): (line.get_color(), line.get_linestyle())
+        for line in axes.get_lines()
+        if line.get_marker() == "None"
+    }
+    assert set(lines) == set(names)
+    assert len(set(lines.values())) == len(names)
+
+
 def test_curves_of_similar_length_share_a_linear_axis() -> None:
     (axes,) = learning_curves({"quick": RUNS["quick"]}, 6, "One").axes
     assert axes.get_xscale() == "linear"
@@ -32,14 +53,14 @@ def test_curves_of_similar_length_share_a_linear_axis() -> None:
 
 def test_a_row_shows_the_median_and_the_published_mean() -> None:
     rows = [
-        StepsNeeded("ours", [10, 20, 30]),
-        StepsNeeded("ours", [50], published=True),
-        StepsNeeded("people", [7], published=True),
+        StepsNeeded("doormax", [10, 20, 30]),
+        StepsNeeded("doormax", [50], is_published=True),
+        StepsNeeded("people", [7], is_published=True),
     ]
     (axes,) = steps_needed({"5×5": rows}, "Taxi").axes
     points = [tuple(map(float, line.get_xydata()[0])) for line in axes.get_lines() if line.get_marker() == "o"]  # type: ignore[index, union-attr]
     assert sorted(points) == [(7, 1), (20, 0), (50, 0)]
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["ours", "people"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["doormax", "people"]
 
 
 def test_equal_figures_are_written_as_equal_bytes() -> None:

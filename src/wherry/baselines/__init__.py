@@ -1,4 +1,4 @@
-"""Learners to compare with: Q-learning, R-max and Factored R-max, on objects and compiled for numbered states."""
+"""Tabular baselines: Q-learning, R-max and Factored R-max, on object states and compiled for numbered states."""
 
 import lazy_loader
 

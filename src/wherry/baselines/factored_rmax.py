@@ -1,11 +1,11 @@
 """Factored R-max (Guestrin, Patrascu and Schuurmans 2002) for deterministic MDPs whose structure is given.
 
-For every action a dynamic Bayesian network (`wherry.baselines.network`) gives the attributes that an attribute's next
-value, the reward and the end of the episode depend on. One table is learnt for each of them; a step is known when all
-its tables have an entry.
+For every action a dynamic Bayesian network (`wherry.baselines.network`) gives the parents of each variable: the
+attributes on which an attribute's next value, or the reward and the end of the episode, depend. One table is learnt for
+each action and variable; a step is known when all its tables have an entry.
 
-This is the plain implementation on objects, which works with any planner. `wherry.baselines.compiled.rmax` is tested
-against it step by step, and is what experiments run.
+This is the reference implementation on object states, which works with any planner. Experiments run
+`wherry.baselines.compiled.rmax`, which is tested against it step by step.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Hashable, Iterator
 from typing import Any
 
 from wherry.baselines.network import GONE, REWARD_AND_END, Parents, Variable, attributes_of, name_of, parent_value
-from wherry.baselines.rmax import NOT_KNOWN
+from wherry.baselines.rmax import UNKNOWN_IN_EVERY_STATE
 from wherry.oomdp.conditional_models import ConditionalPrediction, ModelOutcome
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, Outcome, Prediction, Transition
@@ -22,7 +22,7 @@ from wherry.oomdp.objects import Object, State
 
 
 class FactoredRmax:
-    """Remembers what every action did to every variable, by the values of the variable's parents.
+    """Stores, for every action and variable, the variable's next value by the values of its parents.
 
     Args:
         domain: Domain whose states and actions are learnt about.
@@ -40,11 +40,11 @@ class FactoredRmax:
 
     @property
     def violations(self) -> tuple[str, ...]:
-        """The variables that were found to depend on more than the network says, in words."""
+        """The variables whose next value turned out not to be a function of their parents, in words."""
         return tuple(self._violations)
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """Return what the tables say, or unknown where one of them has no entry."""
+        """Return the outcome given by the tables; unknown where one of them has no entry."""
         reward_and_end = self._look_up(state, action, REWARD_AND_END)
         if reward_and_end is None:
             return UNKNOWN
@@ -65,8 +65,10 @@ class FactoredRmax:
         return state
 
     def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
-        """Return what the tables say, or unknown where one of them has no entry."""
-        return ConditionalPrediction(((ModelOutcome(self), 1.0),)) if self._knows(state, action) else NOT_KNOWN
+        """Return the outcome given by the tables; unknown where one of them has no entry."""
+        if not self._knows(state, action):
+            return UNKNOWN_IN_EVERY_STATE
+        return ConditionalPrediction(((ModelOutcome(self), 1.0),))
 
     def _knows(self, state: State, action: Action) -> bool:
         """Return whether every table has an entry for the step."""
@@ -88,7 +90,7 @@ class FactoredRmax:
                 table[key] = value
                 self.revisions[transition.action.name] += 1
             elif table[key] != value:
-                violation = f"{transition.action}, {name_of(variable)}: depends on more than the network says"
+                violation = f"{transition.action}, {name_of(variable)}: depends on more than its parents in the network"
                 self._violations[violation] = None
 
 

@@ -1,4 +1,4 @@
-"""Makes the compiled baselines for a problem of numbered states; called through `wherry.baselines.registry`."""
+"""Factories of the compiled baselines, used through `wherry.baselines.registry`."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from wherry.errors import InputError
 
 
 class TabularProblem(Protocol):
-    """What compiled learners are made for."""
+    """A problem with numbered states, with the table entries that R-max and Factored R-max learn in it."""
 
     @property
     def title(self) -> str:
-        """Name of the problem, for people."""
+        """Name of the problem in messages."""
         ...
 
     @property
     def step_entries(self) -> ModelEntries:
-        """Entries of R-max."""
+        """Table entries of R-max."""
         ...
 
     @property
     def network_entries(self) -> Mapping[str, ModelEntries]:
-        """Entries of Factored R-max, by the name of the network that it is given; empty where none is known."""
+        """Table entries of Factored R-max, by the name of its network; empty where no network is known."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""The dynamic Bayesian network that Factored R-max is given: which variables each variable's next value depends on."""
+"""The dynamic Bayesian network given to Factored R-max: the parents on which each variable's next value depends."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ REWARD_AND_END: Variable = ("", "reward and end")
 """The variable for a step's reward and whether the step ends the episode."""
 
 GONE = ("gone",)
-"""Value of all attributes of an object that has left the state; no attribute has this value."""
+"""Value of every attribute of an object that has left the state; no attribute of a present object has it."""
 
 Parent = Variable | Callable[[State], Hashable]
-"""A variable, or a function of several variables, such as a passenger's location: in the street or in the taxi."""
+"""A variable, or a function of several variables, such as a passenger's location (a mark, or in the taxi)."""
 
 Parents = Callable[[str, Variable], tuple[Parent, ...]]
 """The network: the parents of a variable's next value, given the action's name."""
@@ -39,5 +39,5 @@ def attributes_of(state: State) -> list[Variable]:
 
 
 def name_of(variable: Variable) -> str:
-    """Return a variable as people read it: ``taxi.x``."""
+    """Return a variable as text: ``taxi.x``."""
     return ".".join(filter(None, variable))

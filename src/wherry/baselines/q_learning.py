@@ -2,8 +2,8 @@
 
 It learns with one-step backups and explores ε-greedily, or by optimistic initial values.
 
-This is the plain implementation on objects. `wherry.baselines.compiled.q_learning` is tested against it step by step,
-and is what experiments run.
+This is the reference implementation on object states. Experiments run `wherry.baselines.compiled.q_learning`, which is
+tested against it step by step.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ class QLearning:
 
     Attributes:
         domain: Domain whose states and actions are learnt about.
-        rng: Source of randomness for exploration.
+        rng: Random number generator for exploration.
         discount: γ.
-        learning_rate: α, how far a value moves towards its target; 1 suits a deterministic world.
+        learning_rate: α, step size of the backups; 1 is right in a deterministic world.
         exploration: ε, probability of a random action.
-        initial_value: Q of pairs never tried; optimistic where no return can be larger.
+        initial_value: Q of state–action pairs not tried yet; an upper bound of all returns makes it optimistic.
     """
 
     domain: Domain
@@ -60,7 +60,7 @@ class QLearning:
         return max(self._values_of(state).values())
 
     def best(self, state: State) -> Action:
-        """Return the greedy action; of equally good ones the first."""
+        """Return the greedy action; the first one among equals."""
         values = self._values_of(state)
         return max(values, key=values.__getitem__)
 

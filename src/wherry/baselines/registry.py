@@ -1,7 +1,6 @@
 """The registry of the baselines, with entries of the same type as those of the learners of rules.
 
-Baselines learn no rules. They are compared with other learners on numbered states, so what their entries make are the
-compiled learners.
+Baselines learn no rules. Experiments run them on numbered states, so their entries make the compiled learners.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ class BaselineFactory(Protocol):
     """Makes a compiled learner for a problem."""
 
     def __call__(self, problem: TabularProblem) -> TabularLearner:
-        """Make a learner that knows nothing."""
+        """Make a learner without knowledge."""
         ...
 
 
@@ -30,12 +29,12 @@ _Q_LEARNING = "wherry.baselines.factories:q_learning"
 
 BASELINES: Mapping[str, LearnerEntry[BaselineFactory]] = {
     "factored-rmax": LearnerEntry(
-        "a table for each variable, with the published network given",
+        "a table for each variable, given the published network",
         _FACTORED_RMAX,
         options={"network": "published"},
     ),
     "factored-rmax-minimal": LearnerEntry(
-        "a table for each variable, with the smallest true network given",
+        "a table for each variable, given the smallest correct network",
         _FACTORED_RMAX,
         options={"network": "minimal"},
     ),
@@ -44,7 +43,7 @@ BASELINES: Mapping[str, LearnerEntry[BaselineFactory]] = {
     "q-learning-optimistic": LearnerEntry(
         "a value for every state and action, explored by optimistic initial values",
         _Q_LEARNING,
-        options={"exploration": 0.0, "initial_value": 20.0},
+        options={"exploration": 0.0, "initial_value": 20.0},  # 20 is an upper bound of the return in Taxi
     ),
 }
-"""The baselines, by the names that users choose them with. No return of Taxi is larger than 20."""
+"""The baselines, by the names used on the command line."""

@@ -1,9 +1,9 @@
 """R-max (Brafman and Tennenholtz 2002) for deterministic MDPs: every state and action is learnt separately.
 
-The baseline that uses no structure of the state. One visit suffices where nothing is random (m = 1).
+It uses no structure of the state. One visit makes a state and action known, as dynamics are deterministic (m = 1).
 
-This is the plain implementation on objects, which works with any planner. `wherry.baselines.compiled.rmax` is tested
-against it step by step, and is what experiments run.
+This is the reference implementation on object states, which works with any planner. Experiments run
+`wherry.baselines.compiled.rmax`, which is tested against it step by step.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.mdp import UNKNOWN, Outcome, Prediction, Transition
 from wherry.oomdp.objects import State
 
-NOT_KNOWN = ConditionalPrediction(((ConstantOutcome(UNKNOWN.most_likely), 1.0),))
+UNKNOWN_IN_EVERY_STATE = ConditionalPrediction(((ConstantOutcome(UNKNOWN.most_likely), 1.0),))
 
 
 class Rmax:
-    """Remembers what every action did in every state the first time.
+    """Stores the first observed outcome of every state and action.
 
     Args:
         domain: Domain whose states and actions are learnt about.
@@ -39,7 +39,7 @@ class Rmax:
         return tuple(self._violations)
 
     def predict(self, state: State, action: Action) -> Prediction:
-        """Return what the action did in this state, or unknown."""
+        """Return the stored outcome; unknown where the action was not tried in this state."""
         return self._known.get((state, action), UNKNOWN)
 
     def state_key(self, state: State) -> Hashable:
@@ -47,14 +47,16 @@ class Rmax:
         return state
 
     def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
-        """Return what the action did in this state, or unknown."""
-        return ConditionalPrediction(((ModelOutcome(self), 1.0),)) if (state, action) in self._known else NOT_KNOWN
+        """Return the stored outcome; unknown where the action was not tried in this state."""
+        if (state, action) not in self._known:
+            return UNKNOWN_IN_EVERY_STATE
+        return ConditionalPrediction(((ModelOutcome(self), 1.0),))
 
     def add_experience(self, transition: Transition) -> None:
-        """Remember one transition."""
-        tried = transition.state, transition.action
-        seen = Prediction((Outcome(transition.next_state, transition.reward, transition.terminated),))
-        if self._known.setdefault(tried, seen) is seen:
+        """Store the outcome of a transition, if it is the first of its state and action."""
+        pair = transition.state, transition.action
+        observed = Prediction((Outcome(transition.next_state, transition.reward, transition.terminated),))
+        if self._known.setdefault(pair, observed) is observed:
             self.revisions[transition.action.name] += 1
-        elif self._known[tried] != seen:
-            self._violations[f"{transition.action}: did not do the same each time in one state"] = None
+        elif self._known[pair] != observed:
+            self._violations[f"{transition.action}: had different outcomes in the same state"] = None

@@ -1,4 +1,4 @@
-"""``wherry bench``: times beside those of external implementations."""
+"""``wherry bench``: wherry's times beside those of external implementations."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def bench(
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Measure times beside those of external implementations, where these are installed, or else published times."""
+    """Measure wherry's times and those of external implementations; published times where these are not installed."""
     if name not in NAMES:
         raise InputError("NAME", name, f"is none of {', '.join(NAMES)}")
     from wherry.experiments.bench import BenchSettings, run_bench
@@ -43,7 +43,8 @@ def bench(
         result = run_bench(name, BenchSettings(data, efficient_rl), lambda task: status.update(f"measuring: {task}"))
     console.print(_table(result))
     if as_json:
-        print_json({"bench": name, "load": result.load, "times": [_as_json(one, result) for one in result.timings]})
+        times = [_as_json(timing, result) for timing in result.timings]
+        print_json({"bench": name, "load": result.load, "times": times})
 
 
 def _as_json(timing: Timing, result: BenchResult) -> dict[str, object]:
@@ -52,27 +53,27 @@ def _as_json(timing: Timing, result: BenchResult) -> dict[str, object]:
         "who": timing.implementation,
         "ms": round(timing.milliseconds, 4),
         "ratio": result.ratio(timing),
-        "source": timing.source,
+        "source": timing.source.value,
     }
 
 
 def _table(result: BenchResult) -> Table:
-    """One row per timing, with the ratio to wherry's time."""
+    """Return a table with a row for each timing and its ratio to wherry's time."""
     from rich.table import Table
 
     table = Table(title=f"{result.name}: medians, at a {result.load}", title_justify="left")
     for heading in ("task", "implementation", "ms", "× wherry", "measured"):
         table.add_column(heading, justify="right" if heading in ("ms", "× wherry") else "left")
-    last = ""
+    previous_task = ""
     for timing in result.timings:
         ratio = result.ratio(timing)
         table.add_row(
-            timing.task if timing.task != last else "",
+            timing.task if timing.task != previous_task else "",
             timing.implementation,
             f"{timing.milliseconds:,.2f}" if timing.milliseconds < 1000 else f"{timing.milliseconds:,.0f}",
             "" if ratio is None else f"{ratio:,.1f}" if ratio < 100 else f"{ratio:,.0f}",
-            timing.source,
-            style="bold" if timing.is_ours else "",
+            timing.source.value,
+            style="bold" if timing.is_own else "",
         )
-        last = timing.task
+        previous_task = timing.task
     return table

@@ -1,4 +1,4 @@
-"""``wherry learn``: the published learning experiment, in several domains and with every learner."""
+"""``wherry learn``: the published learning experiment, with any learner and in several domains."""
 
 from __future__ import annotations
 
@@ -27,8 +27,13 @@ if TYPE_CHECKING:
     from wherry.pipelines.grids.learning import LearningExperiment
 
 DOMAINS = ("taxi", "delivery", "gymnasium-taxi")
-INFERENCES = {"memorise": "doormax", "near-miss": "doormax-near-miss"}  # by --inference: the registered learner
-OFFERED = {name: entry for name, entry in LEARNERS.items() if name == "doormax" or name not in INFERENCES.values()}
+INFERENCES = {"memorise": "doormax", "near-miss": "doormax-near-miss"}
+"""The registered learners by the values of ``--inference``."""
+
+LEARNER_CHOICES = {
+    name: entry for name, entry in LEARNERS.items() if name == "doormax" or name not in INFERENCES.values()
+}
+"""The values of ``--learner``; variants of DOORMAX are chosen by ``--inference``."""
 
 
 @with_option_groups
@@ -37,38 +42,38 @@ def learn(
     size: Annotated[int, typer.Option(help="The Taxi grid's side: 5 or 10.")] = 5,
     world: Annotated[str, typer.Option(help="Where to deliver: a built-in world's name, or a world file.")] = "small",
     learner: Annotated[
-        str, typer.Option(help=f"{', '.join(OFFERED)}.", autocompletion=learner_completion(OFFERED))
+        str, typer.Option(help=f"{', '.join(LEARNER_CHOICES)}.", autocompletion=learner_completion(LEARNER_CHOICES))
     ] = "doormax",
     inference: Annotated[
         str | None,
         typer.Option(
-            help="What DOORMAX makes of failures: memorise, as in the paper, or near-miss, which needs fewer steps and "
+            help="How DOORMAX uses failures: memorise, as in the paper, or near-miss, which needs fewer steps and "
             "assumes one conjunctive condition per action.",
             autocompletion=name_completion(INFERENCES),
         ),
     ] = None,
-    repetitions: Annotated[int, typer.Option(help="How many learners, each from knowing nothing.")] = 20,
+    repetitions: Annotated[int, typer.Option(help="Number of repetitions, each without prior knowledge.")] = 20,
     seed: SeedOption = 0,
-    rules_out: Annotated[Path | None, typer.Option(help="Where to save what the last learner knows, as JSON.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Where to draw the learning curve: a .png or an .svg file.")] = None,
+    rules_out: Annotated[Path | None, typer.Option(help="JSON file for the rules of the last repetition.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Picture of the learning curve: a .png or an .svg file.")] = None,
     *,
     page: PageOptions,
     output: OutputOptions,
 ) -> None:
-    """Count the steps until a learner's policy is optimal from six probes, as published for Taxi."""
+    """Count a learner's steps until its policy is optimal from six probes, as in the published Taxi experiment."""
     if out is not None and out.suffix not in (".png", ".svg"):
         raise InputError("--out", str(out), "must end in .png or .svg")
-    chosen = _learner(learner, inference)
-    if rules_out is not None and chosen in LEARNERS and not LEARNERS[chosen].has_rules:
-        raise InputError("--rules-out", str(rules_out), f"{chosen} learns no rules that could be saved")
+    name = _learner_name(learner, inference)
+    if rules_out is not None and name in LEARNERS and not LEARNERS[name].has_rules:
+        raise InputError("--rules-out", str(rules_out), f"{name} learns no rules that could be saved")
     from wherry.pipelines.grids.learning import LearningExperiment, LearningSettings
 
     experiment = LearningExperiment(
-        LearningSettings(size=size, learner=chosen, repetitions=repetitions, seed=seed, domain=domain, world=world)
+        LearningSettings(size=size, learner=name, repetitions=repetitions, seed=seed, domain=domain, world=world)
     )
     console = output.console()
     with trace_sink("wherry: learning", None, console, page) as sink:
-        experiment.watch = sink if page.view else None
+        experiment.sink = sink if page.view else None
         _run(experiment, console)
     result = experiment.result()
     _report_rules(experiment, console, rules_out)
@@ -81,14 +86,14 @@ def learn(
     raise typer.Exit(0 if result.converged == result.repetitions else 1)
 
 
-def _learner(learner: str, inference: str | None) -> str:
-    """Return the registered name of a learner with a way to infer failures."""
+def _learner_name(learner: str, inference: str | None) -> str:
+    """Return the registered name for the values of ``--learner`` and ``--inference``."""
     if inference is None:
         return learner
     if inference not in INFERENCES:
         raise InputError("--inference", inference, f"is none of {', '.join(INFERENCES)}")
     if learner != "doormax":
-        raise InputError("--inference", inference, f"is DOORMAX's, not of {learner}")
+        raise InputError("--inference", inference, f"is an option of doormax, not of {learner}")
     return INFERENCES[inference]
 
 

@@ -1,4 +1,4 @@
-"""``wherry play``: a domain played by hand, with a learner that watches."""
+"""``wherry play``: a domain played in the terminal, with a learner that learns from the player's actions."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 DOMAINS = ("taxi", "delivery")
 LEARNERS = learners_for(Job.PLAY, RULE_LEARNERS)
 
-ARROWS = {"\x1b[A": "n", "\x1b[B": "s", "\x1b[C": "e", "\x1b[D": "w"}
-ADVISE, RESTART, QUIT = "l", "r", "q"
-QUIT_KEYS = {"\x03", "\x04", "\x1b"}  # Ctrl-C, Ctrl-D, Escape
-KEYS = "arrows or n s e w, p, d: act   l: the learner acts   r: new episode   q: quit"
+ARROW_KEYS = {"\x1b[A": "n", "\x1b[B": "s", "\x1b[C": "e", "\x1b[D": "w"}  # keys of the actions, by escape sequence
+LEARNER_KEY, RESTART_KEY, QUIT_KEY = "l", "r", "q"
+QUIT_SEQUENCES = {"\x03", "\x04", "\x1b"}  # Ctrl-C, Ctrl-D, Escape
+KEYS_HELP = "arrows or n s e w, p, d: act   l: the learner acts   r: new episode   q: quit"
 
 
 def play(
@@ -46,9 +46,9 @@ def play(
     rules: Annotated[Path | None, typer.Option(help="Learnt rules that the learner begins with.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Play a domain in the terminal: its terms, what a learner predicts, and the rules that it learns from you.
+    """Play a domain in the terminal, with its terms, a learner's predictions, and the rules that it learns from you.
 
-    Keys act at once. What comes through a pipe is read line by line: keys, or an action's name.
+    In a terminal, keys act at once. A pipe is read line by line: keys, or names of actions.
     """
     from wherry.pipelines.grids.game_setups import GameSettings
     from wherry.pipelines.grids.play import Game
@@ -58,60 +58,67 @@ def play(
     game = Game(settings)
     console = console_for(as_json=as_json)
     single_keys = sys.stdin.isatty() and console.is_terminal
-    known = game.rules
-    keys = _pressed() if single_keys else _typed(game)
+    earlier_rules = game.rules
+    keys = _keys_from_terminal() if single_keys else _keys_from_lines(game)
     while True:
         if single_keys:
             console.clear()
-        console.print(render(_screen(game, known), console.width), highlight=False)
-        key = next(keys, QUIT)
-        if key == QUIT:
+        console.print(render(_screen(game, earlier_rules), console.width), highlight=False)
+        key = next(keys, QUIT_KEY)
+        if key == QUIT_KEY:
             break
-        known = game.rules
-        _obey(game, key)
+        earlier_rules = game.rules
+        _handle_key(game, key)
     if as_json:
-        print_json(
-            {"steps": game.all_steps, "episodes": game.episodes, "surprises": game.surprises, "rules": len(game.rules)}
-        )
+        statistics = {
+            "steps": game.total_steps,
+            "episodes": game.finished_episodes,
+            "surprises": game.wrong_predictions,
+        }
+        print_json({**statistics, "rules": len(game.rules)})
 
 
-def keys_of(game: Game) -> dict[str, Action]:
-    """Return the actions by their keys, which are their first letters."""
+def _actions_by_key(game: Game) -> dict[str, Action]:
+    """Return the actions by their keys, which are the first letters of their names."""
     return {action.name[0].lower(): action for action in game.actions}
 
 
-def _obey(game: Game, key: str) -> None:
-    """Do what a key is for."""
-    if key == RESTART:
-        game.begin()
+def _handle_key(game: Game, key: str) -> None:
+    """Act, restart, or report in the game's message why a key does nothing."""
+    if key == RESTART_KEY:
+        game.begin_episode()
         return
-    action = game.advise() if key == ADVISE else keys_of(game).get(key)
-    if game.over:
-        game.message = "This episode is over; r begins a new one, and what was learnt is kept."
+    action = game.suggest_action() if key == LEARNER_KEY else _actions_by_key(game).get(key)
+    if game.is_over:
+        game.message = "This episode is over. r begins a new one and keeps the learnt rules."
     elif action is not None:
-        game.do(action)
-    elif key == ADVISE:
+        game.act(action)
+    elif key == LEARNER_KEY:
         game.message = "The learner has nothing more to do."
     else:
-        game.message = f"{key!r} means nothing. {KEYS}"
+        game.message = f"{key!r} is not a key. {KEYS_HELP}"
 
 
-def _typed(game: Game) -> Iterator[str]:
-    """Yield keys from lines of text: an action's name is read as its key, a word made of keys as each of them."""
+def _keys_from_lines(game: Game) -> Iterator[str]:
+    """Yield keys from lines of standard input.
+
+    The name of an action stands for its key. A word of several keys stands for each of them; other words are yielded
+    whole.
+    """
     for line in sys.stdin:
         for word in line.lower().split():
-            actions = keys_of(game)
+            actions = _actions_by_key(game)
             names = {action.name.lower(): key for key, action in actions.items()}
             if word in names:
                 yield names[word]
-            elif set(word) <= {*actions, ADVISE, RESTART, QUIT}:
+            elif set(word) <= {*actions, LEARNER_KEY, RESTART_KEY, QUIT_KEY}:
                 yield from word
             else:
                 yield word
 
 
-def _pressed() -> Iterator[str]:
-    """Yield single keys without waiting for a new line; the terminal's mode is restored at the end."""
+def _keys_from_terminal() -> Iterator[str]:
+    """Yield keys as they are pressed; the terminal's mode is restored at the end."""
     import os
     import termios
     import tty
@@ -119,26 +126,26 @@ def _pressed() -> Iterator[str]:
     terminal = sys.stdin.fileno()
     before = termios.tcgetattr(terminal)
     try:
-        tty.setcbreak(terminal, termios.TCSANOW)  # what was typed before counts, too
+        tty.setcbreak(terminal, termios.TCSANOW)  # TCSANOW keeps what was typed before
         while True:
-            typed = os.read(terminal, 8).decode("utf-8", errors="replace")
-            if typed in QUIT_KEYS or not typed:
+            sequence = os.read(terminal, 8).decode("utf-8", errors="replace")
+            if sequence in QUIT_SEQUENCES or not sequence:
                 return
-            yield from [ARROWS[typed]] if typed in ARROWS else typed.lower()
+            yield from [ARROW_KEYS[sequence]] if sequence in ARROW_KEYS else sequence.lower()
     finally:
         termios.tcsetattr(terminal, termios.TCSADRAIN, before)
 
 
-def _screen(game: Game, known: tuple[str, ...]) -> GameScreen:
-    """Return what the terminal shows.
+def _screen(game: Game, earlier_rules: tuple[str, ...]) -> GameScreen:
+    """Return the content of the screen.
 
     Args:
         game: The game.
-        known: Rules before the last step.
+        earlier_rules: Rules before the latest step.
     """
     from wherry.views.play_screen import GameScreen, PredictionRow
 
-    keys = {action: key for key, action in keys_of(game).items()}
+    keys = {action: key for key, action in _actions_by_key(game).items()}
     rows = [
         PredictionRow(keys[entry.action], str(entry.action), entry.changes, entry.reward, entry.probability)
         for entry in game.predictions()
@@ -146,13 +153,13 @@ def _screen(game: Game, known: tuple[str, ...]) -> GameScreen:
     settings = game.settings
     place = f"Taxi {settings.size}×{settings.size}" if settings.domain == "taxi" else f"Delivery in {settings.world}"
     return GameScreen(
-        title=f"{place}, watched by {settings.learner}: step {game.steps}, reward {game.total:+g}, "
-        f"{game.episodes} episodes finished, {game.surprises} surprises",
+        title=f"{place}, learner {settings.learner}: step {game.steps}, return {game.episode_return:+g}, "
+        f"episodes finished {game.finished_episodes}, wrong predictions {game.wrong_predictions}",
         drawing=game.drawing,
         condition=game.condition,
         rows=rows,
         rules=game.rules,
-        new_rules=frozenset(game.rules) - frozenset(known),
+        new_rules=frozenset(game.rules) - frozenset(earlier_rules),
         message=game.message,
-        keys=KEYS,
+        keys=KEYS_HELP,
     )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 Progress = Callable[[int, int], None]
+"""Called with the number of finished runs and their total."""
 
 
 def _taxi(data: Path, images: Path, progress: Progress) -> str:
@@ -63,10 +64,13 @@ REPRODUCTIONS: Mapping[str, Callable[[Path, Path, Progress], str]] = {
     "delivery": _delivery,
     "figures": _figures,
 }
-"""The experiments by name; each returns Markdown. Arguments: folder of logs, folder for pictures, progress callback."""
+"""The experiments by name; each takes the folder of logs, the folder for pictures, and a progress callback.
+
+An experiment returns its section of the results file as Markdown.
+"""
 
 PROJECT_FILE = "pyproject.toml"
-RESULTS_FILE = Path("docs/results.md")  # in a checkout; elsewhere results.md in the current folder
+RESULTS_FILE = Path("docs/results.md")  # default in a checkout; elsewhere it is results.md in the current folder
 
 
 def reproduce(
@@ -82,13 +86,13 @@ def reproduce(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Results file whose section is written; pictures go to images/ beside it. By default "
+            help="Results file in which the section is written; pictures go to images/ beside it. By default "
             f"{RESULTS_FILE} in a checkout, else {RESULTS_FILE.name}."
         ),
     ] = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Run an experiment of the docs, and write its section of the results file."""
+    """Run an experiment of the documentation, and write its section of the results file."""
     from wherry.experiments.results import write_section
 
     if name != "all" and name not in REPRODUCTIONS:
@@ -99,15 +103,15 @@ def reproduce(
     if not results.absolute().parent.is_dir():
         raise InputError("--out", str(results), "is in a folder that does not exist")
     console = console_for(as_json=False, quiet=quiet)
-    for chosen in REPRODUCTIONS if name == "all" else [name]:
-        markdown = _run(chosen, data, results.parent / "images", console)
-        write_section(results, chosen, markdown)
+    for experiment in REPRODUCTIONS if name == "all" else [name]:
+        markdown = _run(experiment, data, results.parent / "images", console)
+        write_section(results, experiment, markdown)
         console.print(markdown, markup=False, highlight=False)
         say(console, f"Written to {results}")
 
 
 def _run(name: str, data: Path, images: Path, console: Console) -> str:
-    """Run one experiment with a progress bar; its Markdown."""
+    """Run one experiment with a progress bar, and return its Markdown."""
     with progress_bar(console, "runs") as bar:
         task = bar.add_task(name)
 

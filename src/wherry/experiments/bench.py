@@ -1,6 +1,7 @@
-"""Benchmarks against external implementations, run one after the other where they are installed.
+"""Benchmarks of wherry and of external implementations on the same tasks.
 
-Where one is not installed, published times stand in for it; these were measured on other machines.
+External implementations are measured where they are installed. Otherwise their published times are used, which were
+measured on other machines.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from itertools import permutations
 from pathlib import Path
 
@@ -22,7 +24,7 @@ from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
 from wherry.experiments.localization.speed import MAX_RANGE, beam_angles, straight_drive
 from wherry.experiments.machine import machine_load
-from wherry.experiments.mapping.speed import measure
+from wherry.experiments.mapping.speed import measure_external, measure_own
 from wherry.floorplan.world_files import find_world
 from wherry.localization.amcl import Amcl
 from wherry.localization.parameters import AmclParameters
@@ -40,10 +42,17 @@ from wherry.space.pose import IDENTITY, Floats, Pose
 PARTICLES, BEAMS = 2_000, 60
 UPDATES = 60
 STEP = 0.05  # m, distance driven between two updates
-INTEL = Path("intel/intel_910_rawodom.clf.gz")
+INTEL = Path("intel/intel_910_rawodom.clf.gz")  # below the folder of recorded logs
 EFFICIENT_RL_SCRIPT = Path(__file__).with_name("learning") / "efficient_rl_taxi.py"  # run by another interpreter
 EFFICIENT_RL, DIUK = "DOORMAX, efficient_rl", "DOORMAX, Diuk et al. 2008"
-MEASURED_HERE, PUBLISHED = "here", "published, on another machine"
+
+
+class TimingSource(Enum):
+    """The origin of a timing, as shown in tables and JSON."""
+
+    MEASURED = "here"
+    PUBLISHED = "published, on another machine"
+
 
 Progress = Callable[[str], None]
 """Called with a description of the current measurement."""
@@ -55,7 +64,8 @@ class BenchSettings:
 
     Attributes:
         data: Folder of recorded logs.
-        efficient_rl: Python interpreter of an environment in which efficient_rl is installed; None for published times.
+        efficient_rl: Python interpreter of an environment in which efficient_rl is installed; None to use its
+            published times.
     """
 
     data: Path
@@ -68,20 +78,27 @@ class Timing:
 
     Attributes:
         task: Description of the task.
-        implementation: Name of the implementation; wherry's begin with "wherry".
+        implementation: Name of the implementation.
         milliseconds: Median time, ms.
-        source: `MEASURED_HERE` or `PUBLISHED`.
+        source: Whether the time was measured in this run or published.
+        is_own: Whether the implementation is wherry's.
     """
 
     task: str
     implementation: str
     milliseconds: float
-    source: str = MEASURED_HERE
+    source: TimingSource = TimingSource.MEASURED
+    is_own: bool = False
 
-    @property
-    def is_ours(self) -> bool:
-        """Whether the implementation is wherry's."""
-        return self.implementation.startswith("wherry")
+    @classmethod
+    def own(cls, task: str, milliseconds: float, variant: str = "") -> Timing:
+        """Return a measured time of wherry, in ms, with the variant of the implementation if there are several."""
+        return cls(task, f"wherry, {variant}" if variant else "wherry", milliseconds, is_own=True)
+
+    @classmethod
+    def published(cls, task: str, implementation: str, milliseconds: float) -> Timing:
+        """Return a published time of an external implementation, in ms."""
+        return cls(task, implementation, milliseconds, TimingSource.PUBLISHED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +107,8 @@ class BenchResult:
 
     Attributes:
         name: Key of `BENCHES`.
-        timings: Timings by task; for each task, wherry's come first.
-        load: Load of the machine, as text.
+        timings: Timings, grouped by task; those of wherry come first in each group.
+        load: Description of the machine's load.
     """
 
     name: str
@@ -99,13 +116,13 @@ class BenchResult:
     load: str
 
     def ratio(self, timing: Timing) -> float | None:
-        """Time ÷ time of wherry's first implementation of the same task; None for wherry's own."""
-        ours = next((one for one in self.timings if one.is_ours and one.task == timing.task), None)
-        return None if timing.is_ours or ours is None else timing.milliseconds / ours.milliseconds
+        """Return a time divided by the first of wherry's times for the same task; None for wherry's own times."""
+        own = next((other for other in self.timings if other.is_own and other.task == timing.task), None)
+        return None if timing.is_own or own is None else timing.milliseconds / own.milliseconds
 
 
 def learning(settings: BenchSettings, progress: Progress) -> list[Timing]:
-    """A learning step (predict, learn, plan); median over repetitions of the mean time per step."""
+    """Measure a learning step (predict, learn, plan): median over repetitions of the mean time per step."""
     timings = []
     for size, published in ((5, {EFFICIENT_RL: 27.45, DIUK: 13.88}), (10, {EFFICIENT_RL: 320.6, DIUK: 293.72})):
         task = f"a step of Taxi {size}×{size}"
@@ -113,48 +130,53 @@ def learning(settings: BenchSettings, progress: Progress) -> list[Timing]:
             progress(f"{learner}, {task}")
             experiment = LearningExperiment(LearningSettings(size=size, learner=learner, repetitions=5))
             list(experiment.repetitions())
-            timings.append(Timing(task, f"wherry, {learner}", experiment.result().ms_per_step))
-        others = {name: Timing(task, name, milliseconds, PUBLISHED) for name, milliseconds in published.items()}
+            timings.append(Timing.own(task, experiment.result().ms_per_step, learner))
+        external = {name: Timing.published(task, name, milliseconds) for name, milliseconds in published.items()}
         if settings.efficient_rl is not None and size == 5:  # its tables of the large grid take gigabytes
             progress(f"efficient_rl, {task}")
-            others[EFFICIENT_RL] = Timing(task, EFFICIENT_RL, _efficient_rl(settings.efficient_rl))
-        timings += others.values()
+            external[EFFICIENT_RL] = Timing(task, EFFICIENT_RL, _efficient_rl(settings.efficient_rl))
+        timings += external.values()
     return timings
 
 
 def _efficient_rl(interpreter: Path) -> float:
-    """Median time per step of efficient_rl, run in its own environment, ms.
+    """Return the mean time per step of efficient_rl, run in its own environment, ms.
 
     Raises:
         InputError: The interpreter cannot be run, or efficient_rl is not installed in its environment.
     """
-    one_core = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    single_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:
-        done = subprocess.run(  # noqa: S603 - the interpreter is the user's own
+        finished = subprocess.run(  # noqa: S603 - the interpreter is the user's own
             [interpreter, EFFICIENT_RL_SCRIPT],
             capture_output=True,
             text=True,
-            env={**os.environ, **one_core},
+            env={**os.environ, **single_thread},
             check=False,
         )
     except OSError as error:
         raise InputError(interpreter, "efficient_rl", error.strerror or str(error)) from error
-    if done.returncode:
-        raise InputError(interpreter, "efficient_rl", (done.stderr.strip().splitlines() or ["failed"])[-1])
-    return float(done.stdout)
+    if finished.returncode:
+        raise InputError(interpreter, "efficient_rl", (finished.stderr.strip().splitlines() or ["failed"])[-1])
+    return float(finished.stdout)
 
 
 def planning(settings: BenchSettings, progress: Progress) -> list[Timing]:
-    """Optimal policies for all states of the large Taxi grid, and the plan of a whole delivery."""
+    """Measure optimal policies for all states of the large Taxi grid, and the plan of a whole delivery."""
+    return [*_value_iteration(progress), _delivery_plan(progress)]
+
+
+def _value_iteration(progress: Progress) -> list[Timing]:
+    """Measure value iteration on learnt rules, with generating the states and without, beside published planners."""
     progress("value iteration")
     experiment = LearningExperiment(LearningSettings(learner="bayes", repetitions=1))
     list(experiment.repetitions())
     learner = experiment.learner
     if learner is None:
-        raise RuntimeError("the Bayesian learner learns rules")
+        raise RuntimeError("the learning experiment has no learner of rules")
     grid, space = taxi_grid(10), StateSpace()
     marks = sorted(grid.plan.marks)
-    starts = [grid.state_of((0, 0), waits, wants) for waits, wants in permutations(marks, 2)]
+    starts = [grid.state_of((0, 0), passenger, destination) for passenger, destination in permutations(marks, 2)]
 
     def solve() -> None:
         planner = ValueIteration(learner, optimistic=False, space=space)
@@ -164,40 +186,45 @@ def planning(settings: BenchSettings, progress: Progress) -> list[Timing]:
     first = _milliseconds(solve, 1)
     again = _milliseconds(solve, 5)
     task = f"optimal policies for {len(space.states):,} Taxi states from learnt rules"
+    return [
+        Timing.own(task, first, "with the states met for the first time"),
+        Timing.own(task, again, "with the states known"),
+        Timing.published(task, "simple_rl, 10,100 states", 38_000.0),
+        Timing.published(task, "BURLAP, 1,950 states", 37_000.0),
+    ]
+
+
+def _delivery_plan(progress: Progress) -> Timing:
+    """Measure A* on a whole delivery."""
     progress("A*")
     plan = find_world("rooms")
     delivery = delivery_grid(plan, 4)
     state = delivery.draw_initial_state(np.random.default_rng(0))
     cache = PredictionCache(PerStateModel(delivery.domain, delivery))
-    search = _milliseconds(lambda: a_star(cache, state, boxes_left, DeliveryHeuristic()), 3)
-    return [
-        Timing(task, "wherry, with the states met for the first time", first),
-        Timing(task, "wherry, with the states known", again),
-        Timing(task, "simple_rl, 10,100 states", 38_000.0, PUBLISHED),
-        Timing(task, "BURLAP, 1,950 states", 37_000.0, PUBLISHED),
-        Timing("the plan of a delivery of 4 boxes, rooms", "wherry, A*", search),
-    ]
+    milliseconds = _milliseconds(lambda: a_star(cache, state, boxes_left, DeliveryHeuristic()), 3)
+    return Timing.own("the plan of a delivery of 4 boxes, rooms", milliseconds, "A*")
 
 
 def slam(settings: BenchSettings, progress: Progress) -> list[Timing]:
-    """Mapping time per scan of the Intel log; yag_slam's too where it is installed."""
+    """Measure mapping per scan of the Intel log, and yag_slam's where it is installed."""
     progress("mapping Intel")
-    return [
-        Timing("a scan of Intel", name, milliseconds) for name, milliseconds in measure(settings.data / INTEL).items()
-    ]
+    log, task = settings.data / INTEL, "a scan of Intel"
+    own = [Timing.own(task, milliseconds, method) for method, milliseconds in measure_own(log).items()]
+    external = [Timing(task, name, milliseconds) for name, milliseconds in measure_external(log).items()]
+    return own + external
 
 
 def localization(settings: BenchSettings, progress: Progress) -> list[Timing]:
-    """One AMCL update (predict, reweight, resample); that of PyPI's amcl too where it is installed."""
+    """Measure an AMCL update (predict, reweight, resample), and that of PyPI's amcl where it is installed."""
     task = f"an update, {PARTICLES:,} particles, {BEAMS} beams"
     progress(task)
     grid = true_map(find_world("rooms"))
     odometry, scans = straight_drive(grid, UPDATES, STEP, BEAMS)
-    timings = [Timing(task, "wherry", _wherry_amcl(grid, odometry, scans))]
+    timings = [Timing.own(task, _wherry_amcl(grid, odometry, scans))]
     if importlib.util.find_spec("amcl") is not None:
         progress("PyPI amcl")
         timings.append(Timing(task, "PyPI amcl", _pypi_amcl(grid, odometry, scans)))
-    return [*timings, Timing(task, "ROS 1 amcl", 9.0, PUBLISHED)]
+    return [*timings, Timing.published(task, "ROS 1 amcl", 9.0)]
 
 
 BENCHES: Mapping[str, Callable[[BenchSettings, Progress], list[Timing]]] = {
@@ -206,7 +233,7 @@ BENCHES: Mapping[str, Callable[[BenchSettings, Progress], list[Timing]]] = {
     "localization": localization,
     "planning": planning,
 }
-"""The benchmarks by name."""
+"""The benchmarks by name; each takes its settings and a progress callback, and returns timings grouped by task."""
 
 
 def run_bench(name: str, settings: BenchSettings, progress: Progress) -> BenchResult:
@@ -224,7 +251,7 @@ def run_bench(name: str, settings: BenchSettings, progress: Progress) -> BenchRe
 
 
 def _milliseconds(work: Callable[[], object], repetitions: int) -> float:
-    """Median CPU time of some work, ms."""
+    """Return the median processor time of some work, ms."""
     durations = []
     for _ in range(repetitions):
         started = time.thread_time()
@@ -234,6 +261,13 @@ def _milliseconds(work: Callable[[], object], repetitions: int) -> float:
 
 
 def _wherry_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Floats]) -> float:
+    """Return the median time of an update of wherry's AMCL, ms.
+
+    Args:
+        grid: The map.
+        poses: Odometry at every scan, in the map frame.
+        scans: [`BEAMS`] ranges of every scan, m.
+    """
     parameters = AmclParameters(
         min_particles=PARTICLES,
         max_particles=PARTICLES,
@@ -249,11 +283,14 @@ def _wherry_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Flo
         started = time.perf_counter()
         amcl.update(Odometry(0.1 * index, pose, Velocity()), scan)
         durations.append(1e3 * (time.perf_counter() - started))
-    return float(np.median(durations[1:]))  # without the first, which compiles the kernels
+    return float(np.median(durations[1:]))  # the first update compiles the kernels
 
 
 def _pypi_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Floats]) -> float:
-    """The same drive with the same numbers of particles and beams, and amcl's own defaults otherwise."""
+    """Return the median time of an update of PyPI's amcl on the same drive, ms.
+
+    Numbers of particles and beams are those of `_wherry_amcl`, other parameters amcl's own defaults.
+    """
     import amcl  # noqa: PLC0415 - optional
 
     motion = amcl.MotionParameters(alpha1=0.2, alpha2=0.2, alpha3=0.2, alpha4=0.2, alpha5=0.2)
@@ -267,7 +304,7 @@ def _pypi_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Float
         chi_outlier=0.0,
         max_beams=BEAMS,
     )
-    other = amcl.AMCL(
+    particle_filter = amcl.AMCL(
         min_particles=PARTICLES,
         max_particles=PARTICLES,
         alpha_slow=0.0,
@@ -277,9 +314,11 @@ def _pypi_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Float
         robot_model_type="differential",
     )
     cells = np.where(grid.occupied, 100, np.where(grid.free, 0, -1))
-    other.set_map(amcl.create_occupancy_grid_from_list(cells.tolist(), grid.resolution, grid.origin.x, grid.origin.y))
-    other.set_laser_pose(amcl.Vector3D(0.0, 0.0, 0.0))
-    other.set_initial_pose(
+    particle_filter.set_map(
+        amcl.create_occupancy_grid_from_list(cells.tolist(), grid.resolution, grid.origin.x, grid.origin.y)
+    )
+    particle_filter.set_laser_pose(amcl.Vector3D(0.0, 0.0, 0.0))
+    particle_filter.set_initial_pose(
         amcl.Vector3D(poses[0].x, poses[0].y, poses[0].theta), amcl.create_diagonal_covariance(0.1, 0.1, 0.05)
     )
     durations, angles = [], beam_angles(BEAMS)
@@ -290,6 +329,6 @@ def _pypi_amcl(grid: OccupancyGrid, poses: Sequence[Pose], scans: Sequence[Float
             amcl.Vector3D(pose.x, pose.y, pose.theta),
         )
         started = time.perf_counter()
-        other.update(scan, odometry)
+        particle_filter.update(scan, odometry)
         durations.append(1e3 * (time.perf_counter() - started))
     return float(np.median(durations[1:]))

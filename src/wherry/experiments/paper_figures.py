@@ -1,4 +1,4 @@
-"""The paper's figures from our own runs: worlds (Fig. 1), laser and particles (Fig. 3), map and path (Fig. 4)."""
+"""The paper's figures from runs of wherry: worlds (Fig. 1), laser and particles (Fig. 3), map and path (Fig. 4)."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ CAPTIONS = {
 
 
 def reproduce(images: Path, progress: Progress) -> str:
-    """Make the figures and return a section of Markdown that shows them.
+    """Draw the figures and return a Markdown section that shows them.
 
     Args:
         images: Folder for the pictures, beside the results file.
@@ -71,7 +71,7 @@ def reproduce(images: Path, progress: Progress) -> str:
 
 
 def figures() -> Iterator[tuple[str, bytes]]:
-    """File name and content of each figure."""
+    """Yield the file name and the content of each figure."""
     taxi = taxi_grid(5)
     state = taxi.state_of((2, 2), passenger="Y", destination="R")
     yield "fig1a-taxi.png", _png(render_rgb(taxi.plan, taxi_sprites(state)))
@@ -93,7 +93,7 @@ def _png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def _delivery_pictures(simulation: Simulation, plan: FloorPlan) -> tuple[str, str]:
-    """Two pictures of a delivery: beams while the robot maps, and the path while it carries a box."""
+    """Return two pictures of a delivery, as SVG: beams while the robot maps, and its path while it carries a box."""
     records: list[Record] = []
     world_from_map = simulation.physics.robot_pose  # the map frame is the robot's start pose
     rng = np.random.default_rng(SEED)
@@ -106,7 +106,7 @@ def _delivery_pictures(simulation: Simulation, plan: FloorPlan) -> tuple[str, st
 
 
 def _particles() -> Iterator[str]:
-    """Pictures of the particles during global localization, at `DRAWN_TIMES`."""
+    """Yield a picture of the particles, as SVG, at each of `DRAWN_TIMES` during global localization."""
     plan = find_world(MAZE).with_boxes(())
     simulation = build(plan, np.random.default_rng(SEED))
     robot, grid = simulation.robot, true_map(plan)
@@ -132,7 +132,15 @@ def _particles() -> Iterator[str]:
 
 
 def _particles_at(background: MapBackground, amcl: Amcl, truth: Pose, time: float, driven: Floats) -> str:
-    """A picture of the particles, with the robot at its true pose."""
+    """Return a picture of the particles, as SVG, with the robot at its true pose.
+
+    Args:
+        background: The map.
+        amcl: The filter.
+        truth: True pose of the robot, map frame.
+        time: Time since the start of global localization, s.
+        driven: [N, 2] true positions of the robot so far, m, map frame.
+    """
     snapshot = RobotSnapshot(
         time=time,
         pose=truth,

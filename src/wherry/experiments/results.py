@@ -1,4 +1,4 @@
-"""The results file: one section per experiment, written by the command that is named in it."""
+"""The results file: one section per experiment, with the command that writes it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ HEADING = "# Results\nEvery section is written by the command named in it, and b
 
 
 def write_section(path: Path, name: str, markdown: str) -> None:
-    """Write a section of the results file: replaces the section of that name, or appends it.
+    """Replace the section of this name in the results file, or append it.
 
     Args:
         path: The file; created if it does not exist.
@@ -41,7 +41,7 @@ def write_picture(images: Path, name: str, content: bytes, alternative: str) -> 
         images: Folder for pictures, beside the results file; created if it does not exist.
         name: File name of the picture.
         content: Content of the file.
-        alternative: Text alternative.
+        alternative: Text alternative of the picture.
 
     Raises:
         InputError: The picture cannot be written.
@@ -52,6 +52,6 @@ def write_picture(images: Path, name: str, content: bytes, alternative: str) -> 
 
 
 def markdown_table(header: list[str], rows: list[list[str]]) -> str:
-    """A Markdown table; the first column is text, the others are right-aligned numbers."""
+    """Return a Markdown table; the first column is text, the others are right-aligned numbers."""
     ruler = ["---"] + ["---:"] * (len(header) - 1)
     return "\n".join("| " + " | ".join(cells) + " |" for cells in [header, ruler, *rows])

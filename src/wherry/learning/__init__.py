@@ -1,4 +1,4 @@
-"""Learners: they turn experience into a model of what actions do, one file each (paper, sections 4 and 6)."""
+"""Learners of rules: models of the effects of actions, learnt from experience (paper, sections 4 and 6)."""
 
 import lazy_loader
 

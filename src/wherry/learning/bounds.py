@@ -2,9 +2,9 @@
 
 For one action, attribute and type of effect, DOORMAX answers "I don't know" at most nk + k + 1 times, for n terms and k
 effects: every such answer either adds one of at most k effects, or removes one of the n terms from an effect's
-condition, or ends in the type's removal. States in which the action fails do not count, as these are memorised, and can
-be exponentially many in n; nor do changes that no effect of the type explains. The theorem does not bound the steps
-until the policy is optimal.
+condition, or ends in the type's removal. States in which the action fails do not count, as their conditions are
+memorised and there can be exponentially many (in n); neither do changes that no effect of the type explains. The
+theorem does not bound the steps until the policy is optimal.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ def attribute_bound(terms: int, max_effects: int, types: int) -> int:
 
 
 class UnknownAnswers:
-    """Counts the observations that DOORMAX did not predict.
+    """Counts the effects that DOORMAX observes without having predicted them.
 
     Args:
         learner: The learner.
 
     Attributes:
-        counts: Number of "I don't know", by action and attribute, and type of effect.
+        counts: Number of answers "I don't know", by subject and type of effect.
     """
 
     def __init__(self, learner: Doormax) -> None:
@@ -42,28 +42,31 @@ class UnknownAnswers:
         self.counts: Counter[tuple[Subject, str]] = Counter()
 
     @property
-    def most(self) -> int:
-        """The largest count of any action, attribute and type."""
+    def max_count(self) -> int:
+        """Largest count for any action, attribute and type."""
         return max(self.counts.values(), default=0)
 
     @property
     def bound(self) -> int:
-        """The bound that no count may exceed."""
+        """Bound nk + k + 1 on every count."""
         return unknown_answers_bound(self.learner.domain.size, self.learner.max_effects)
 
     def observe(self, transition: Transition) -> None:
-        """Count what the learner does not predict of a transition, just before it learns it; failures do not count."""
+        """Count the effects of a transition that the learner does not predict; call it before the learner learns them.
+
+        Failures do not count.
+        """
         if transition.failed:
             return
         action = transition.action.name
-        _, *own = self.learner.domain.conditions(transition.state, transition.action)
-        for item, terms in zip(transition.state.objects, own, strict=True):
+        _, *object_terms = self.learner.domain.conditions(transition.state, transition.action)
+        for item, terms in zip(transition.state.objects, object_terms, strict=True):
             for attribute, before, after in observed_values(item, transition.next_state.get(item.name)):
                 subject = Subject(action, item.object_class.name, attribute.name)
                 if before == after and self.learner.learns_from_changes_alone(subject):
                     continue
-                alive = self.learner.effect_rules.models[subject]
+                models = self.learner.effect_rules.models[subject]
                 for effect in effects_between(attribute, before, after, self.learner.effect_types):
-                    if effect.type in alive:
-                        known = any(model.covers_terms(terms) for model in alive[effect.type].values())
-                        self.counts[subject, effect.type] += not known
+                    if effect.type in models:
+                        is_predicted = any(model.covers_terms(terms) for model in models[effect.type].values())
+                        self.counts[subject, effect.type] += not is_predicted

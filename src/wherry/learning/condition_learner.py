@@ -1,4 +1,4 @@
-"""What learners have in common whose predictions depend on the conditions alone: cached predictions, and rewards."""
+"""The base of learners whose predictions depend on the conditions alone: cached predictions, and learnt rewards."""
 
 from __future__ import annotations
 
@@ -26,9 +26,11 @@ class ConditionLearner(ABC):
         effect_types: Effect types to consider, by name.
         reward: R(s, a, s') where it is given; None to learn it.
         terminated: Whether a state ends the episode where that is given; None to learn it.
-        generalize_rewards: Whether a constant reward is expected under conditions never met (see `Rewards`).
+        generalize_rewards: Whether a constant reward is predicted under conditions not met yet, too (see `Rewards`).
 
     Attributes:
+        domain: Domain whose states and actions are learnt about.
+        effect_types: Effect types to consider, by name.
         revisions: For each action's name a number that grows when predictions about it may have changed.
         rewards: Learnt rewards and ends of episodes.
         task: Reward and termination functions that are given.
@@ -56,7 +58,7 @@ class ConditionLearner(ABC):
         return self.conditional_prediction(state, action).ground(state, action)
 
     def state_key(self, state: State) -> Hashable:
-        """Return what predictions depend on: the state's conditions."""
+        """Return the state's conditions, on which alone predictions depend."""
         return conditions_key(self.domain, state)
 
     def conditional_prediction(self, state: State, action: Action) -> ConditionalPrediction:
@@ -85,12 +87,16 @@ class ConditionLearner(ABC):
         return EffectsOutcome(effects, step_rewards, self.effect_types, self.task)
 
     def _invalidate_predictions(self) -> None:
-        """Drop all cached predictions, and let planners know."""
+        """Drop all cached predictions, and increase the revisions of all actions so that planners drop theirs."""
         self.revisions = {action: revision + 1 for action, revision in self.revisions.items()}
         self._predictions.clear()
 
     def _learn_reward(self, transition: Transition, terms: int) -> bool:
-        """Learn the reward and whether the episode ended, unless both are given; return whether anything changed."""
+        """Learn the reward and whether the episode ended, unless both are given.
+
+        Returns:
+            Whether predictions may have changed.
+        """
         if self.task.reward is not None and self.task.terminated is not None:
             return False
         changed = changed_attributes(transition.state, transition.next_state)

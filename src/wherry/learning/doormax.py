@@ -1,9 +1,9 @@
 """DOORMAX: deterministic OO-MDPs learnt from experience (paper, section 6; Diuk, Cohen and Littman, ICML 2008).
 
-The paper prints the two algorithms with slips, which are corrected here as `docs/paper.md` describes. Two steps are
-added, because without them some runs never find the optimal policy. An effect type that predicted what was then not
-observed is refuted. Where all types of an action and attribute have been refuted, this is reported, and the attribute
-is learnt again from its changes alone; if that fails too, the action is no longer explored for that attribute.
+The two printed algorithms contain errors, which are corrected here as `docs/paper.md` describes. Two steps are added,
+because without them some runs never find the optimal policy. An effect type whose prediction was wrong is refuted.
+Where all types of an action and attribute have been refuted, this is reported, and the attribute is learnt again from
+its changes alone; if that fails too, the action is no longer explored for that attribute.
 """
 
 from __future__ import annotations
@@ -35,20 +35,25 @@ class Doormax(ConditionLearner):
     Args:
         domain: Domain whose states and actions are learnt about.
         max_effects: k, largest number of different effects of one type that an action has on an attribute. A Boolean
-            that an action leaves alone needs two: := True where it is true, and := False where it is false.
+            that an action does not change needs two: := True where it is true, and := False where it is false.
         effect_types: Effect types to consider, by name.
         refutation: Whether a type whose prediction turned out wrong is removed; False is the paper's algorithm.
-        failure_scope: Whether a failure condition says that the action changes nothing at all ("action", the paper),
-            or one is kept for every attribute ("attribute"). With several objects of a class an attribute may keep its
-            value for different reasons (another lamp was switched off; this one was off already), which no condition
-            explains. An attribute that shows this is learnt as with "attribute", which is reported.
-        inference: Whether failure conditions are memorised ("memorise", the paper) or others are inferred from them
-            ("near-miss", see `wherry.learning.near_miss`).
+        failure_scope: With "action", as in the paper, a failure condition says that the action changes nothing at all;
+            with "attribute", each attribute has failure conditions of its own. With several objects of a class an
+            attribute may keep its value for different reasons (another lamp was switched off; this one was off
+            already), which no condition explains. Such an attribute is reported and then learnt as with "attribute".
+        inference: With "memorise", as in the paper, failure conditions are only memorised; with "near-miss", further
+            ones are inferred from them (see `wherry.learning.near_miss`).
         reward: R(s, a, s') where it is given; None to learn it.
         terminated: Whether a state ends the episode where that is given; None to learn it.
 
     Raises:
-        ValueError: Near misses are to be inferred from failures of attributes.
+        ValueError: ``inference`` is "near-miss" and ``failure_scope`` is "attribute".
+
+    Attributes:
+        effect_rules: P, the rules of all actions and attributes.
+        failures: F, the failure conditions.
+        near_misses: Infers further failures; None where failures are only memorised.
     """
 
     has_disagreement = False
@@ -86,32 +91,32 @@ class Doormax(ConditionLearner):
 
         Whether effects are incompatible (line 9) depends on the attribute's value and is decided by `EffectsOutcome`.
         """
-        whole, *own = conditions
-        step_rewards = self.rewards.step_rewards(action, whole)
-        if self._is_failure(action, whole):  # line 1
-            return self._certain(((),) * len(own), step_rewards)  # line 2: s' = s
+        state_terms, *object_terms = conditions
+        step_rewards = self.rewards.step_rewards(action, state_terms)
+        if self._is_failure(action, state_terms):  # line 1
+            return self._certain(((),) * len(object_terms), step_rewards)  # line 2: s' = s
         effects = []
-        for item, terms in zip(state.objects, own, strict=True):
-            found = self._object_effects(action, item.object_class, terms)
-            if isinstance(found, Subject):  # line 9
-                return self._unknown(found)  # line 10
-            effects.append(found)
+        for item, terms in zip(state.objects, object_terms, strict=True):
+            prediction = self._object_effects(action, item.object_class, terms)
+            if isinstance(prediction, Subject):  # line 9
+                return self._unknown(prediction)  # line 10
+            effects.append(prediction)
         return self._certain(tuple(effects), step_rewards)  # lines 13, 14
 
     def _object_effects(self, action: str, object_class: ObjectClass, terms: int) -> ObjectEffects | Subject:
-        """Lines 3 to 8 for one object: the effects on all of its attributes, or the first subject that is not known.
+        """Lines 3 to 8 for one object: the effects on all of its attributes, or the first subject without a known one.
 
-        Of an object that leaves, no other attribute needs to be known.
+        For an object that leaves, no other attribute needs to be known.
         """
         attributes = []
         for subject in self.effect_rules.subjects[action, object_class.name]:  # line 3
             if self.failures.has(subject, terms):
                 continue
-            found = self.effect_rules.effects(subject, terms)  # lines 5, 6
-            if not found:
+            effects = self.effect_rules.effects(subject, terms)  # lines 5, 6
+            if not effects:
                 return subject
-            attributes.append((subject.attribute, found))
-            if subject.attribute == EXISTS and all(effect.argument is False for effect in found):
+            attributes.append((subject.attribute, effects))
+            if subject.attribute == EXISTS and all(effect.argument is False for effect in effects):
                 break
         return tuple(attributes)
 
@@ -121,20 +126,23 @@ class Doormax(ConditionLearner):
         return ConditionalPrediction(((self._outcome(effects, step_rewards), 1.0),))
 
     def _unknown(self, subject: Subject) -> ConditionalPrediction:
-        """Return "I don't know"; its probability is 0 where no effect type is left, so that nothing can be learnt."""
-        return ConditionalPrediction(((self._outcome(None, ()), float(self.effect_rules.is_alive(subject))),))
+        """Return "I don't know"; its probability is 0 where no effect type is left, as nothing more can be learnt."""
+        return ConditionalPrediction(((self._outcome(None, ()), float(self.effect_rules.has_effect_type(subject))),))
 
-    def _is_failure(self, action: str, whole: int) -> bool:
-        """Return whether some c ∈ F_a equals cond(s), which c covers only then as it has no *; or it is inferred."""
-        if self.failures.has(action, whole):
+    def _is_failure(self, action: str, state_terms: int) -> bool:
+        """Return whether the action fails under cond(s): some c ∈ F_a covers it, or a failure is inferred.
+
+        Conditions in F have no *, so c covers cond(s) only where both are equal.
+        """
+        if self.failures.has(action, state_terms):
             return True
-        return self.near_misses is not None and self.near_misses.fails(action, whole)
+        return self.near_misses is not None and self.near_misses.fails(action, state_terms)
 
-    def settle(self) -> None:
-        """Keep only the effect type with the fewest effects, of equals the first, for every action and attribute.
+    def keep_simplest(self) -> None:
+        """Keep, for every action and attribute, only the effect type with the fewest effects, of equals the first.
 
-        The paper does not make this guess (Occam's razor). Rules for another world need it: in a small world it may
-        always be true that "destination.y := 4 where there is a wall to the north", which contradicts the true rule.
+        This step is not in the paper (Occam's razor). Rules for another world need it: in a small world it may always
+        be true that "destination.y := 4 where there is a wall to the north", which contradicts the true rule elsewhere.
         """
         self.effect_rules.keep_simplest_types()
         self._invalidate_predictions()
@@ -163,29 +171,33 @@ class Doormax(ConditionLearner):
     def add_experience(self, transition: Transition) -> None:
         """Algorithm 2, addExperience(s, a, s', k)."""
         action = transition.action.name
-        whole, *own = self.domain.conditions(transition.state, transition.action)
-        if transition.failed and self._may_have_slipped(transition, whole):
+        state_terms, *object_terms = self.domain.conditions(transition.state, transition.action)
+        if transition.failed and self._is_first_unexpected_failure(transition, state_terms):
             return
-        has_changed = self._learn_reward(transition, whole)
+        has_changed = self._learn_reward(transition, state_terms)
         if self.near_misses is not None:
-            has_changed |= self.near_misses.add(action, whole, succeeded=not transition.failed)
+            has_changed |= self.near_misses.add(action, state_terms, succeeded=not transition.failed)
         if self.failure_scope == "action" and transition.failed:  # line 1
-            has_changed |= self.failures.add(action, whole)  # lines 3, 4
+            has_changed |= self.failures.add(action, state_terms)  # lines 3, 4
         else:
             if self.failure_scope == "action":
-                has_changed |= self._retract_failure(action, whole)
-            has_changed |= self._learn_effects(transition, own)
+                has_changed |= self._retract_failure(action, state_terms)
+            has_changed |= self._learn_effects(transition, object_terms)
         if has_changed:
             self.revisions[action] += 1
-            only_here = transition.failed and self.failure_scope == "action" and self.near_misses is None
-            self._predictions[action] = {
-                key: kept for key, kept in self._predictions.get(action, {}).items() if only_here and key[1][0] != whole
-            }
+            is_local = transition.failed and self.failure_scope == "action" and self.near_misses is None
+            cached = self._predictions.get(action, {}) if is_local else {}  # else any prediction may have changed
+            self._predictions[action] = {key: kept for key, kept in cached.items() if key[1][0] != state_terms}
 
-    def _learn_effects(self, transition: Transition, own: list[int]) -> bool:
-        """Learn from what happened to all objects, given their own conditions; return whether anything changed."""
+    def _learn_effects(self, transition: Transition, object_terms: list[int]) -> bool:
+        """Learn from a step's effects on all objects; return whether any rule changed.
+
+        Args:
+            transition: The step.
+            object_terms: Condition of every object, as bits.
+        """
         has_changed = False
-        for item, terms in zip(transition.state.objects, own, strict=True):
+        for item, terms in zip(transition.state.objects, object_terms, strict=True):
             condition = Condition.of(self.domain.size, terms)
             for attribute, before, after in observed_values(item, transition.next_state.get(item.name)):  # line 6
                 subject = Subject(transition.action.name, item.object_class.name, attribute.name)
@@ -195,7 +207,7 @@ class Doormax(ConditionLearner):
     def _learn_effect(
         self, subject: Subject, attribute: Attribute, condition: Condition, before: Value, after: Value
     ) -> bool:
-        """Learn from what happened to one attribute of one object; return whether anything changed."""
+        """Learn from a step's effect on one attribute of one object; return whether any rule changed."""
         if self.learns_from_changes_alone(subject):
             if before == after:
                 return self.failures.add(subject, condition.value)
@@ -205,7 +217,7 @@ class Doormax(ConditionLearner):
         for effect in effects:  # line 7
             if effect.type in rules.models[subject]:
                 has_changed |= rules.add(subject, condition, effect)
-        if not rules.is_alive(subject):
+        if not rules.has_effect_type(subject):
             self._report_no_type_left(subject)
             if self.refutation and not self.learns_from_changes_alone(subject):
                 self.failures.conditions[subject] = set()
@@ -214,23 +226,24 @@ class Doormax(ConditionLearner):
         return has_changed
 
     def learns_from_changes_alone(self, subject: Subject) -> bool:
-        """Return whether an attribute that keeps its value counts as a failure, and not as an effect that keeps it."""
+        """Return whether steps in which an attribute keeps its value count as failures, not as the effect += 0."""
         return self.failure_scope == "attribute" or subject in self.failures.conditions
 
-    def _may_have_slipped(self, transition: Transition, whole: int) -> bool:
-        """Return whether an action failed, for the first time, where it was certain to succeed, and report that.
+    def _is_first_unexpected_failure(self, transition: Transition, state_terms: int) -> bool:
+        """Return whether an action failed for the first time where it was predicted to succeed, and report that.
 
-        Under the paper's assumptions this never happens. Robots slip, so the failure counts only when it happens again.
+        Under the paper's assumptions this never happens. A robot's actuators fail at times, so such a failure is
+        ignored until it happens again.
         """
         action = transition.action
         expected = self.predict(transition.state, action).most_likely.next_state
         if not self.refutation or expected is None or expected is transition.state:
             return False
-        condition = self._condition_in_words(whole)
-        slip = f"{action.name}: did nothing where it should; this counts only if it happens again (where {condition})"
-        if slip in self._violations:
+        condition = self._condition_in_words(state_terms)
+        report = f"{action.name}: did nothing where it should; this counts only if it happens again (where {condition})"
+        if report in self._violations:
             return False
-        self._violations[slip] = None
+        self._violations[report] = None
         return True
 
     def _retract_failure(self, key: FailureKey, terms: int) -> bool:
@@ -242,7 +255,7 @@ class Doormax(ConditionLearner):
         return was_failure
 
     def _report_no_type_left(self, subject: Subject) -> None:
-        """Report that no effect type explains what was seen of an attribute."""
+        """Report that no effect type explains the observations of an attribute."""
         reasons = "; ".join(f"{name}: {reason}" for name, reason in self.effect_rules.removed[subject].items())
-        seen = "its changes" if self.learns_from_changes_alone(subject) else "where it changes and where it stays"
-        self._violations[f"{subject}: no type of effect explains {seen} ({reasons})"] = None
+        observed = "its changes" if self.learns_from_changes_alone(subject) else "where it changes and where it stays"
+        self._violations[f"{subject}: no type of effect explains {observed} ({reasons})"] = None

@@ -1,7 +1,7 @@
-"""What DOORMAX knows: sets pred(a, att, type) of rules that each pair an effect with a condition (paper, section 4).
+"""DOORMAX's sets pred(a, att, type) of rules, which pair an effect with a condition (paper, section 4).
 
-The paper calls these pairs predictions p, with p.effect and p.model. Here `wherry.oomdp.mdp.Prediction` is what a model
-says of an action in a state, so the pairs are called rules.
+The paper calls these pairs predictions p, with p.effect and p.model. They are called rules here, because
+`wherry.oomdp.mdp.Prediction` stands for the predicted outcomes of an action in a state.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ OVERLAP = "the conditions of two effects overlap"
 
 
 class Subject(NamedTuple):
-    """An action and an attribute, (a, att): what rules are about.
+    """The subject of a rule: an action and an attribute, (a, att).
 
     Attributes:
         action: Name of the action.
@@ -37,7 +37,7 @@ class Subject(NamedTuple):
 
 @dataclass
 class EffectRules:
-    """P: all rules, and the effect types that were found wrong.
+    """P: all rules, and the effect types that were removed.
 
     No two rules of a set pred(a, att, type) have the same effect (assumption A2), so a set is kept as conditions by
     effects.
@@ -46,8 +46,8 @@ class EffectRules:
         domain: Domain that the rules are about.
         effect_types: Effect types by name.
         max_effects: k, largest number of different effects of one type.
-        models: pred(a, att, type) for every type that is alive: p.model by p.effect.
-        removed: Why the other types were removed; a removed type stays removed.
+        models: Conditions p.model of the rules by subject, effect type and p.effect; only of types not removed.
+        removed: Reason of each removal, by subject and effect type; a removed type stays removed.
         subjects: All subjects of an action and a class, existence before all others.
     """
 
@@ -74,19 +74,19 @@ class EffectRules:
                     self.reset(Subject(action, item.name, attribute.name))
 
     def reset(self, subject: Subject) -> None:
-        """Forget all rules of a subject; all effect types that apply to the attribute are alive again."""
+        """Forget all rules of a subject and restore all effect types that apply to the attribute."""
         attribute = self.domain.classes_by_name[subject.class_name].attribute(subject.attribute)
         self.models[subject] = {
             name: {} for name, effect_type in self.effect_types.items() if attribute.kind in effect_type.kinds
         }
         self.removed[subject] = {}
 
-    def is_alive(self, subject: Subject) -> bool:
-        """Return whether some effect type may still explain the attribute."""
+    def has_effect_type(self, subject: Subject) -> bool:
+        """Return whether some effect type of the subject is not removed."""
         return bool(self.models[subject])
 
     def remove(self, subject: Subject, effect_type: str, reason: str) -> None:
-        """Remove pred(a, att, type) from P for good."""
+        """Remove pred(a, att, type) from P permanently."""
         del self.models[subject][effect_type]
         self.removed[subject][effect_type] = reason
 
@@ -121,14 +121,15 @@ class EffectRules:
         return True
 
     def refute(self, subject: Subject, terms: int, effects: tuple[Effect, ...], *, has_changed: bool) -> bool:
-        """Remove the types that predicted another effect than was observed, or that cannot explain the change.
+        """Remove the types whose prediction was wrong, and those that cannot explain the change.
 
-        The paper lacks this step, so that a wrong type whose conditions never overlap contradicts the true one forever.
+        The paper lacks this step. Without it a wrong type whose conditions never overlap contradicts the true one
+        permanently.
 
         Args:
             subject: The action and the attribute.
             terms: Terms that held, as bits.
-            effects: Effects that explain what was observed.
+            effects: Effects that explain the observation.
             has_changed: Whether the attribute changed.
 
         Returns:
@@ -146,7 +147,7 @@ class EffectRules:
         return bool(wrong or impossible)
 
     def keep_simplest_types(self) -> None:
-        """Keep for every subject only the type with the fewest effects, of equals the first."""
+        """Keep for every subject only the type with the fewest effects (at least one), of equals the first."""
         for subject, types in self.models.items():
             ranked = sorted((name for name in types if types[name]), key=lambda name: len(types[name]))
             for name in ranked[1:]:
@@ -158,7 +159,13 @@ class EffectRules:
         return self.effect_types[effect.type].describe(name, effect.argument)
 
     def is_identity(self, subject: Subject, effect: Effect, model: Condition) -> bool:
-        """Return whether a rule only says that the attribute keeps its value: += 0, *= 1, or := its own value."""
+        """Return whether a rule only says that the attribute keeps its value: += 0, *= 1, or := its own value.
+
+        Args:
+            subject: The action and the attribute.
+            effect: Effect of the rule.
+            model: Condition of the rule; it may contain a term that states the attribute's value.
+        """
         match effect.type:
             case "increment":
                 return effect.argument == 0
@@ -166,7 +173,7 @@ class EffectRules:
                 return effect.argument == 1
         if subject.attribute == EXISTS:
             return effect.argument is True
-        own = f"{subject.class_name.lower()}.{subject.attribute}"
+        value_term = f"{subject.class_name.lower()}.{subject.attribute}"
         names = self.domain.term_names
-        bit = 1 << names.index(own) if own in names else 0
+        bit = 1 << names.index(value_term) if value_term in names else 0
         return bool(model.mask & bit) and bool(model.value & bit) == effect.argument

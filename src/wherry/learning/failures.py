@@ -1,4 +1,4 @@
-"""DOORMAX's failure conditions F: where an action, or what it does to one attribute, is known to fail."""
+"""DOORMAX's failure conditions F: those under which an action, or its effect on one attribute, is known to fail."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from wherry.learning.effect_rules import Subject
 from wherry.oomdp.conditions import Condition
 
 FailureKey = str | Subject
-"""An action whose failures change nothing at all, or an action and an attribute that keeps its value."""
+"""An action, whose failures change nothing at all; or an action and an attribute, whose failures keep its value."""
 
 
 @dataclass
 class FailureConditions:
-    """F, memorised. Its conditions have no *, so that none covers another and has to be removed for it.
+    """F, a set of memorised conditions. They have no *, so none covers another.
 
     Attributes:
         size: n, the number of terms.
@@ -43,9 +43,9 @@ class FailureConditions:
 
     def by_action(self) -> dict[str, tuple[Condition, ...]]:
         """Return F_a: for each action, the conditions under which it changes nothing, or not all it ever changed."""
-        found: dict[str, tuple[Condition, ...]] = {}
+        by_action: dict[str, tuple[Condition, ...]] = {}
         for key, failures in self.conditions.items():
             action = key.action if isinstance(key, Subject) else key
             conditions = (Condition.of(self.size, terms) for terms in sorted(failures))
-            found[action] = tuple(dict.fromkeys((*found.get(action, ()), *conditions)))
-        return found
+            by_action[action] = tuple(dict.fromkeys((*by_action.get(action, ()), *conditions)))
+        return by_action

@@ -1,10 +1,10 @@
 """Near misses (Winston 1970): failures inferred from other failures, where the paper memorises each failure.
 
-Assumption: every action has one conjunctive condition for changing anything at all. (The paper's A2 allows several,
-one for each effect.) Let M be the merged condition of all of the action's successes; the true condition covers M. If
-the true condition covered a new condition c as well, it would cover M ⊕ c. So where M ⊕ c covers a condition that the
-action failed under, the action fails under c, too. In particular, a failure that differs from M in a single fixed term,
-a near miss, proves that the term is necessary.
+Assumption: every action changes anything at all only under one conjunctive condition. (The paper's A2 allows several
+conditions, one for each effect.) Let M be the merged condition of all of the action's successes; the true condition
+covers M. If the true condition covered a new condition c as well, it would cover M ⊕ c. So where M ⊕ c covers a
+condition under which the action failed, the action fails under c, too. In particular, a failure that differs from M in
+a single fixed term, a near miss, proves that the term is necessary.
 
 A success that contradicts the assumption revokes all inferences about the action permanently.
 """
@@ -21,9 +21,9 @@ class NearMisses:
         size: n, the number of terms.
 
     Attributes:
-        successes: Merged condition of all successes, by action.
+        successes: M, merged condition of all successes, by action.
         failures: Conditions of all failures as bits, by action.
-        revoked: Why nothing is inferred about an action any more, by action.
+        revoked: Reason why inferences about an action were revoked, by action.
     """
 
     def __init__(self, size: int) -> None:
@@ -38,7 +38,7 @@ class NearMisses:
         return tuple(f"{action}: {reason}" for action, reason in self.revoked.items())
 
     def fails(self, action: str, terms: int) -> bool:
-        """Return whether it follows that an action fails under a condition, given as bits."""
+        """Return whether the experience implies that an action fails under a condition, given as bits."""
         merged = self.successes.get(action)
         if merged is None or action in self.revoked:
             return False
@@ -50,16 +50,17 @@ class NearMisses:
         if succeeded:
             before = self.successes.get(action)
             merged = self.successes[action] = condition if before is None else before.merge(condition)
-            is_news = merged != before
+            is_new = merged != before
         else:
             failures = self.failures.setdefault(action, set())
-            is_news = terms not in failures
+            is_new = terms not in failures
             failures.add(terms)
-        if action in self.revoked or not is_news:
+        if action in self.revoked or not is_new:
             return False
         if action in self.successes and self._covers_failure(action, self.successes[action]):
             self.revoked[action] = "no single conjunction tells its successes from its failures"
         return True
 
     def _covers_failure(self, action: str, condition: Condition) -> bool:
+        """Return whether a condition covers one under which the action failed."""
         return any(condition.covers_terms(failure) for failure in self.failures.get(action, ()))

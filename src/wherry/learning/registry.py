@@ -1,8 +1,8 @@
-"""The registry of learners: how each is called, made and saved, and what it can be used for.
+"""The registry of learners: name, factory, codec for rules files, and uses of each.
 
-Factories and codecs are named as ``"module:attribute"`` and imported when they are first used, so that the command line
-can list the learners without loading them. The learners in `RULE_LEARNERS` learn rules; those in
-`wherry.baselines.registry` have entries of the same type.
+Factories and codecs are given as ``"module:attribute"`` and imported on first use, so that the command line can list
+the learners without loading them. `RULE_LEARNERS` contains the learners of rules; the baselines, in
+`wherry.baselines.registry`, have entries of the same type.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 
 class Job(Enum):
-    """What a learner can be used for."""
+    """A use of learners."""
 
     DELIVERY = auto()
     """Driving the robot: `wherry deliver` and the ROS nodes."""
     PLAY = auto()
-    """Watching a person play on a grid: `wherry play`."""
+    """Learning from a person who plays on a grid: `wherry play`."""
     COMPARISON = auto()
     """The published learning experiment: `wherry learn` and `wherry reproduce taxi`."""
 
 
 class RuleLearnerFactory(Protocol):
-    """Makes a rule learner that knows nothing."""
+    """Makes a rule learner without knowledge."""
 
     def __call__(
         self,
@@ -62,14 +62,14 @@ class LearnerEntry(Generic[FactoryT]):
     """A learner in the registry.
 
     Attributes:
-        summary: What the learner does, in one line for people.
-        entry_point: Location of its factory, ``"module:attribute"``.
-        jobs: What the learner can be used for.
-        options: Keyword arguments that the factory is called with.
-        codec: Location of its codec in `wherry.learning.rule_files`; None for a learner without rules.
-        counter: Location of what counts its "I don't know" against a bound; None where there is no bound.
-        is_probabilistic: Whether its predictions carry a probability and a doubt that an experiment can settle.
-        converges: Whether every run reaches the optimal policy, so that waiting for it makes sense.
+        summary: Description of the learner in one line, shown to users.
+        entry_point: Location of the factory, ``"module:attribute"``.
+        jobs: Uses of the learner.
+        options: Keyword arguments for the factory.
+        codec: Location of the codec in `wherry.learning.rule_files`; None for a learner without rules.
+        counter: Location of the counter of answers "I don't know"; None for a learner without a bound on their number.
+        is_probabilistic: Whether predictions have probabilities and a disagreement that experiments can reduce.
+        converges: Whether every run reaches the optimal policy; if not, runs are ended after fewer steps.
     """
 
     summary: str
@@ -83,16 +83,16 @@ class LearnerEntry(Generic[FactoryT]):
 
     @property
     def factory(self) -> FactoryT:
-        """What makes the learner, with the entry's options applied."""
+        """The factory of the learner, with the entry's options applied."""
         return cast("FactoryT", partial(resolve_name(self.entry_point), **self.options))
 
     @property
     def has_rules(self) -> bool:
-        """Whether what the learner learns can be read and saved as rules."""
+        """Whether the learner's knowledge consists of rules, which can be saved."""
         return self.codec is not None
 
     def count_unknown_answers(self, learner: RuleLearner) -> UnknownAnswers | None:
-        """Return a counter of the learner's "I don't know"; None where theory gives no bound for it."""
+        """Return a counter of the learner's answers "I don't know"; None for a learner without a bound on them."""
         if self.counter is None:
             return None
         return cast("UnknownAnswers", resolve_name(self.counter)(learner))
@@ -135,11 +135,11 @@ RULE_LEARNERS: Mapping[str, LearnerEntry[RuleLearnerFactory]] = {
         converges=False,
     ),
 }
-"""The learners of rules, by the names that users choose them with."""
+"""The learners of rules, by the names used on the command line."""
 
 EntryT = TypeVar("EntryT", bound=LearnerEntry[Any])
 
 
 def learners_for(job: Job, learners: Mapping[str, EntryT]) -> dict[str, EntryT]:
-    """Return the learners of a registry that can be used for a job, by name and in the registry's order."""
+    """Return the entries of a registry that can be used for a job, in the registry's order."""
     return {name: entry for name, entry in learners.items() if job in entry.jobs}

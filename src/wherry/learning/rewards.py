@@ -1,8 +1,9 @@
 """Rewards and ends of episodes, learnt as conditions.
 
 A reward depends on the action and on the attributes that it changed: moving, bumping into a wall and picking up have
-different rewards. Where the same change brought different rewards, conditions distinguish them: the conditions of equal
-rewards are merged as in DOORMAX, and where merged conditions overlap, all conditions are memorised instead.
+different rewards. Where the same change was observed with different rewards, conditions distinguish them: the
+conditions of equal rewards are merged as in DOORMAX, and where merged conditions overlap, all conditions are memorised
+instead.
 """
 
 from __future__ import annotations
@@ -19,26 +20,30 @@ RewardAndEnd = tuple[float, bool]
 
 @dataclass
 class RewardCases:
-    """The rewards of one action that changed certain attributes.
+    """The rewards of the steps in which one action changed certain attributes.
 
     Attributes:
-        merged: Merged condition of every reward; None once these overlap.
-        seen: Reward under every condition that was met, as bits.
+        merged: Merged condition of each reward; None once two of them overlap.
+        latest: Latest reward observed under each condition (bits).
     """
 
     merged: dict[RewardAndEnd, Condition] | None = field(default_factory=dict)
-    seen: dict[int, RewardAndEnd] = field(default_factory=dict)
+    latest: dict[int, RewardAndEnd] = field(default_factory=dict)
 
     def contradicts(self, terms: int, value: RewardAndEnd) -> bool:
-        """Return whether another reward was seen under the same condition."""
-        return self.seen.get(terms, value) != value
+        """Return whether another reward was observed under the same condition."""
+        return self.latest.get(terms, value) != value
 
     def add(self, condition: Condition, value: RewardAndEnd) -> bool:
-        """Add a reward; return whether that may change `value`. Of contradictory rewards the last counts."""
-        if self.seen.get(condition.value) == value:
+        """Add a reward; of contradictory ones under one condition the latest counts.
+
+        Returns:
+            Whether `value` may return something else now.
+        """
+        if self.latest.get(condition.value) == value:
             return False
         contradicted = self.contradicts(condition.value, value)
-        self.seen[condition.value] = value
+        self.latest[condition.value] = value
         if self.merged is not None:
             before = self.merged.get(value)
             if before is not None and before.covers(condition) and not contradicted:
@@ -53,14 +58,14 @@ class RewardCases:
     def value(self, terms: int, *, generalize: bool) -> RewardAndEnd | None:
         """Return the reward under a condition; None where it is not known."""
         if self.merged is None:
-            return self.seen.get(terms)
+            return self.latest.get(terms)
         if generalize and len(self.merged) == 1:
             return next(iter(self.merged))
         return next((value for value, model in self.merged.items() if model.covers_terms(terms)), None)
 
 
 def _overlap(first: Condition, second: Condition) -> bool:
-    """Return whether both cover some condition without *."""
+    """Return whether some condition without * is covered by both."""
     return not (first.value ^ second.value) & first.mask & second.mask
 
 
@@ -69,32 +74,32 @@ class Rewards:
 
     Args:
         size: n, the number of terms.
-        generalize: Whether a reward that has been the same under all conditions is predicted under conditions never
-            met, too. Otherwise it is unknown there, as KWIK learning demands.
+        generalize: Whether a reward that was the same under all conditions so far is predicted under conditions not
+            met yet, too. Otherwise it is unknown there, as KWIK learning requires.
 
     Attributes:
-        cases: Rewards that were seen, by action and changed attributes.
-        end_seen: Whether some step ended an episode.
+        cases: Observed rewards, by action and changed attributes.
+        has_seen_end: Whether some step ended an episode.
     """
 
     def __init__(self, size: int, *, generalize: bool = False) -> None:
         self.size = size
         self.generalize = generalize
         self.cases: dict[str, dict[ChangedAttributes, RewardCases]] = {}
-        self.end_seen = False
+        self.has_seen_end = False
         self._contradictions: dict[tuple[str, int], None] = {}
 
     def add(self, action: str, terms: int, case: StepReward) -> bool:
         """Learn the reward of a step; return whether predictions may have changed."""
         cases = self.cases.setdefault(action, {}).setdefault(case.changed, RewardCases())
-        self.end_seen |= case.terminated
+        self.has_seen_end |= case.terminated
         value = case.reward, case.terminated
         if cases.contradicts(terms, value):
             self._contradictions[action, terms] = None
         return cases.add(Condition.of(self.size, terms), value)
 
     def violations(self, term_names: Sequence[str]) -> tuple[str, ...]:
-        """Return in words where equal steps under equal conditions had different rewards: the domain lacks a term."""
+        """Return, in words, the conditions under which equal steps had different rewards: the domain lacks a term."""
         return tuple(
             f"{action}: the reward, or whether the episode ended, was not the same each time "
             f"(where {Condition.of(self.size, terms).describe(term_names)})"

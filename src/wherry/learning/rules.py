@@ -1,4 +1,4 @@
-"""Rules as people read them, and the protocol of learners whose knowledge is rules."""
+"""Learnt rules in a readable form, and the protocol of learners whose knowledge consists of rules."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Rule:
 
 
 class RuleLearner(ConditionalModel, Learner, Protocol):
-    """A learner whose knowledge is rules, which can be read, saved, and used in other worlds of the same domain."""
+    """A learner of rules, which can be read, saved, and used in other worlds of the same domain."""
 
     def rules(self) -> tuple[Rule, ...]:
         """Return the learnt effects of all actions."""
@@ -42,9 +42,9 @@ class RuleLearner(ConditionalModel, Learner, Protocol):
         ...
 
     def sentences(self) -> tuple[str, ...]:
-        """Return what was learnt in words: ``N: if not touch_N(taxi, wall): taxi.y += 1``."""
+        """Return the learnt rules in words: ``N: if not touch_N(taxi, wall): taxi.y += 1``."""
         ...
 
-    def settle(self) -> None:
-        """Keep the simplest explanation of each attribute only, before the rules are used in another world."""
+    def keep_simplest(self) -> None:
+        """Keep only the simplest effect type of each attribute, before the rules are used in another world."""
         ...

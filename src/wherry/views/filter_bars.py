@@ -7,9 +7,7 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from wherry.views.learning_curve import FAINT, INK
-
-COLOUR = "#0072b2"  # of the bars
+from wherry.views.plot_style import GRID_COLOUR, MEASURED_COLOUR, TEXT_COLOUR
 
 
 def filter_bars(names: Sequence[str], metrics: Mapping[str, Sequence[float]]) -> Figure:
@@ -30,14 +28,14 @@ def filter_bars(names: Sequence[str], metrics: Mapping[str, Sequence[float]]) ->
 
 def _draw_bars(axes: Axes, heading: str, values: Sequence[float]) -> None:
     """Draw one panel, with the value beside each bar."""
-    axes.barh(range(len(values)), values, color=COLOUR, height=0.6)
+    axes.barh(range(len(values)), values, color=MEASURED_COLOUR, height=0.6)
     axes.set_xscale("log")
     axes.set_xlim(min(values) / 3.0, max(values) * 8.0)
     for row, value in enumerate(values):
         text = f"{value:,.3g}" if value < 1e3 else f"{value:,.0f}"
-        axes.annotate(text, (value, row), (4, -3), textcoords="offset points", fontsize=8, color=INK)
-    axes.set_title(heading, loc="left", fontsize=10, color=INK)
-    axes.tick_params(colors=INK, length=3)
-    axes.grid(visible=True, axis="x", color=FAINT, linewidth=0.6)
+        axes.annotate(text, (value, row), (4, -3), textcoords="offset points", fontsize=8, color=TEXT_COLOUR)
+    axes.set_title(heading, loc="left", fontsize=10, color=TEXT_COLOUR)
+    axes.tick_params(colors=TEXT_COLOUR, length=3)
+    axes.grid(visible=True, axis="x", color=GRID_COLOUR, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)

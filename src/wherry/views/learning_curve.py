@@ -1,4 +1,4 @@
-"""Learning curves and comparisons of steps as figures for documents: light, labelled, readable without colours."""
+"""Learning curves and comparisons of steps as figures for documents, on white and readable without colours."""
 
 from __future__ import annotations
 
@@ -16,42 +16,41 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from wherry.space.pose import Floats
+from wherry.views.plot_style import GRID_COLOUR, MEASURED_COLOUR, TEXT_COLOUR
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#6a6a6a", "#56b4e9", "#b8860b", "#000000", "#7b3294")
 """Line colours in the order of the learners, distinguishable for most colour-blind people (Okabe and Ito)."""
 
 LINE_STYLES = ("solid", "dashed", "dotted")
-"""Styles that tell learners apart once all colours are used."""
+"""Line styles; the next one is used when all colours have been used with the one before."""
 
-BAND = (10, 90)  # percentiles between which the band of a curve lies
-CURVE_POINTS = 400  # points at which a curve is sampled
-MAX_LINEAR_RATIO = 30  # ratio of the learners' steps above which the axis is logarithmic
-OURS = "#0072b2"
-RING: Mapping[str, Any] = {
+BAND_PERCENTILES = (10, 90)  # lower and upper edge of a curve's band
+CURVE_POINTS = 400  # samples of a curve
+MAX_LINEAR_RATIO = 30  # ratio of the longest to the shortest run above which the axis of steps is logarithmic
+PUBLISHED_MARKER: Mapping[str, Any] = {
     "marker": "o",
     "linestyle": "none",
     "markerfacecolor": "white",
     "markeredgecolor": "#d55e00",
 }
-INK, FAINT = "#222222", "#d9d9d9"
 
 Run = Sequence[tuple[int, int]]
-"""One run of a learner: after every episode the steps so far, and the number of probes solved then."""
+"""The learning curve of one run: number of steps up to the end of each episode, and number of probes solved then."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepsNeeded:
-    """The steps that a learner needed, over some repetitions.
+    """The steps until all probes are solved, measured or published.
 
     Attributes:
         name: Name of the learner.
-        steps: [R] steps of every repetition; a single mean where only that was published.
-        published: Whether the steps were published by others.
+        steps: [R] number of steps in every repetition; the mean alone, [1], where it is published.
+        is_published: Whether the steps are a published mean.
     """
 
     name: str
     steps: Sequence[float]
-    published: bool = False
+    is_published: bool = False
 
 
 def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) -> Figure:
@@ -83,7 +82,7 @@ def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) 
     axes.set_yticks(range(probes + 1))
     axes.set_xlabel("steps in the environment")
     axes.set_ylabel(f"probes solved optimally, of {probes}")
-    axes.set_title(title, loc="left", fontsize=12, color=INK)
+    axes.set_title(title, loc="left", fontsize=12, color=TEXT_COLOUR)
     figure.legend(
         loc="outside lower center",
         ncols=min(4, len(runs)),
@@ -98,18 +97,19 @@ def learning_curves(runs: Mapping[str, Sequence[Run]], probes: int, title: str) 
 def _draw_curve(
     axes: Axes, steps: Floats, solved: Floats, probes: int, *, color: str, linestyle: str, label: str
 ) -> None:
-    """Draw one learner's median and band, up to where the median solves all probes.
+    """Draw one learner's median and band; the median ends where it reaches all probes.
 
     Args:
-        axes: Where to draw.
-        steps: [N] numbers of steps.
-        solved: [R, N] probes solved by every repetition.
+        axes: Axes to draw on.
+        steps: [N] numbers of steps, ascending.
+        solved: [R, N] number of probes solved in every repetition after these steps.
         probes: Number of probes.
         color: Colour of line and band.
         linestyle: Style of the line.
         label: Name of the learner.
     """
-    low, median, high = np.percentile(solved, [BAND[0], 50, BAND[1]], axis=0)
+    lower, upper = BAND_PERCENTILES
+    low, median, high = np.percentile(solved, [lower, 50, upper], axis=0)
     axes.fill_between(steps, low, high, color=color, alpha=0.16, linewidth=0, step="post")
     until = np.searchsorted(median, probes) + 1  # the curve is constant from then on
     axes.plot(
@@ -125,34 +125,37 @@ def _draw_curve(
 
 
 def _repetitions_note(runs: Mapping[str, Sequence[Run]]) -> str:
-    """Return what curves and bands stand for, in words."""
+    """Return the meaning of curves and bands in words, for the legend."""
     counts = sorted({len(repetitions) for repetitions in runs.values()})
     if counts == [1]:
         return "one repetition"
     count = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    return f"median of {count} repetitions, and the band from {BAND[0]} to {BAND[1]} %"
+    lower, upper = BAND_PERCENTILES
+    return f"median of {count} repetitions, and the band from {lower} to {upper} %"
 
 
 def solved_by(run: Run, steps: Floats) -> Floats:
-    """Return how many probes a run had solved after some numbers of steps, constant after its last episode.
+    """Return the number of probes that a run solved at its latest test, after given numbers of steps.
 
     Args:
-        run: The run.
-        steps: [N] numbers of steps, ascending.
+        run: Learning curve of the run; its last value holds for all later steps.
+        steps: [N] numbers of steps.
 
     Returns:
         [N] numbers of probes.
     """
-    at, solved = np.array([(0, 0), *run]).T
-    counts: Floats = solved[np.searchsorted(at, steps, side="right") - 1].astype(float)
+    episode_ends, solved = np.array([(0, 0), *run]).T
+    counts: Floats = solved[np.searchsorted(episode_ends, steps, side="right") - 1].astype(float)
     return counts
 
 
 def steps_needed(panels: Mapping[str, Sequence[StepsNeeded]], title: str) -> Figure:
-    """Draw the steps to the optimum in rows: the median as dot, 10 to 90 % as bar, published means as rings.
+    """Draw the steps to the optimal policy, a row for each learner.
+
+    A dot is the median of the repetitions, a bar the range between `BAND_PERCENTILES`, a ring a published mean.
 
     Args:
-        panels: Learners by the heading of their panel; every panel has a row for each name of all panels.
+        panels: Steps of the learners, by the heading of their panel; all panels have the same rows.
         title: Title of the figure.
     """
     names = list(dict.fromkeys(row.name for rows in panels.values() for row in rows))
@@ -163,30 +166,32 @@ def steps_needed(panels: Mapping[str, Sequence[StepsNeeded]], title: str) -> Fig
         for row in rows:
             _draw_row(axes, names.index(row.name), row)
         _logarithmic(axes)
-        axes.set_title(heading, loc="left", fontsize=11, color=INK)
+        axes.set_title(heading, loc="left", fontsize=11, color=TEXT_COLOUR)
         axes.set_xlabel("steps until all six probes are solved optimally")
         axes.set_ylim(len(names) - 0.5, -0.5)
         axes.set_yticks(range(len(names)), names)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=12, color=INK)
-    keys = [Line2D([], [], marker="o", color=OURS, alpha=1.0, label=f"wherry: median, {BAND[0]}–{BAND[1]} %")]
-    keys.append(Line2D([], [], **RING, label="published: mean"))
-    figure.legend(handles=keys, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12, color=TEXT_COLOUR)
+    lower, upper = BAND_PERCENTILES
+    measured = Line2D([], [], marker="o", color=MEASURED_COLOUR, label=f"wherry: median, {lower}–{upper} %")
+    published = Line2D([], [], **PUBLISHED_MARKER, label="published: mean")
+    figure.legend(handles=[measured, published], loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure
 
 
-def _draw_row(axes: Axes, at: int, row: StepsNeeded) -> None:
-    """Draw one row: a published mean as a ring; our repetitions as a bar with a labelled dot."""
-    if row.published:
-        axes.plot(row.steps, [at] * len(row.steps), **RING, zorder=5)
+def _draw_row(axes: Axes, y: int, row: StepsNeeded) -> None:
+    """Draw one learner's steps at a height in the panel: a ring if they are published, else a bar with a dot."""
+    if row.is_published:
+        axes.plot(row.steps, [y] * len(row.steps), **PUBLISHED_MARKER, zorder=5)
         return
-    low, median, high = np.percentile(row.steps, [BAND[0], 50, BAND[1]])
-    axes.plot([low, high], [at, at], color=OURS, alpha=0.35, linewidth=7, solid_capstyle="butt")
-    axes.plot([median], [at], "o", color=OURS, zorder=4)
-    axes.annotate(f"{median:,.0f}", (median, at), (0, 7), textcoords="offset points", ha="center", fontsize=7.5)
+    lower, upper = BAND_PERCENTILES
+    low, median, high = np.percentile(row.steps, [lower, 50, upper])
+    axes.plot([low, high], [y, y], color=MEASURED_COLOUR, alpha=0.35, linewidth=7, solid_capstyle="butt")
+    axes.plot([median], [y], "o", color=MEASURED_COLOUR, zorder=4)
+    axes.annotate(f"{median:,.0f}", (median, y), (0, 7), textcoords="offset points", ha="center", fontsize=7.5)
 
 
 def as_bytes(figure: Figure, kind: Literal["png", "svg"]) -> bytes:
-    """Return a figure as the content of a file, the same bytes every time."""
+    """Return a figure as the content of a file; equal figures give equal bytes."""
     buffer = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "wherry"}):
         figure.savefig(buffer, format=kind, dpi=160, metadata={"Date": None} if kind == "svg" else {"Software": None})
@@ -194,7 +199,7 @@ def as_bytes(figure: Figure, kind: Literal["png", "svg"]) -> bytes:
 
 
 def _figure(width: float, height: float) -> tuple[Figure, Axes]:
-    """Return an empty figure with one pair of axes; its sides are in inches."""
+    """Return an empty figure of a size in inches, with its axes."""
     figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
     axes = figure.subplots()
     _style(axes)
@@ -202,25 +207,25 @@ def _figure(width: float, height: float) -> tuple[Figure, Axes]:
 
 
 def _logarithmic(axes: Axes) -> None:
-    """Make the axis of steps logarithmic, with short numbers."""
+    """Make the axis of steps logarithmic, with abbreviated numbers."""
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda steps, _: _short(steps)))
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _short(steps: float) -> str:
-    """Return a number of steps as written on an axis: 100, 10k, 1M."""
-    for unit, name in ((1_000_000, "M"), (1_000, "k")):
+    """Return an abbreviated number of steps: 100, 10k, 1M."""
+    for unit, suffix in ((1_000_000, "M"), (1_000, "k")):
         if steps >= unit:
-            return f"{steps / unit:g}{name}"
+            return f"{steps / unit:g}{suffix}"
     return f"{steps:g}"
 
 
 def _style(axes: Axes) -> None:
-    """Draw on white, with a faint grid and without a frame."""
+    """Give axes a white background and a light grid, and remove their upper and right edges."""
     axes.set_facecolor("white")
-    axes.grid(visible=True, color=FAINT, linewidth=0.6)
+    axes.grid(visible=True, color=GRID_COLOUR, linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.tick_params(colors=INK, length=3)
+    axes.tick_params(colors=TEXT_COLOUR, length=3)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)

@@ -1,4 +1,4 @@
-"""A game in the terminal: the world, the terms that hold, the learner's predictions, and the rules learnt so far."""
+"""The screen of a game in the terminal: the world, the terms, the learner's predictions, and the learnt rules."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-TERMS_WIDTH = 36  # columns that the terms need to the right of the drawing
+TERMS_WIDTH = 36  # columns of the terms to the right of the drawing
+UNKNOWN_TEXT = "UNKNOWN"  # shown for an action whose effects the learner does not predict
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,33 +18,33 @@ class PredictionRow:
     """A learner's prediction for one action.
 
     Attributes:
-        key: Key that does the action.
+        key: Key for the action.
         action: Name of the action.
-        changes: Predicted changes in words; "UNKNOWN" where the learner cannot tell.
+        changes: Predicted changes in words; None where the learner does not predict them.
         reward: Predicted reward in words.
-        probability: Probability of the prediction; None where none is shown.
+        probability: Probability of the prediction; None not to show one.
     """
 
     key: str
     action: str
-    changes: str
+    changes: str | None
     reward: str
     probability: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class GameScreen:
-    """Everything that is shown at a time.
+    """The content of the screen.
 
     Attributes:
         title: Name and progress of the game.
         drawing: The world as text.
         condition: Names of the terms, each with whether it holds.
-        rows: Prediction for every action.
+        rows: Predictions, a row for each action.
         rules: Learnt rules, in words.
-        new_rules: Rules that were learnt in the last step.
-        message: What happened last, in words.
-        keys: What the keys are for, in words.
+        new_rules: Rules that were learnt in the latest step.
+        message: Result of the latest key, in words.
+        keys: Functions of the keys, in words.
     """
 
     title: str
@@ -57,7 +58,7 @@ class GameScreen:
 
 
 def render(screen: GameScreen, width: int) -> RenderableType:
-    """Return the screen for a terminal of a width in columns."""
+    """Return the screen for a terminal of the given width, columns."""
     drawing = Text(screen.drawing.rstrip("\n"))
     drawing_width = max(map(len, screen.drawing.splitlines()))
     beside = Table.grid(padding=(0, 3))
@@ -92,11 +93,12 @@ def _condition(condition: Sequence[tuple[str, bool]]) -> Text:
 
 
 def _prediction_table(rows: Sequence[PredictionRow]) -> Table:
+    """Return a table of the predictions, a row for each action."""
     table = Table(box=None, pad_edge=False, header_style="dim")
     for heading in ("key", "action", "the learner predicts", "reward", "probability"):
         table.add_column(heading)
     for row in rows:
         probability = "" if row.probability is None else f"{row.probability:.0%}"
-        style = "yellow" if row.changes == "UNKNOWN" else ""
-        table.add_row(row.key, row.action, Text(row.changes, style=style), row.reward, probability)
+        changes = Text(UNKNOWN_TEXT, style="yellow") if row.changes is None else Text(row.changes)
+        table.add_row(row.key, row.action, changes, row.reward, probability)
     return table

@@ -1,1 +1,1 @@
-"""The baselines compiled for numbered states: the same steps as the plain ones, thousands of times as fast."""
+"""The baselines compiled for numbered states: the same steps as the reference implementations, but much faster."""

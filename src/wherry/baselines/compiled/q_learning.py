@@ -1,4 +1,4 @@
-"""Q-learning on numbered states, compiled; tested against `wherry.baselines.q_learning` step by step."""
+"""Compiled Q-learning on numbered states; tested against `wherry.baselines.q_learning` step by step."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from wherry.baselines.compiled.tabular import Booleans, EpisodeBatch, Floats, Integers, TabularLearner, TabularMdp
 from wherry.kernels import kernel
 
-BATCH_SIZE = 64  # episodes whose random numbers are drawn at once
+BATCH_SIZE = 64  # episodes per batch; the random numbers of a batch are drawn together
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class TabularQLearning(TabularLearner):
         discount: γ.
         learning_rate: α.
         exploration: ε, probability of a random action.
-        initial_value: Q of pairs never tried.
+        initial_value: Q of state–action pairs not tried yet.
     """
 
     discount: float = 0.95
@@ -71,19 +71,20 @@ def _run_episodes(
     """Run episodes, each followed by a test from all probes, until all probes are solved.
 
     Args:
-        starts: [E] numbers of the start states.
-        draws: [E, L, 2] uniform in [0, 1): whether a step explores, and which action it then takes.
+        starts: [E] numbers of the start states of the E episodes.
+        draws: [E, L, 2] uniform random numbers in [0, 1) for up to L steps of each episode: the step explores if the
+            first is below ε, and the second then selects the action.
         successor: [S, A] number of s'.
         reward: [S, A] r.
         terminates: [S, A] whether the step ends the episode.
         values: [S, A] Q, updated in place.
-        probes: [P, 2] numbers of the probes' states, and their fewest steps.
+        probes: [P, 2] number of each probe's state, and the fewest steps from there to the end.
         discount: γ.
         learning_rate: α.
         exploration: ε.
 
     Returns:
-        [D] steps of the D episodes that were run; [D] number of probes solved after each.
+        Number of steps of each of the D ≤ E episodes that were run, [D]; and number of probes solved after each, [D].
     """
     actions = successor.shape[1]
     lengths, solved = np.zeros(len(starts), np.int32), np.zeros(len(starts), np.int32)

@@ -1,7 +1,10 @@
-"""The compiled inner loops of R-max: act greedily, learn, and repair the values that became too high.
+"""The compiled inner loops of R-max: act greedily, learn, and recompute the values that became too high.
 
-Values are kept between steps. The value of a state is V(s_max) until its last unknown action was tried, so after most
-steps no value changes at all; after the others only the values that depended on the unknown step are recomputed.
+Values are kept between steps. The value of a state is V(s_max) until its last unknown action was tried, so most steps
+change no value; after the others only the values that depended on the unknown step are recomputed.
+
+Array dimensions: S states, A actions, V entries of a step, P entries of all tables, W steps that change the state,
+U requirements (pairs of a step and an entry that it requires).
 """
 
 from __future__ import annotations
@@ -9,24 +12,24 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from wherry.baselines.compiled.model_entries import NONE
+from wherry.baselines.compiled.model_entries import PADDING
 from wherry.baselines.compiled.tabular import Booleans, Floats, Integers
 from wherry.kernels import kernel
 from wherry.planning.lookahead import Q_TOLERANCE
 
 
 class RmaxProblem(NamedTuple):
-    """What the kernels read. A step is numbered by its state and action together, s·A + a.
+    """The MDP and the table entries, which the kernels only read. A step (s, a) has the number s·A + a.
 
     Attributes:
         successor: [S, A] number of s'.
         reward: [S, A] r.
         terminates: [S, A] whether the step ends the episode.
-        first_predecessor: [S + 1] where the steps into each state begin in ``predecessors``.
-        predecessors: [W] steps that lead into a state from another one.
-        required: [S, A, V] numbers of the entries that every step requires, followed by `NONE`.
-        first_user: [P + 1] where the steps that require each entry begin in ``users``.
-        users: [U] steps that require an entry.
+        first_predecessor: [S + 1] index in ``predecessors`` of the first step into each state.
+        predecessors: [W] steps into a state from another one, grouped by that state.
+        required: [S, A, V] numbers of the entries that every step requires, followed by `PADDING`.
+        first_user: [P + 1] index in ``users`` of the first step that requires each entry.
+        users: [U] steps that require an entry, grouped by that entry.
         discount: γ.
         v_max: V(s_max) = R_max / (1 − γ).
         lower_bound: Lower bound of all values.
@@ -48,13 +51,13 @@ class RmaxProblem(NamedTuple):
 
 
 class RmaxKnowledge(NamedTuple):
-    """What the kernels update in place.
+    """The learnt tables and values, which the kernels update in place.
 
     Attributes:
         is_filled: [P] whether each entry is filled.
-        missing: [S, A] number of entries that a step lacks.
-        values: [S] V of what is known.
-        queue: [S] states whose values are to be recomputed, from the front.
+        missing: [S, A] number of required entries of each step that are not filled.
+        values: [S] V of the optimistic model.
+        queue: [S] buffer for the states whose values are to be recomputed; the queue is its beginning.
         is_queued: [S] whether a state is in the queue; all False between calls.
     """
 
@@ -67,7 +70,7 @@ class RmaxKnowledge(NamedTuple):
 
 @kernel
 def run_episode(start: int, max_steps: int, problem: RmaxProblem, knowledge: RmaxKnowledge) -> int:
-    """Run one episode: act greedily, learn, and repair the values; return its number of steps."""
+    """Run one episode: act greedily, learn, and recompute values; return its number of steps."""
     state = start
     for step in range(1, max_steps + 1):
         action = _greedy_action(state, problem, knowledge)
@@ -82,38 +85,38 @@ def run_episode(start: int, max_steps: int, problem: RmaxProblem, knowledge: Rma
 
 @kernel
 def _learn(state: int, action: int, problem: RmaxProblem, knowledge: RmaxKnowledge) -> int:
-    """Fill the entries of a step, and queue the states of which a step becomes known by that.
+    """Fill the entries of a step, and queue the states of all steps that become known thereby.
 
     Returns:
         Number of states in the queue.
     """
     actions, queued = knowledge.missing.shape[1], 0
     for entry in problem.required[state, action]:
-        if entry == NONE or knowledge.is_filled[entry]:
+        if entry == PADDING or knowledge.is_filled[entry]:
             continue
         knowledge.is_filled[entry] = True
         for step in problem.users[problem.first_user[entry] : problem.first_user[entry + 1]]:
-            user, by = step // actions, step % actions
-            knowledge.missing[user, by] -= 1
-            if knowledge.missing[user, by] == 0 and not knowledge.is_queued[user]:
-                knowledge.is_queued[user] = True
-                knowledge.queue[queued] = user
+            user_state, user_action = step // actions, step % actions
+            knowledge.missing[user_state, user_action] -= 1
+            if knowledge.missing[user_state, user_action] == 0 and not knowledge.is_queued[user_state]:
+                knowledge.is_queued[user_state] = True
+                knowledge.queue[queued] = user_state
                 queued += 1
-    for at in range(queued):
-        knowledge.is_queued[knowledge.queue[at]] = False
+    for index in range(queued):
+        knowledge.is_queued[knowledge.queue[index]] = False
     return queued
 
 
 @kernel
 def _queue_overestimated(learnt: int, problem: RmaxProblem, knowledge: RmaxKnowledge) -> int:
-    """Keep in the queue the states whose values are too high now, and add all states that depend on them.
+    """Keep in the queue only the states whose values are now too high, and add all states that depend on them.
 
-    A state depends on another if some step from it to there is worth as much as the state. All states left out have a
-    best step that leads to none in the queue, so that their values stay right.
+    A state depends on a successor if Q of a step to it is at least V of the state. Every state outside the final queue
+    has a best step to a state that is also outside, so its value is still right.
 
     Args:
         learnt: Number of states in the queue at the beginning.
-        problem: The MDP and its entries.
+        problem: The MDP and the table entries.
         knowledge: Values and queue.
 
     Returns:
@@ -124,16 +127,16 @@ def _queue_overestimated(learnt: int, problem: RmaxProblem, knowledge: RmaxKnowl
     discount, v_max = problem.discount, problem.v_max
     queue, is_queued, predecessors = knowledge.queue, knowledge.is_queued, problem.predecessors
     actions, queued = missing.shape[1], 0
-    for at in range(learnt):
-        state = queue[at]
+    for index in range(learnt):
+        state = queue[index]
         if values[state] > _max_q(state, successor, reward, terminates, missing, values, discount, v_max):
             is_queued[state] = True
             queue[queued] = state
             queued += 1
-    at = 0
-    while at < queued:
-        target = queue[at]
-        at += 1
+    index = 0
+    while index < queued:
+        target = queue[index]
+        index += 1
         for step in predecessors[problem.first_predecessor[target] : problem.first_predecessor[target + 1]]:
             state, action = step // actions, step % actions
             if is_queued[state] or missing[state, action]:
@@ -142,25 +145,28 @@ def _queue_overestimated(learnt: int, problem: RmaxProblem, knowledge: RmaxKnowl
                 is_queued[state] = True
                 queue[queued] = state
                 queued += 1
-    for at in range(queued):
-        is_queued[queue[at]] = False
+    for index in range(queued):
+        is_queued[queue[index]] = False
     return queued
 
 
 @kernel
 def _recompute(count: int, problem: RmaxProblem, knowledge: RmaxKnowledge) -> None:
-    """Recompute the values of the states in the queue from below, in alternating sweeps, until none changes."""
+    """Recompute the values of the states in the queue from their lower bound.
+
+    Sweeps in alternating directions are repeated until no value changes by more than the tolerance.
+    """
     successor, reward, terminates = problem.successor, problem.reward, problem.terminates
     missing, values = knowledge.missing, knowledge.values
     discount, v_max = problem.discount, problem.v_max
     queue = knowledge.queue
-    for at in range(count):
-        values[queue[at]] = problem.lower_bound
+    for index in range(count):
+        values[queue[index]] = problem.lower_bound
     change = math.inf
     while change > problem.tolerance:
         change = 0.0
-        for turn in range(2 * count):
-            state = queue[turn if turn < count else 2 * count - 1 - turn]
+        for visit in range(2 * count):
+            state = queue[visit if visit < count else 2 * count - 1 - visit]
             value = max(values[state], _max_q(state, successor, reward, terminates, missing, values, discount, v_max))
             change = max(change, value - values[state])
             values[state] = value
@@ -178,7 +184,7 @@ def _q_value(
     discount: float,
     v_max: float,
 ) -> float:
-    """Return Q(s, a); V(s_max) where the step is not known. Passing whole tuples here would be much slower."""
+    """Return Q(s, a); V(s_max) where the step is not known. Passing the arrays in tuples would be much slower."""
     if missing[state, action]:
         return v_max
     q: float = reward[state, action]
@@ -208,7 +214,7 @@ def _max_q(
 
 @kernel
 def _greedy_action(state: int, problem: RmaxProblem, knowledge: RmaxKnowledge) -> int:
-    """Return the first of the best actions."""
+    """Return the first of the actions with the highest Q, within `Q_TOLERANCE`."""
     best, highest = 0, -math.inf
     successor, reward, terminates = problem.successor, problem.reward, problem.terminates
     missing, values = knowledge.missing, knowledge.values

@@ -1,7 +1,7 @@
-"""Numbered states, for learners that need very many steps.
+"""MDPs on numbered states, and the base of the compiled learners.
 
-Q-learning and R-max need up to millions of steps for what others learn in hundreds, and nearly all of that time would
-be spent on making and hashing states. On numbered states they take the same steps, compiled.
+Q-learning and R-max need up to millions of steps where learners of rules need hundreds, and would spend nearly all of
+their time on creating and hashing object states. On numbered states the same steps can be compiled.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
 LearningCurve = tuple[tuple[int, int], ...]
-"""After every episode the number of steps so far, and the number of probes that the greedy policy solves."""
+"""For every episode, the number of steps up to its end and the number of probes that the greedy policy then solves."""
 
 EpisodeBatch = tuple[list[tuple[int, int]], float]
-"""For each of some episodes its steps and the probes solved after it; and the time that all of them took, s."""
+"""For each episode, its number of steps and the probes solved after it; and the processor time of the batch, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class TabularMdp:
     """A deterministic MDP as arrays over the states that can be reached.
 
     Attributes:
-        state_numbers: Number of every state; the start states come first, and are drawn uniformly.
+        state_numbers: Number of every state, from 0; the start states come first, and are drawn uniformly.
         start_count: Number of start states.
         successor: [S, A] number of s'.
         reward: [S, A] r.
@@ -52,20 +52,20 @@ class TabularMdp:
         states = list(starts)
         numbers = {state: number for number, state in enumerate(states)}
         rows = []
-        for state in states:  # the list grows while it is gone through
+        for state in states:  # the list grows during the loop
             transitions = [mdp.transition(state, action) for action in actions]
             for transition in transitions:
                 if transition.next_state not in numbers:
                     numbers[transition.next_state] = len(states)
                     states.append(transition.next_state)
-            rows.append([(numbers[each.next_state], each.reward, each.terminated) for each in transitions])
+            rows.append([(numbers[step.next_state], step.reward, step.terminated) for step in transitions])
         table = np.array(rows)
         return cls(
             numbers, len(starts), table[:, :, 0].astype(np.int32), table[:, :, 1], table[:, :, 2].astype(np.bool_)
         )
 
     def numbered(self, probes: tuple[tuple[State, int], ...]) -> Integers:
-        """Return probes as numbers, [P, 2]: the state, and the fewest steps from there to the end."""
+        """Return the P probes as numbers, [P, 2]: the state, and the fewest steps from there to the end."""
         return np.array([(self.state_numbers[state], fewest) for state, fewest in probes], np.int32)
 
 
@@ -78,13 +78,13 @@ class TabularLearner(ABC):
     def batches(
         self, mdp: TabularMdp, probes: Integers, rng: np.random.Generator, *, max_episode_steps: int
     ) -> Iterator[EpisodeBatch]:
-        """Learn from scratch, one batch of episodes after the other, without end.
+        """Learn from scratch, and yield one batch of episodes after the other, without end.
 
         Args:
             mdp: The world.
             probes: [P, 2] numbered probes, see `TabularMdp.numbered`.
-            rng: Source of all randomness.
-            max_episode_steps: Steps after which an episode is cut off.
+            rng: Random number generator.
+            max_episode_steps: Steps after which an episode is truncated.
         """
         ...
 
@@ -101,14 +101,14 @@ class TabularLearner(ABC):
 
         Args:
             mdp: The world.
-            probes: The states to test from after every episode, each with the fewest steps to the end.
-            rng: Source of all randomness.
-            max_episode_steps: Steps after which an episode is cut off.
+            probes: States from which the policy is tested after every episode, each with the fewest steps to the end.
+            rng: Random number generator.
+            max_episode_steps: Steps after which an episode is truncated.
             max_steps: Step limit; the batch of episodes in which it is reached is completed.
 
         Returns:
-            The curve; and the time that all this took, s, steps of the environment and tests included, since these
-            are compiled together.
+            The learning curve; and the processor time, s, which includes the environment and the tests, as these are
+            compiled together with the learner.
         """
         curve, steps, total = list[tuple[int, int]](), 0, 0.0
         for episodes, seconds in self.batches(mdp, mdp.numbered(probes), rng, max_episode_steps=max_episode_steps):

@@ -1,1 +1,1 @@
-"""The published learning experiment: our table beside published results, and efficient_rl's time for a step."""
+"""The published learning experiment: measured results beside published ones, and efficient_rl's time per step."""

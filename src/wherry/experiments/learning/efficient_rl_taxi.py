@@ -1,8 +1,8 @@
-"""Measures a learning step of efficient_rl's DOORMAX on Taxi 5×5, ms; `wherry bench learning` runs it beside ours.
+"""Prints the processor time of a learning step of efficient_rl's DOORMAX on Taxi 5×5, ms.
 
-This is a script for another interpreter, in whose environment efficient_rl is installed (1.0.1, with gym 0.25 and numpy
-1), so it imports nothing from wherry. Learner, settings and protocol are those of efficient_rl's own `paper_script`.
-Times are processor times, as ours are.
+`wherry bench learning` runs this script with another interpreter, in whose environment efficient_rl 1.0.1 is installed
+(with gym 0.25 and numpy 1), so it imports nothing from wherry. Learner, settings and protocol are those of
+efficient_rl's own `paper_script`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from efficient_rl.environment import TaxiEnvironment
 
 
 def milliseconds_per_step() -> float:
-    """Learn once until the policy is optimal from the six probes; return the mean time of a step, ms."""
-    RmaxBaseClass.time = SimpleNamespace(time=time.thread_time)  # processor time of this thread
+    """Learn until the policy is optimal from the six probes, and return the mean processor time of a step, ms."""
+    RmaxBaseClass.time = SimpleNamespace(time=time.thread_time)  # efficient_rl would measure wall-clock time
     environment = TaxiEnvironment(grid_size=5, mode="OO MDP")
     learner = DOORmax(
         nS=environment.nS,
@@ -37,5 +37,5 @@ def milliseconds_per_step() -> float:
 
 
 if __name__ == "__main__":
-    np.random.seed(0)  # noqa: NPY002 - it draws from numpy's global state
+    np.random.seed(0)  # noqa: NPY002 - efficient_rl uses numpy's global generator
     sys.stdout.write(f"{milliseconds_per_step()}\n")

@@ -1,4 +1,4 @@
-"""The published Taxi table beside our own: every learner, on both sizes of the grid."""
+"""The Taxi experiment with every learner on both grids, beside published results."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from wherry.pipelines.grids.learning import (
     LearningExperiment,
     LearningResult,
     LearningSettings,
-    solved_at_once,
+    probes_solved_by_transfer,
 )
 from wherry.views.learning_curve import StepsNeeded, as_bytes, learning_curves, steps_needed
 
-SIZES = (5, 10)
-MIN_MS_SHOWN = 0.001  # ms; shorter times are shown as less than this
+SIZES = (5, 10)  # sides of the grids, cells
+MIN_MS_SHOWN = 0.001  # ms; shorter times are shown as "< 0.001"
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedResult:
-    """A measurement by others.
+    """A published result of a learner, or of people, on one grid.
 
     Attributes:
-        name: The learner: a key of `LEARNERS` where we have the same.
+        name: Name of the learner, a key of `LEARNERS`; or a description of the people.
         size: Side of the grid, cells.
-        steps: Mean steps until all probes are solved.
-        ms_per_step: Time of a step, ms, on the machines of the time; None where it was not published.
+        steps: Mean number of steps until all probes are solved.
+        ms_per_step: Time of a step, ms, on a machine of that year; None where it was not published.
         source: The publication.
     """
 
@@ -57,18 +57,18 @@ PUBLISHED = (
 
 @dataclass(frozen=True, slots=True)
 class TaxiRepetitions:
-    """Number of repetitions of every learner; the defaults are those of the results file.
+    """The number of repetitions of each learner on each grid; the defaults are those of the results file.
 
     Attributes:
-        default: Repetitions of every learner on every size.
-        fewer: Smaller numbers for some learners and sizes; 0 leaves one out.
+        default: Number of repetitions.
+        fewer: Smaller numbers for some learners and sizes; 0 omits the learner on that size.
     """
 
     default: int = 100
     fewer: Mapping[tuple[str, int], int] = field(default_factory=dict)
 
     def of(self, learner: str, size: int) -> int:
-        """Return the repetitions of a learner on a grid."""
+        """Return the number of repetitions of a learner on a grid."""
         return min(self.default, self.fewer.get((learner, size), self.default))
 
     def total(self) -> int:
@@ -77,29 +77,29 @@ class TaxiRepetitions:
 
 
 def reproduce(images: Path, progress: Callable[[int, int], None], repetitions: TaxiRepetitions | None = None) -> str:
-    """Run every learner on both sizes and return the tables as Markdown.
+    """Run every learner on both grids and return the tables as Markdown.
 
     Args:
         images: Folder for pictures, beside the results file.
-        progress: Called with the number of repetitions that are done, and of all.
-        repetitions: Number of repetitions; those of the results file by default.
+        progress: Called with the number of finished repetitions and their total.
+        repetitions: Numbers of repetitions; None for those of the results file.
     """
-    chosen = repetitions or TaxiRepetitions()
+    counts = repetitions or TaxiRepetitions()
     large, done = Arena.of_size(10), 0
     results: dict[int, dict[str, LearningResult]] = {size: {} for size in SIZES}
     transfers = []
     for learner, entry in LEARNERS.items():
         for size in SIZES:
-            if not chosen.of(learner, size):
+            if not counts.of(learner, size):
                 continue
-            settings = LearningSettings(size=size, learner=learner, repetitions=chosen.of(learner, size))
+            settings = LearningSettings(size=size, learner=learner, repetitions=counts.of(learner, size))
             experiment = LearningExperiment(settings)
             transferred = []
             for _ in experiment.repetitions():
                 done += 1
-                progress(done, chosen.total())
+                progress(done, counts.total())
                 if size == 5 and experiment.learner is not None and entry.converges:
-                    transferred.append(solved_at_once(experiment.learner, large) == len(large.probes))
+                    transferred.append(probes_solved_by_transfer(experiment.learner, large) == len(large.probes))
             results[size][learner] = experiment.result()
             if transferred:
                 transfers.append(f"{learner} in {sum(transferred)} of {len(transferred)}")
@@ -111,7 +111,7 @@ def _pictures(results: Mapping[int, Mapping[str, LearningResult]], images: Path)
     panels = {
         f"{size}×{size}": [
             *(StepsNeeded(name, [run.steps for run in result.runs]) for name, result in results[size].items()),
-            *(StepsNeeded(row.name, [row.steps], published=True) for row in PUBLISHED if row.size == size),
+            *(StepsNeeded(row.name, [row.steps], is_published=True) for row in PUBLISHED if row.size == size),
         ]
         for size in SIZES
     }
@@ -119,13 +119,13 @@ def _pictures(results: Mapping[int, Mapping[str, LearningResult]], images: Path)
         write_picture(
             images,
             "taxi-steps.svg",
-            as_bytes(steps_needed(panels, "Taxi: from knowing nothing to the optimum"), "svg"),
-            "Steps to the optimum of every learner, ours and published",
+            as_bytes(steps_needed(panels, "Taxi: steps to the optimal policy, without prior knowledge"), "svg"),
+            "Steps to the optimal policy of every learner, measured and published",
         )
     ]
     for size in SIZES:
         curves = {name: [run.curve for run in result.runs] for name, result in results[size].items()}
-        figure = learning_curves(curves, 6, f"Taxi {size}×{size}: probes solved after so many steps")
+        figure = learning_curves(curves, 6, f"Taxi {size}×{size}: probes solved against steps")
         written.append(
             write_picture(
                 images, f"taxi-curves-{size}.svg", as_bytes(figure, "svg"), f"Learning curves on {size}×{size}"
@@ -135,18 +135,24 @@ def _pictures(results: Mapping[int, Mapping[str, LearningResult]], images: Path)
 
 
 def markdown(results: Mapping[int, Mapping[str, LearningResult]], transfers: list[str], pictures: str) -> str:
-    """Return a table for every size, our results beside the published ones."""
+    """Return the section of the results file.
+
+    Args:
+        results: Results by size of the grid and learner.
+        transfers: For some learners, in how many repetitions rules learnt on 5×5 solved 10×10, in words.
+        pictures: Markdown of the pictures.
+    """
     not_converging = ", ".join(name for name, entry in LEARNERS.items() if not entry.converges)
     parts = [
         "## Taxi\nSteps until the policy is optimal from six probes: mean ± standard deviation, and the 95th "
-        "percentile, over as many repetitions as the last column says; rewards and ends of episodes learnt. Times are "
-        "a core's, for a whole step (predict, learn, plan), medians of the repetitions, on a machine with a "
-        f"{machine_load()}; the published ones are from the machines of their time. Q-learning, R-max "
-        "and Factored R-max are compiled together with the grid. Factored R-max is given the dependencies between "
-        "the taxi's cell, the passenger's location and the destination; factored-rmax-minimal knows that, once the "
-        f"passenger is in the taxi, it does not matter where the passenger waited. Of {not_converging} a "
-        f"repetition that has not converged is ended after {MAX_STEPS_WITHOUT_CONVERGENCE:,} steps, and does not count "
-        "in its mean.",
+        "percentile, over the number of repetitions in the last column; rewards and ends of episodes are learnt. Times "
+        "are processor times of a whole step (predict, learn, plan) on one core, medians of the repetitions, on a "
+        f"machine with a {machine_load()}; published times are from other machines. Q-learning, R-max and Factored "
+        "R-max are compiled together with the grid. Factored R-max is given the dependencies between the taxi's cell, "
+        "the passenger's location and the destination; in the network of factored-rmax-minimal the passenger's "
+        "original mark has no influence once the passenger is in the taxi. A repetition of "
+        f"{not_converging} that has not converged after {MAX_STEPS_WITHOUT_CONVERGENCE:,} steps is ended, and is not "
+        "included in the mean.",
         pictures,
     ]
     header = ["learner", "published steps", "steps", "95 %", "published ms/step", "ms/step", "converged"]
@@ -157,14 +163,15 @@ def markdown(results: Mapping[int, Mapping[str, LearningResult]], transfers: lis
         parts.append(unknown)
     if transfers:
         parts.append(
-            f"Rules learnt on 5×5 solved 10×10 optimally, with no further step: {', '.join(transfers)} repetitions. "
-            "Where they did not, a step was needed that the learner did not know yet, having met too few conditions."
+            "Rules learnt on 5×5 solved 10×10 optimally without a further learning step: "
+            f"{', '.join(transfers)} repetitions. In the other repetitions the optimal policy needed a step under a "
+            "condition for which the learner had no prediction yet."
         )
     return "\n\n".join(parts) + "\n"
 
 
 def _unknown_answers(results: Mapping[int, Mapping[str, LearningResult]]) -> str | None:
-    """Return the counts of "I don't know" and their bounds in words; None where none were counted."""
+    """Return the numbers of answers "I don't know" and their bounds in words; None where none were counted."""
     counted = [
         f"{result.unknown_answers} by {name} on {size}×{size} ({result.unknown_answers_bound})"
         for size, learners in results.items()
@@ -174,16 +181,18 @@ def _unknown_answers(results: Mapping[int, Mapping[str, LearningResult]]) -> str
     if not counted:
         return None
     return (
-        'The most "I don\'t know" of any repetition for one action, attribute and type of effect, failures aside; in '
-        f"brackets the theorem's bound, nk + k + 1: {', '.join(counted)}."
+        'The largest number of answers "I don\'t know" in any repetition for one action, attribute and type of effect, '
+        f"failures not counted; in brackets the theorem's bound, nk + k + 1: {', '.join(counted)}."
     )
 
 
 def _names(size: int, learners: Mapping[str, LearningResult]) -> list[str]:
+    """Return the names of all rows for a size: measured learners first, then those only published."""
     return list(dict.fromkeys([*learners, *(row.name for row in PUBLISHED if row.size == size)]))
 
 
 def _row(name: str, size: int, result: LearningResult | None) -> list[str]:
+    """Return the cells of a row after the name: published and measured results, – where there is none."""
     published = next((row for row in PUBLISHED if (row.name, row.size) == (name, size)), None)
     steps = "–" if published is None else f"{published.steps:,g} ({published.source})"
     speed = "–" if published is None or published.ms_per_step is None else f"{published.ms_per_step:g}"
@@ -197,4 +206,5 @@ def _row(name: str, size: int, result: LearningResult | None) -> list[str]:
 
 
 def _milliseconds(value: float) -> str:
+    """Return a time, ms, as text with two significant digits."""
     return f"{value:.2g}" if value >= MIN_MS_SHOWN else f"< {MIN_MS_SHOWN:g}"

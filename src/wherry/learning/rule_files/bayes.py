@@ -1,4 +1,4 @@
-"""The Bayesian learner in rules files: its evidence, which its rules are worked out from again."""
+"""The Bayesian learner in rules files: its evidence, to which its rules are fitted again when a file is read."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from wherry.documents import Document
 from wherry.learning.bayes import BayesianLearner
 from wherry.learning.evidence import Evidence
 from wherry.learning.rule_files.codec import KnowledgeReader, RuleCodec
@@ -14,7 +15,6 @@ from wherry.learning.rule_files.entries import (
     Count,
     EffectArgument,
     FullConditionText,
-    Part,
     RewardEntry,
     argument_of,
     attribute_name,
@@ -25,24 +25,24 @@ from wherry.oomdp.conditions import Condition
 from wherry.oomdp.effects import EffectType
 
 
-class EffectEntry(Part):
-    """How often an effect was observed, by condition."""
+class EffectEntry(Document):
+    """An effect, with how often it was observed under each condition."""
 
     type: str
     argument: EffectArgument
     times: dict[FullConditionText, Count]
 
 
-class UnchangedEntry(Part):
-    """How often an attribute kept a value under a condition."""
+class UnchangedEntry(Document):
+    """A condition and a value, with how often an attribute kept that value under the condition."""
 
     condition: FullConditionText
     value: bool | int | float | str
     times: Count
 
 
-class EvidenceEntry(Part):
-    """The examples of what an action does to an attribute."""
+class EvidenceEntry(Document):
+    """The examples of an action's effects on an attribute."""
 
     action: str
     attribute: str
@@ -50,8 +50,8 @@ class EvidenceEntry(Part):
     unchanged: list[UnchangedEntry]
 
 
-class BayesianKnowledge(Part):
-    """The examples that the Bayesian learner was shown; its rules follow from them."""
+class BayesianKnowledge(Document):
+    """The parameters of the Bayesian learner and its examples, which determine its rules."""
 
     learner: Literal["bayes"] = "bayes"
     expected_terms: Annotated[float, Field(gt=0)]
@@ -63,7 +63,7 @@ class BayesianKnowledge(Part):
 
 
 def _encode(learner: BayesianLearner) -> BayesianKnowledge:
-    def text(terms: int) -> str:
+    def text(terms: int) -> FullConditionText:
         return str(Condition.of(learner.domain.size, terms))
 
     evidence = [
@@ -74,21 +74,21 @@ def _encode(learner: BayesianLearner) -> BayesianKnowledge:
                 EffectEntry(
                     type=effect.type,
                     argument=argument_of(effect),
-                    times={text(terms): times for terms, times in seen.items()},
+                    times={text(terms): count for terms, count in counts.items()},
                 )
-                for effects in found.effects.values()
-                for effect, seen in effects.items()
+                for effects in examples.effects.values()
+                for effect, counts in effects.items()
             ],
             unchanged=[
-                UnchangedEntry(condition=text(terms), value=value, times=times)
-                for terms, values in found.unchanged.items()
-                for value, times in values.items()
+                UnchangedEntry(condition=text(terms), value=value, times=count)
+                for terms, values in examples.unchanged.items()
+                for value, count in values.items()
             ],
         )
-        for subject, found in learner.evidence.items()
+        for subject, examples in learner.evidence.items()
     ]
     return BayesianKnowledge(
-        expected_terms=learner.factor * learner.domain.size,
+        expected_terms=learner.literal_odds * learner.domain.size,
         novelty=learner.unseen.novelty,
         effect_types=list(learner.effect_types),
         tried={
@@ -113,11 +113,11 @@ def _decode(knowledge: BayesianKnowledge, reader: KnowledgeReader) -> BayesianLe
         field = f"knowledge.tried.{action}"
         reader.action(action, field)
         learner.unseen.tried[action] = {reader.terms(text, field): succeeded for text, succeeded in tried.items()}
-    for at, entry in enumerate(knowledge.evidence):
-        field = f"knowledge.evidence.{at}"
+    for index, entry in enumerate(knowledge.evidence):
+        field = f"knowledge.evidence.{index}"
         subject = reader.subject(entry.action, entry.attribute, field)
         learner.evidence[subject] = _evidence(entry, learner.effect_types, reader, field)
-    learner.reconsider()
+    learner.refit()
     reader.add_rewards(learner.rewards, knowledge.rewards)
     return learner
 
@@ -126,14 +126,15 @@ def _evidence(
     entry: EvidenceEntry, effect_types: Mapping[str, EffectType], reader: KnowledgeReader, field: str
 ) -> Evidence:
     evidence = Evidence()
-    for at, seen in enumerate(entry.effects):
-        if seen.type not in effect_types:
-            raise reader.refusal(f"{field}.effects.{at}.type", f"{seen.type!r} is no effect type here")
-        times = {reader.terms(text, f"{field}.effects.{at}.times"): count for text, count in seen.times.items()}
-        evidence.effects.setdefault(seen.type, {})[effect_of(seen.type, seen.argument)] = times
-    for at, stayed in enumerate(entry.unchanged):
-        terms = reader.terms(stayed.condition, f"{field}.unchanged.{at}.condition")
-        evidence.unchanged.setdefault(terms, {})[stayed.value] = stayed.times
+    for index, observed in enumerate(entry.effects):
+        place = f"{field}.effects.{index}"
+        if observed.type not in effect_types:
+            raise reader.refusal(f"{place}.type", f"{observed.type!r} is no effect type of this learner")
+        counts = {reader.terms(text, f"{place}.times"): count for text, count in observed.times.items()}
+        evidence.effects.setdefault(observed.type, {})[effect_of(observed.type, observed.argument)] = counts
+    for index, unchanged in enumerate(entry.unchanged):
+        terms = reader.terms(unchanged.condition, f"{field}.unchanged.{index}.condition")
+        evidence.unchanged.setdefault(terms, {})[unchanged.value] = unchanged.times
     return evidence
 
 

@@ -1,4 +1,4 @@
-"""What a learner's codec is, and the checks against the domain that all codecs use when they read."""
+"""The codec of a learner for rules files, and the checks against the domain that all codecs use in decoding."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from wherry.documents import Document
 from wherry.errors import InputError
 from wherry.learning.effect_rules import Subject
 from wherry.learning.rewards import Rewards
-from wherry.learning.rule_files.entries import DomainSchema, Part, RewardEntry
+from wherry.learning.rule_files.entries import DomainSchema, RewardEntry
 from wherry.learning.rules import RuleLearner
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
@@ -17,18 +18,18 @@ from wherry.oomdp.effects import EffectType
 from wherry.oomdp.effects_outcome import StepReward, Task
 
 LearnerT = TypeVar("LearnerT", bound=RuleLearner)
-KnowledgeT = TypeVar("KnowledgeT", bound=Part)
+KnowledgeT = TypeVar("KnowledgeT", bound=Document)
 
 
 @dataclass(frozen=True, slots=True)
 class RuleCodec(Generic[LearnerT, KnowledgeT]):
-    """Turns what one type of learner knows into a part of a rules file, and back.
+    """Converts the knowledge of one type of learner into a part of a rules file, and back.
 
     Attributes:
         learner: Type of the learner.
-        knowledge: Type of the part; its field ``learner`` names the learner.
-        encode: Returns what a learner knows.
-        decode: Makes a learner that knows what a file says; raises InputError where that cannot be.
+        knowledge: Type of the file's part; its field ``learner`` names the learner.
+        encode: Returns a learner's knowledge.
+        decode: Makes a learner with the knowledge in a file; raises InputError where the domain does not admit it.
     """
 
     learner: type[LearnerT]
@@ -38,10 +39,12 @@ class RuleCodec(Generic[LearnerT, KnowledgeT]):
 
 
 class KnowledgeReader:
-    """Reads names, conditions and rewards from a rules file and checks that they belong to the domain.
+    """Decodes names, conditions and rewards of a rules file and checks that they are valid in the domain.
+
+    All methods that decode raise InputError, which names the file and the field, where a value is not valid.
 
     Args:
-        source: The file, for errors.
+        source: Path of the file, for errors.
         domain: Domain of the learner that is made.
         effect_types: Effect types that the file may name.
         task: Reward and termination functions that are given.
@@ -54,7 +57,7 @@ class KnowledgeReader:
         self._effect_types = effect_types
 
     def refusal(self, field: str, reason: str) -> InputError:
-        """Return the error that a field of the file cannot be used."""
+        """Return the error for a field of the file that cannot be used."""
         return InputError(self.source, field, reason)
 
     def check_schema(self, schema: DomainSchema) -> None:
@@ -63,25 +66,25 @@ class KnowledgeReader:
         Raises:
             InputError: The file's schema is not the domain's.
         """
-        ours = DomainSchema.of(self.domain)
+        own_schema = DomainSchema.of(self.domain)
         for field in ("name", "classes", "terms", "actions"):
-            if getattr(schema, field) != getattr(ours, field):
-                raise self.refusal(f"domain.{field}", f"these are rules for another domain than {ours.name}")
+            if getattr(schema, field) != getattr(own_schema, field):
+                raise self.refusal(f"domain.{field}", f"these are rules for another domain than {own_schema.name}")
 
     def effect_types(self, names: list[str]) -> Mapping[str, EffectType]:
-        """Return the effect types of some names."""
+        """Return the effect types with some names."""
         if unknown := [name for name in names if name not in self._effect_types]:
-            raise self.refusal("knowledge.effect_types", f"{unknown[0]!r} is not one of them")
+            raise self.refusal("knowledge.effect_types", f"{unknown[0]!r} is no effect type")
         return {name: self._effect_types[name] for name in names}
 
     def action(self, name: str, field: str) -> str:
-        """Return the name of an action of the domain."""
+        """Return a name after checking that it is an action of the domain."""
         if name not in self.domain.actions:
             raise self.refusal(field, f"{name!r} is no action of {self.domain.name}")
         return name
 
     def subject(self, action: str, attribute: str, field: str) -> Subject:
-        """Return the subject that an action and ``Class.attribute`` name."""
+        """Return the subject of an action and an attribute, given as ``Class.attribute``."""
         class_name, _, name = attribute.partition(".")
         object_class = self.domain.classes_by_name.get(class_name)
         if object_class is None or object_class.static or name not in (item.name for item in object_class.changeable):
@@ -89,19 +92,19 @@ class KnowledgeReader:
         return Subject(self.action(action, field), class_name, name)
 
     def condition(self, text: str, field: str) -> Condition:
-        """Return the condition that a text over 0, 1 and * stands for."""
+        """Return a condition, given as text over 0, 1 and *."""
         if len(text) != self.domain.size:
-            raise self.refusal(field, f"{text!r} does not have {self.domain.size} signs")
+            raise self.refusal(field, f"{text!r} does not have {self.domain.size} characters")
         return Condition.parse(text)
 
     def terms(self, text: str, field: str) -> int:
-        """Return the bits of the terms that hold under a condition without *."""
+        """Return the terms that hold under a condition without *, as bits."""
         return self.condition(text, field).value
 
     def add_rewards(self, rewards: Rewards, entries: list[RewardEntry]) -> None:
         """Add the rewards of a file to those of a learner."""
-        for at, entry in enumerate(entries):
-            field = f"knowledge.rewards.{at}"
+        for index, entry in enumerate(entries):
+            field = f"knowledge.rewards.{index}"
             subjects = [self.subject(entry.action, name, field) for name in entry.changed]
             changed = frozenset((subject.class_name, subject.attribute) for subject in subjects)
             for text, (reward, terminated) in entry.worth.items():

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from wherry.documents import Document
 from wherry.learning.doormax import Doormax
 from wherry.learning.effect_rules import Subject
 from wherry.learning.failures import FailureKey
@@ -16,7 +17,6 @@ from wherry.learning.rule_files.entries import (
     ConditionText,
     EffectArgument,
     FullConditionText,
-    Part,
     RewardEntry,
     argument_of,
     attribute_name,
@@ -26,15 +26,15 @@ from wherry.learning.rule_files.entries import (
 from wherry.oomdp.conditions import Condition
 
 
-class RuleEntry(Part):
-    """A prediction p: its condition p.model, and the argument of its effect."""
+class RuleEntry(Document):
+    """A prediction p: its condition p.model, and the argument of its effect p.effect."""
 
     model: ConditionText = Field(alias="if")
     argument: EffectArgument = Field(alias="then")
 
 
-class TypeEntry(Part):
-    """The predictions pred(a, att, type), or why the type was removed."""
+class TypeEntry(Document):
+    """The predictions pred(a, att, type), or the reason why the type was removed."""
 
     action: str
     attribute: str
@@ -43,7 +43,7 @@ class TypeEntry(Part):
     removed: str | None = None
 
 
-class FailureEntry(Part):
+class FailureEntry(Document):
     """The failure conditions F of an action, or of an action and an attribute."""
 
     action: str
@@ -51,16 +51,16 @@ class FailureEntry(Part):
     conditions: list[FullConditionText]
 
 
-class NearMissEntry(Part):
-    """What failures of one action are inferred from: merged successes, failures, and why inference was revoked."""
+class NearMissEntry(Document):
+    """The experience from which failures of an action are inferred; ``revoked`` is the reason for inferring none."""
 
     successes: ConditionText | None = None
     failures: list[FullConditionText] = Field(default_factory=list)
     revoked: str | None = None
 
 
-class DoormaxKnowledge(Part):
-    """What DOORMAX knows; ``near_misses`` is None where failures are memorised."""
+class DoormaxKnowledge(Document):
+    """The knowledge of DOORMAX; ``near_misses`` is None where failures are only memorised."""
 
     learner: Literal["doormax"] = "doormax"
     max_effects: Annotated[int, Field(ge=1)]
@@ -87,7 +87,7 @@ def _encode(learner: Doormax) -> DoormaxKnowledge:
 
 
 def _type_entries(learner: Doormax) -> list[TypeEntry]:
-    """Return the types that have predictions, then the types that were removed."""
+    """Return entries for the types that have predictions, followed by those for the removed types."""
     effect_rules = learner.effect_rules
     entries = [
         TypeEntry(
@@ -148,10 +148,10 @@ def _decode(knowledge: DoormaxKnowledge, reader: KnowledgeReader) -> Doormax:
         reward=reader.task.reward,
         terminated=reader.task.terminated,
     )
-    for at, entry in enumerate(knowledge.predictions):
-        _add_type(learner, entry, reader, f"knowledge.predictions.{at}")
-    for at, failure in enumerate(knowledge.failures):
-        field = f"knowledge.failures.{at}"
+    for index, entry in enumerate(knowledge.predictions):
+        _add_type(learner, entry, reader, f"knowledge.predictions.{index}")
+    for index, failure in enumerate(knowledge.failures):
+        field = f"knowledge.failures.{index}"
         key: FailureKey = reader.action(failure.action, field)
         if failure.attribute is not None:
             key = reader.subject(failure.action, failure.attribute, field)

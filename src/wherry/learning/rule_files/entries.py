@@ -1,33 +1,32 @@
-"""The parts of a rules file that all learners share, checked by pydantic."""
+"""The parts of a rules file that are the same for all learners, checked by pydantic."""
 
 from __future__ import annotations
 
 from fractions import Fraction
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import Field, StringConstraints
 
+from wherry.documents import Document
 from wherry.learning.effect_rules import Subject
 from wherry.learning.rewards import Rewards
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.effects import Effect
 
-MAX_TERMS = 1000  # length of a condition
+MAX_TERMS = 1000  # characters of a condition, one for each term
 
 ConditionText = Annotated[str, StringConstraints(pattern=r"^[01*]+$", max_length=MAX_TERMS)]
+"""A condition over the domain's terms: ``1**0*0*``."""
+
 FullConditionText = Annotated[str, StringConstraints(pattern=r"^[01]+$", max_length=MAX_TERMS)]
+"""A condition without *: the value of every term."""
+
 Count = Annotated[int, Field(ge=1)]
 
 
-class Part(BaseModel):
-    """A part of a rules file: no unknown fields, no conversions, no infinities."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
-
-
-class DomainSchema(Part):
-    """The schema that rules belong to; bounds of attributes and static objects are not part of it."""
+class DomainSchema(Document):
+    """The schema of the domain that rules are valid in, without bounds of attributes and without static objects."""
 
     name: str
     classes: dict[str, dict[str, str]]
@@ -49,8 +48,8 @@ class DomainSchema(Part):
         )
 
 
-class Ratio(Part):
-    """A fraction, which JSON has no number for."""
+class Ratio(Document):
+    """A fraction of two integers, which JSON cannot represent as a number."""
 
     numerator: int
     denominator: Annotated[int, Field(ge=1)]
@@ -59,16 +58,19 @@ class Ratio(Part):
 EffectArgument = bool | int | float | str | Ratio
 
 
-class RewardEntry(Part):
-    """What an action that changed certain attributes was worth, by condition: reward, and whether the episode ended."""
+class RewardEntry(Document):
+    """The rewards of the steps in which an action changed certain attributes.
+
+    ``worth`` has the reward under each condition, with whether the episode ended.
+    """
 
     action: str
     changed: list[str]
     worth: dict[FullConditionText, tuple[float, bool]]
 
 
-class RulesDocument(Part):
-    """A whole rules file; ``knowledge`` is the part that belongs to the learner."""
+class RulesDocument(Document):
+    """A whole rules file; ``knowledge`` is the part that depends on the type of learner."""
 
     format: Literal["wherry-rules"] = "wherry-rules"
     version: Literal[1] = 1
@@ -91,7 +93,7 @@ def argument_of(effect: Effect) -> EffectArgument:
 
 
 def effect_of(effect_type: str, argument: EffectArgument) -> Effect:
-    """Return the effect that a type and an argument from a file stand for."""
+    """Return the effect of a type with an argument as written in files."""
     if isinstance(argument, Ratio):
         return Effect(effect_type, Fraction(argument.numerator, argument.denominator))
     return Effect(effect_type, argument)
@@ -103,7 +105,7 @@ def reward_entries(rewards: Rewards) -> list[RewardEntry]:
         RewardEntry(
             action=action,
             changed=sorted(f"{class_name}.{attribute}" for class_name, attribute in changed),
-            worth={str(Condition.of(rewards.size, terms)): value for terms, value in cases.seen.items()},
+            worth={str(Condition.of(rewards.size, terms)): value for terms, value in cases.latest.items()},
         )
         for action, by_change in rewards.cases.items()
         for changed, cases in by_change.items()

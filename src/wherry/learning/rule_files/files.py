@@ -1,8 +1,8 @@
 """Learnt rules as readable JSON files, written atomically and checked completely when they are read.
 
-A file begins with the rules in words, which are for people and not read back. Then come the domain's schema, so that
-rules are never used in a domain that they do not belong to, and the learner's knowledge. Conditions are written
-``1**0*0*``, one character for each of the domain's terms in their order.
+A file begins with the rules in words, which are for people and not read back. They are followed by the domain's schema,
+which is compared when the file is read so that rules are never used in another domain, and by the learner's knowledge.
+Conditions are written ``1**0*0*``, one character for each of the domain's terms in their order.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import Field, create_model
 
-from wherry.errors import InputError
-from wherry.files import read_text, write_atomically
+from wherry.documents import load_json
+from wherry.files import write_atomically
 from wherry.learning.registry import RULE_LEARNERS
 from wherry.learning.rule_files.codec import KnowledgeReader, RuleCodec
 from wherry.learning.rule_files.entries import DomainSchema, RulesDocument
@@ -31,7 +31,7 @@ MAX_FILE_SIZE = 20_000_000  # bytes
 
 
 def save_rules(learner: RuleLearner, path: str | Path) -> None:
-    """Write what a learner knows to a file, which a crash never leaves half written.
+    """Write a learner's knowledge to a file atomically: a crash leaves the old file or the complete new one.
 
     Raises:
         InputError: The file cannot be written.
@@ -60,19 +60,15 @@ def load_rules(
 
     Args:
         path: The file.
-        domain: Domain that the learner is used in; its schema must be the one the rules were learnt with.
+        domain: Domain that the learner is used in; it must have the schema with which the rules were learnt.
         effect_types: Effect types that the file may name.
-        reward: R(s, a, s') where it is given.
-        terminated: Whether a state ends the episode, where that is given.
+        reward: R(s, a, s') where it is given; None to learn it.
+        terminated: Whether a state ends the episode where that is given; None to learn it.
 
     Raises:
         InputError: The file cannot be read, is not a rules file, or belongs to another domain.
     """
-    try:
-        document = _document_type().model_validate_json(read_text(path, max_bytes=MAX_FILE_SIZE))
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(path, ".".join(map(str, first["loc"])), first["msg"]) from error
+    document = load_json(path, _document_type(), max_bytes=MAX_FILE_SIZE)
     reader = KnowledgeReader(str(path), domain, effect_types, Task(reward, terminated))
     reader.check_schema(document.domain)
     codec = next(codec for codec in _codecs() if isinstance(document.knowledge, codec.knowledge))
@@ -89,7 +85,7 @@ def _codecs() -> tuple[RuleCodec[Any, Any], ...]:
 
 @cache
 def _document_type() -> type[RulesDocument]:
-    """Return the type of a document whose knowledge belongs to the registered learner that its ``learner`` names."""
-    parts: Any = reduce(or_, (codec.knowledge for codec in _codecs()))
-    knowledge: Any = Annotated[parts, Field(discriminator="learner")]
+    """Return the type of a rules file with the knowledge of any registered learner, which its ``learner`` names."""
+    any_knowledge: Any = reduce(or_, (codec.knowledge for codec in _codecs()))
+    knowledge: Any = Annotated[any_knowledge, Field(discriminator="learner")]
     return create_model("RulesFile", __base__=RulesDocument, knowledge=(knowledge, ...))

@@ -1,4 +1,4 @@
-"""Learning and playing on grids: the published experiment, and games that a learner watches."""
+"""Learning and playing on grids: the published learning experiment, and games played by a person."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Agents that learn on a grid with a planner, and the policies that they are tested by."""
+"""Agents of the learning experiment, with the greedy policies that are tested."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from wherry.oomdp.objects import State
 from wherry.pipelines.grids.arenas import Arena
 from wherry.planning.value_iteration import ValueIteration
 
-CURIOSITY = 8.0  # reward that planners give for settling a doubt; a delivery is worth 20
+CURIOSITY = 8.0  # exploration bonus for full disagreement, as a reward; the reward of a delivery is 20
 
 
 def curiosity_of(entry: LearnerEntry[Any]) -> float:
-    """Return the reward for settling a doubt with a learner; 0 for one that has no doubts."""
+    """Return the exploration bonus for a learner: 0 for one whose predictions have no disagreement."""
     return CURIOSITY if entry.is_probabilistic else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class TestedAgent:
-    """An agent that learns in an arena, and is tested there.
+    """An agent that learns in an arena, and the policy that is tested there.
 
     Attributes:
-        agent: Acts and learns.
-        greedy_policy: The best action by what was learnt, without exploration.
+        agent: The agent, which explores.
+        greedy_policy: Returns the best action under the learnt model, without exploration.
     """
 
     agent: PolicyAgent
@@ -39,10 +39,16 @@ class TestedAgent:
 
     @classmethod
     def of(cls, entry: LearnerEntry[Any], learner: RuleLearner, arena: Arena) -> TestedAgent:
-        """Let a learner act by value iteration on its predictions.
+        """Make an agent that acts by value iteration on a learner's predictions.
 
-        A probabilistic learner explores by curiosity, so it is tested by a planner of its own without optimism. For
-        others the optimistic policy is optimal as soon as all that it needs is known.
+        A probabilistic learner explores by curiosity, so a second planner without curiosity and optimism is tested.
+        For other learners the acting policy is tested: an optimistic policy is optimal once the steps on its way are
+        known.
+
+        Args:
+            entry: The learner's entry in the registry.
+            learner: The learner.
+            arena: Where the agent acts and is tested.
         """
         planner = ValueIteration(learner, curiosity=curiosity_of(entry), space=arena.acting)
         tester = ValueIteration(learner, optimistic=False, space=arena.testing) if entry.is_probabilistic else planner
@@ -50,14 +56,15 @@ class TestedAgent:
 
 
 class TimedAgent(PolicyAgent):
-    """An agent that measures the time it takes to decide and to learn, and counts its "I don't know".
+    """An agent whose time for deciding and learning is measured, and whose answers "I don't know" are counted.
 
     Args:
         agent: The agent.
-        unknown_answers: Counts the learner's "I don't know"; None where they are not counted.
+        unknown_answers: Counter of the learner's answers "I don't know"; None not to count them.
 
     Attributes:
         seconds: Processor time of all decisions and of learning so far, s.
+        unknown_answers: Counter of the learner's answers "I don't know".
     """
 
     def __init__(self, agent: PolicyAgent, unknown_answers: UnknownAnswers | None) -> None:

@@ -1,7 +1,7 @@
-"""The worlds that learners are compared in: an environment, its true model, and probes to test a policy from.
+"""The worlds in which learners are compared: an environment, its true model, and probes.
 
-The Taxi grids and their probes are the published ones (Diuk et al. 2008, section 5). For deliveries of one box and for
-Gymnasium's Taxi, six probes of the same kind are drawn with a fixed seed.
+A probe is a state from which a policy is tested. The Taxi grids and their six probes are the published ones (Diuk et
+al. 2008, section 5). For deliveries of one box and for Gymnasium's Taxi, six start states are drawn with a fixed seed.
 """
 
 from __future__ import annotations
@@ -31,24 +31,26 @@ from wherry.oomdp.objects import State
 from wherry.planning.state_space import StateSpace
 from wherry.planning.value_iteration import ValueIteration
 
-MAX_EPISODE_STEPS = 100  # steps after which an episode is cut off
-PROBE_SEED = 2008
+MAX_EPISODE_STEPS = 100  # steps after which an episode is truncated
+PROBE_SEED = 2008  # seed of the probes that are not published
 TAXI_NETWORKS: Mapping[str, Parents] = {"published": published_parents, "minimal": minimal_parents}
 
 
 @dataclass(frozen=True)
 class Arena:
-    """A world for all repetitions of an experiment, with the tables that they share because they hold no knowledge.
+    """A world in which all repetitions of an experiment are run.
+
+    The repetitions also share numbered states and table entries, which contain nothing learnt.
 
     Attributes:
-        title: Name of the world, for people.
-        environment: The world that learners act in.
+        title: Name of the world in messages and figures.
+        environment: Environment in which agents act.
         truth: True model of the world, used for tests only.
-        probes: States to test from, each with the fewest steps to the end of the episode.
+        probes: States from which policies are tested, each with the fewest steps to the end of the episode.
         starts: All states in which an episode may begin.
-        networks: Dynamic Bayesian networks that Factored R-max can be given, by name; empty where none is known.
-        acting: State numbers of the planners that act.
-        testing: State numbers of the planners that are tested.
+        networks: Dynamic Bayesian networks for Factored R-max, by name; empty where none is known.
+        acting: State space of the planners of acting agents.
+        testing: State space of the planners whose policies are tested.
     """
 
     title: str
@@ -80,16 +82,19 @@ class Arena:
 
     @classmethod
     def of_world(cls, world: str) -> Arena:
-        """Return the delivery of one box in a world; robot and box begin anywhere.
+        """Return the delivery of one box in a world.
+
+        Robot and box start in two different cells outside the warehouse, from which the box can be delivered.
 
         Raises:
             InputError: There is no such world, or it has no robot, no warehouse or no room for a box.
         """
         plan = find_world(world)
         grid, site = delivery_grid(plan, 1), DeliverySite.of_plan(plan)
-        possible, on_floor = DeliveryHeuristic(), [cell for cell in plan.cells() if cell not in plan.warehouse]
-        states = (site.state(robot, [BoxState("box1", cell)]) for robot, cell in permutations(on_floor, 2))
-        starts = [state for state in states if possible(state) > 0]
+        floor = [cell for cell in plan.cells() if cell not in plan.warehouse]
+        states = (site.state(robot, [BoxState("box1", cell)]) for robot, cell in permutations(floor, 2))
+        steps_left = DeliveryHeuristic()
+        starts = [state for state in states if steps_left(state) > 0]  # 0 where walls separate robot, box or warehouse
         truth = DeterministicMdp(grid.domain, delivery_transition, lambda rng: starts[rng.integers(len(starts))])
         return cls(f"Delivery in {plan.name}", truth, truth, _with_lengths(truth, _draw_probes(starts)), tuple(starts))
 
@@ -112,17 +117,17 @@ class Arena:
 
     @cached_property
     def tables(self) -> TabularMdp:
-        """The world on numbered states, for learners that need very many steps."""
+        """The world on numbered states, for the compiled baselines."""
         return TabularMdp.of(self.truth, list(self.starts))
 
     @cached_property
     def step_entries(self) -> ModelEntries:
-        """The table entries that R-max learns."""
+        """The table entries of R-max."""
         return ModelEntries.of_steps(self.tables)
 
     @cached_property
     def network_entries(self) -> Mapping[str, ModelEntries]:
-        """The table entries that Factored R-max learns, by the name of the network."""
+        """The table entries of Factored R-max, by the name of the network."""
         domain = self.truth.domain
         return {name: ModelEntries.of_network(self.tables, domain, parents) for name, parents in self.networks.items()}
 
@@ -136,12 +141,13 @@ ARENAS: Mapping[str, Callable[[int, str], Arena]] = {
     "delivery": lambda size, world: Arena.of_world(world),
     "gymnasium-taxi": lambda size, world: Arena.of_gymnasium_taxi(),
 }
-"""Makers of the arenas by domain; each takes the size of the grid and the name of the world, and uses what applies."""
+"""Factories of the arenas by domain; arguments are the Taxi grid's side, in cells, and the name of the world."""
 
 
 def _draw_probes(starts: list[State]) -> list[State]:
-    """Return six different start states, always the same."""
-    return [starts[at] for at in np.random.default_rng(PROBE_SEED).choice(len(starts), len(PROBES), replace=False)]
+    """Return six different start states, drawn with a fixed seed."""
+    numbers = np.random.default_rng(PROBE_SEED).choice(len(starts), len(PROBES), replace=False)
+    return [starts[number] for number in numbers]
 
 
 def _with_lengths(truth: DeterministicMdp, probes: list[State]) -> tuple[tuple[State, int], ...]:
@@ -154,8 +160,8 @@ def _steps_to_end(truth: DeterministicMdp, policy: Callable[[State], Action], st
     """Return the steps that a policy takes to end the episode; limit + 1 where it needs more than the limit."""
     state = start
     for number in range(1, limit + 1):
-        done = truth.transition(state, policy(state))
-        if done.terminated:
+        transition = truth.transition(state, policy(state))
+        if transition.terminated:
             return number
-        state = done.next_state
+        state = transition.next_state
     return limit + 1

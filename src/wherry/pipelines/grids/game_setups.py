@@ -1,4 +1,4 @@
-"""What a game is played on in each domain: the grid, its drawing, and the learner that watches."""
+"""The domains that a person can play: grid, drawing, and the learner that learns from the player's actions."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from wherry.pipelines.grids.agents import curiosity_of
 from wherry.planning.value_iteration import ValueIteration
 
 PLAY_LEARNERS: Mapping[str, LearnerEntry[RuleLearnerFactory]] = learners_for(Job.PLAY, RULE_LEARNERS)
-"""The learners that can watch a game, by name."""
+"""The learners that can be used in a game, by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class GameSettings:
-    """What to play.
+    """The settings of a game.
 
     Attributes:
-        domain: A key of `GAME_SETUPS`.
+        domain: Key of `GAME_SETUPS`.
         size: Side of the Taxi grid, cells: 5 or 10.
-        world: World to deliver in: a built-in world's name or a world file.
-        boxes: Number of boxes to deliver; None for the world's own.
+        world: World of the delivery: a built-in world's name or a world file.
+        boxes: Number of boxes to deliver; None for the number in the world file.
         seed: Seed of the start states.
-        learner: A key of `PLAY_LEARNERS`.
-        rules: Rules file that the learner begins with; None to begin without knowledge.
+        learner: Key of `PLAY_LEARNERS`.
+        rules: Rules file with the learner's initial knowledge; None to begin without knowledge.
     """
 
     domain: str
@@ -53,11 +53,11 @@ class GameSetup:
     """The parts of a game.
 
     Attributes:
-        mdp: The grid.
-        plan: Floor plan that is drawn.
-        sprites: Returns what is drawn on the plan in a state.
-        learner: Learner that watches.
-        agent: Agent that acts with the learner when the player asks for it.
+        mdp: The grid's dynamics.
+        plan: Floor plan of the drawing.
+        sprites: Returns the sprites on the plan in a state.
+        learner: Learner that learns from the player's actions.
+        agent: Agent that chooses actions with the learner when the player asks for it.
     """
 
     mdp: DeterministicMdp
@@ -84,10 +84,11 @@ def _delivery(settings: GameSettings) -> GameSetup:
 
 
 GAME_SETUPS: Mapping[str, Callable[[GameSettings], GameSetup]] = {"taxi": _taxi, "delivery": _delivery}
-"""The domains that can be played."""
+"""The domains that can be played, by name."""
 
 
 def _learner(settings: GameSettings, grid: DeterministicMdp, **given: Any) -> RuleLearner:
+    """Make the learner, or load it from the rules file; ``given`` are reward and termination functions."""
     if settings.rules is None:
         return PLAY_LEARNERS[settings.learner].factory(grid.domain, **given)
     return load_rules(settings.rules, grid.domain, **given)

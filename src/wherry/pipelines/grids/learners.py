@@ -1,4 +1,4 @@
-"""All learners that users can choose on grids: those of rules, and the baselines."""
+"""All learners for grids: the learners of rules, and the baselines."""
 
 from __future__ import annotations
 
@@ -9,4 +9,4 @@ from wherry.baselines.registry import BASELINES
 from wherry.learning.registry import RULE_LEARNERS, LearnerEntry
 
 LEARNERS: Mapping[str, LearnerEntry[Any]] = {**RULE_LEARNERS, **BASELINES}
-"""The learners that can be compared, by name."""
+"""The learners of the learning experiment, by name."""

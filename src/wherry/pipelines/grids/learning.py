@@ -1,8 +1,8 @@
 """The published learning experiment: steps until six probes are solved optimally (Diuk et al. 2008, section 5).
 
-Episodes begin at random. After every episode the greedy policy is tested from six probes, without learning. What counts
-is the number of steps in the environment, those of the tests excluded, until it solves all six in the fewest possible
-steps. The published experiment is on Taxi; `wherry.pipelines.grids.arenas` has further domains.
+Episodes begin in random states. After every episode the greedy policy is tested from six probes, without learning. The
+result is the number of steps in the environment, without those of the tests, until the policy solves all six probes in
+the fewest possible steps. The published experiment is on Taxi; `wherry.pipelines.grids.arenas` has further domains.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from wherry.baselines.compiled.tabular import LearningCurve
 from wherry.baselines.registry import BASELINES
 from wherry.episodes import run_episode
 from wherry.errors import InputError
@@ -24,21 +25,21 @@ from wherry.pipelines.grids.trace import GridTrace
 from wherry.planning.value_iteration import ValueIteration
 from wherry.trace.records import Sink
 
-MAX_STEPS = 20_000_000  # steps after which a repetition counts as not converged
-MAX_STEPS_WITHOUT_CONVERGENCE = 20_000  # the same for learners of which some repetitions never converge
+MAX_STEPS = 20_000_000  # steps after which a repetition is ended as not converged
+MAX_STEPS_WITHOUT_CONVERGENCE = 20_000  # the same limit for learners whose convergence is not guaranteed
 
 
 @dataclass(frozen=True, slots=True)
 class LearningSettings:
-    """What to run.
+    """The settings of a learning experiment.
 
     Attributes:
         size: Side of the Taxi grid, cells: 5 or 10.
-        learner: A key of `LEARNERS`.
-        repetitions: Number of repetitions, each with its own random numbers.
-        seed: Seed of all random numbers.
-        domain: A key of `ARENAS`.
-        world: World to deliver in, for deliveries.
+        learner: Key of `LEARNERS`.
+        repetitions: Number of repetitions, each with its own random number generator.
+        seed: Seed of all random number generators.
+        domain: Key of `ARENAS`.
+        world: World of the delivery: a built-in world's name or a world file.
     """
 
     size: int = 5
@@ -51,22 +52,22 @@ class LearningSettings:
 
 @dataclass(frozen=True, slots=True)
 class Repetition:
-    """One run of a learner that began with no knowledge.
+    """One run of a learner that began without knowledge.
 
     Attributes:
-        steps: Steps in the environment until all probes were solved, or until the step limit.
+        steps: Number of steps in the environment until all probes were solved, or until the step limit.
         converged: Whether all probes were solved.
         seconds: Processor time of deciding and learning, s.
-        curve: After every episode the number of steps so far, and the number of probes solved.
-        unknown_answers: DOORMAX's largest count of "I don't know" for an action, attribute and type of effect; None for
-            learners that have no bound on it.
-        unknown_answers_bound: Bound of that count, nk + k + 1; None for the same learners.
+        curve: Learning curve: number of steps up to the end of each episode, and number of probes solved then.
+        unknown_answers: DOORMAX's largest number of answers "I don't know" for one action, attribute and type of
+            effect; None for a learner without a bound on it.
+        unknown_answers_bound: Bound nk + k + 1 on ``unknown_answers``; None for a learner without a bound.
     """
 
     steps: int
     converged: bool
     seconds: float
-    curve: tuple[tuple[int, int], ...]
+    curve: LearningCurve
     unknown_answers: int | None = None
     unknown_answers_bound: int | None = None
 
@@ -76,16 +77,16 @@ class LearningResult:
     """Statistics of all repetitions.
 
     Attributes:
-        settings: What was run.
+        settings: Settings of the experiment.
         runs: All repetitions, in their order.
         repetitions: Number of repetitions.
         converged: Number of repetitions that solved all probes.
-        steps_mean: Mean steps of the converged repetitions; None where none converged.
-        steps_sd: Standard deviation of their steps.
-        steps_p95: 95th percentile of their steps.
-        ms_per_step: Time to decide and to learn, planning included, ms: the median of the repetitions' means.
-        unknown_answers: Largest `Repetition.unknown_answers`.
-        unknown_answers_bound: Bound that it cannot exceed in theory, nk + k + 1.
+        steps_mean: Mean number of steps of the converged repetitions; None where none converged.
+        steps_sd: Standard deviation of the steps of the converged repetitions; None where none converged.
+        steps_p95: 95th percentile of the steps of the converged repetitions; None where none converged.
+        ms_per_step: Processor time of a step (predict, learn, plan), ms: median of the repetitions' means.
+        unknown_answers: Largest `Repetition.unknown_answers`; None for a learner without a bound on it.
+        unknown_answers_bound: Bound nk + k + 1 on ``unknown_answers``; None for a learner without a bound.
     """
 
     settings: LearningSettings
@@ -118,7 +119,7 @@ class LearningResult:
         )
 
     def as_json(self) -> dict[str, float | int | str | None]:
-        """Return the statistics as plain data."""
+        """Return statistics and settings as JSON values, without the single repetitions."""
         statistics = {field.name: getattr(self, field.name) for field in fields(self)[2:]}
         settings = {name: getattr(self.settings, name) for name in ("domain", "size", "learner", "seed")}
         return {**settings, **statistics}
@@ -128,15 +129,16 @@ class LearningExperiment:
     """The experiment, one repetition after the other.
 
     Args:
-        settings: What to run.
+        settings: Settings of the experiment.
 
     Raises:
-        InputError: There is no such domain, grid, world or learner, or there is nothing to repeat.
+        InputError: There is no such domain, grid, world or learner, or the number of repetitions is below 1.
 
     Attributes:
-        arena: The world, its truth and the probes.
-        learner: Learner of the last repetition, if it learns rules.
-        watch: Sink that is called with the records of the first repetition.
+        settings: Settings of the experiment.
+        arena: The world and its probes.
+        learner: Learner of the last repetition; None for a learner without rules.
+        sink: Sink that is called with the records of the first repetition; None to record nothing.
     """
 
     def __init__(self, settings: LearningSettings) -> None:
@@ -149,30 +151,31 @@ class LearningExperiment:
         self.settings = settings
         self.arena = ARENAS[settings.domain](settings.size, settings.world)
         self.learner: RuleLearner | None = None
-        self.watch: Sink | None = None
+        self.sink: Sink | None = None
         self._runs: list[Repetition] = []
 
     def repetitions(self) -> Iterator[Repetition]:
-        """Run all repetitions, yielding each when it is over."""
-        warm_up, *streams = np.random.default_rng(self.settings.seed).spawn(self.settings.repetitions + 1)
-        self._repeat(warm_up, max_steps=1)  # compiles the kernels, so that no repetition is charged for that
+        """Run all repetitions, yielding each when it has ended."""
+        warm_up, *generators = np.random.default_rng(self.settings.seed).spawn(self.settings.repetitions + 1)
+        self._repeat(warm_up, max_steps=1)  # compiles the kernels, so that no measured time includes compilation
         converges = LEARNERS[self.settings.learner].converges
         max_steps = MAX_STEPS if converges else MAX_STEPS_WITHOUT_CONVERGENCE
-        for rng in streams:
-            self._runs.append(self._repeat(rng, max_steps, None if self._runs else self.watch))
+        for rng in generators:
+            self._runs.append(self._repeat(rng, max_steps, None if self._runs else self.sink))
             yield self._runs[-1]
 
     def result(self) -> LearningResult:
-        """Return the statistics of the repetitions that are over, at least one."""
+        """Return the statistics of the repetitions that have ended, at least one."""
         return LearningResult.of(self.settings, self._runs)
 
     def _repeat(self, rng: np.random.Generator, max_steps: int, sink: Sink | None = None) -> Repetition:
-        """Let a new learner learn until it solves all probes, or the step limit is reached."""
+        """Run a new learner until it solves all probes, or until the step limit is reached."""
         if self.settings.learner in BASELINES:
             return self._repeat_on_tables(rng, max_steps)
         return self._repeat_on_objects(rng, max_steps, sink)
 
     def _repeat_on_tables(self, rng: np.random.Generator, max_steps: int) -> Repetition:
+        """Run a compiled baseline on numbered states."""
         arena = self.arena
         learner = BASELINES[self.settings.learner].factory(arena)
         curve, seconds = learner.learn(
@@ -182,11 +185,12 @@ class LearningExperiment:
         return Repetition(steps, solved == len(arena.probes), seconds, curve)
 
     def _repeat_on_objects(self, rng: np.random.Generator, max_steps: int, sink: Sink | None) -> Repetition:
+        """Run a learner of rules on object states, with a planner that acts."""
         arena, entry = self.arena, RULE_LEARNERS[self.settings.learner]
         learner = self.learner = entry.factory(arena.environment.domain)
         tested = TestedAgent.of(entry, learner, arena)
-        unknown = entry.count_unknown_answers(learner)
-        agent = TimedAgent(tested.agent, unknown)
+        unknown_answers = entry.count_unknown_answers(learner)
+        agent = TimedAgent(tested.agent, unknown_answers)
         trace = None if sink is None else GridTrace(arena.title, learner, sink)
         steps, solved, curve = 0, 0, list[tuple[int, int]]()
         while solved < len(arena.probes) and steps < max_steps:
@@ -198,14 +202,20 @@ class LearningExperiment:
             if trace is not None:
                 trace.episode_ended(solved, len(arena.probes))
             curve.append((steps, solved))
-        most, bound = (None, None) if unknown is None else (unknown.most, unknown.bound)
-        return Repetition(steps, solved == len(arena.probes), agent.seconds, tuple(curve), most, bound)
+        return Repetition(
+            steps,
+            solved == len(arena.probes),
+            agent.seconds,
+            tuple(curve),
+            unknown_answers=None if unknown_answers is None else unknown_answers.max_count,
+            unknown_answers_bound=None if unknown_answers is None else unknown_answers.bound,
+        )
 
 
-def solved_at_once(learner: RuleLearner, arena: Arena) -> int:
-    """Return how many of an arena's probes are solved in the fewest steps by rules learnt elsewhere.
+def probes_solved_by_transfer(learner: RuleLearner, arena: Arena) -> int:
+    """Return how many of an arena's probes are solved in the fewest steps by rules learnt in another world.
 
-    The learner is settled for that and takes no further step.
+    The learner does not learn from that, but keeps only its simplest effect types (`RuleLearner.keep_simplest`).
     """
-    learner.settle()
+    learner.keep_simplest()
     return arena.solved(ValueIteration(learner, optimistic=False, space=arena.testing).policy)

@@ -1,6 +1,6 @@
-"""Playing a domain by hand while a learner watches, learns, and predicts every action before it is done.
+"""A domain played by a person, while a learner learns from the actions and predicts each of them beforehand.
 
-The player sees what the learner sees: the state, its condition, and the prediction for every action.
+The player is shown the learner's inputs and outputs: the state, its condition, and the prediction for every action.
 """
 
 from __future__ import annotations
@@ -13,28 +13,28 @@ from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Transition
 from wherry.oomdp.objects import State
 from wherry.pipelines.grids.game_setups import GAME_SETUPS, PLAY_LEARNERS, GameSettings
-from wherry.pipelines.grids.predictions_in_words import PredictionText, describe_changes, describe_prediction
+from wherry.pipelines.grids.prediction_text import PredictionText, describe_changes, describe_prediction
 
 
 class Game:
-    """A game, episode after episode.
+    """A game of any number of episodes.
 
     Args:
-        settings: What to play.
+        settings: Settings of the game.
 
     Raises:
         InputError: There is no such domain, size, world or learner, or the rules cannot be used.
 
     Attributes:
-        settings: What is played.
+        settings: Settings of the game.
         state: Current state s.
-        steps: Steps of the current episode.
-        all_steps: Steps of all episodes.
-        episodes: Number of episodes that ended.
-        total: Sum of the current episode's rewards.
-        surprises: Number of wrong predictions in all episodes.
-        over: Whether the current episode has ended.
-        message: What happened last, in words.
+        steps: Number of steps in the current episode.
+        total_steps: Number of steps in all episodes.
+        finished_episodes: Number of episodes that have ended.
+        episode_return: Sum of the rewards in the current episode, not discounted.
+        wrong_predictions: Number of wrong predictions in all episodes.
+        is_over: Whether the current episode has ended.
+        message: Result of the latest action, in words.
     """
 
     def __init__(self, settings: GameSettings) -> None:
@@ -45,8 +45,8 @@ class Game:
         self.settings = settings
         self._setup = GAME_SETUPS[settings.domain](settings)
         self._rng = np.random.default_rng(settings.seed)
-        self.episodes, self.surprises, self.all_steps = 0, 0, 0
-        self.begin()
+        self.finished_episodes, self.wrong_predictions, self.total_steps = 0, 0, 0
+        self.begin_episode()
 
     @property
     def actions(self) -> tuple[Action, ...]:
@@ -60,17 +60,17 @@ class Game:
 
     @property
     def condition(self) -> tuple[tuple[str, bool], ...]:
-        """The terms by name, each with whether it holds."""
+        """The names of the terms, each with whether it holds."""
         bits = str(self._setup.mdp.domain.cond(self.state))
         return tuple((name, bit == "1") for name, bit in zip(self._setup.mdp.domain.term_names, bits, strict=True))
 
     @property
     def rules(self) -> tuple[str, ...]:
-        """What was learnt so far, in words."""
+        """The learnt rules, in words."""
         return self._setup.learner.sentences()
 
     def predictions(self) -> tuple[PredictionText, ...]:
-        """Return what the learner predicts of every action."""
+        """Return the learner's prediction for every action."""
         is_probabilistic = PLAY_LEARNERS[self.settings.learner].is_probabilistic
         return tuple(
             describe_prediction(
@@ -82,47 +82,47 @@ class Game:
             for action in self.actions
         )
 
-    def begin(self) -> None:
+    def begin_episode(self) -> None:
         """Begin an episode."""
         self.state: State = self._setup.mdp.reset(self._rng)
-        self.steps, self.total, self.over = 0, 0.0, False
-        self.message = "What are the rules? Try."
+        self.steps, self.episode_return, self.is_over = 0, 0.0, False
+        self.message = "A new episode begins. Find out what the actions do."
 
-    def advise(self) -> Action | None:
-        """Return the learner's action; None where it has nothing more to do."""
-        decision = None if self.over else self._setup.agent.decide(self.state)
+    def suggest_action(self) -> Action | None:
+        """Return the action that the agent would choose; None where it has nothing more to do."""
+        decision = None if self.is_over else self._setup.agent.decide(self.state)
         return None if decision is None else decision.action
 
-    def do(self, action: Action) -> Transition:
-        """Do an action, let the learner learn from it, and report what happened in `message`.
+    def act(self, action: Action) -> Transition:
+        """Carry out an action, let the learner learn from it, and describe the result in `message`.
 
         Raises:
             RuntimeError: The episode has ended.
         """
-        if self.over:
+        if self.is_over:
             raise RuntimeError("the episode has ended; begin another")
         predicted = self._setup.learner.predict(self.state, action).most_likely.next_state
         transition = self._setup.mdp.step(action)
         self._setup.agent.learn(transition)
         self.steps += 1
-        self.all_steps += 1
-        self.total += transition.reward
+        self.total_steps += 1
+        self.episode_return += transition.reward
         self.message = (
             f"{action}: {describe_changes(self.state, transition.next_state)} ({transition.reward:+g})"
             f"{self._compare(predicted, transition.next_state)}"
         )
         self.state = transition.next_state
         if transition.terminated:
-            self.over = True
-            self.episodes += 1
-            self.message += f" Done after {self.steps} steps, with {self.total:+g}."
+            self.is_over = True
+            self.finished_episodes += 1
+            self.message += f" The episode ended after {self.steps} steps with a return of {self.episode_return:+g}."
         return transition
 
     def _compare(self, predicted: State | None, after: State) -> str:
-        """Return in words whether a prediction came true, and count it if not."""
+        """Return in words whether a prediction was right, and count it if it was wrong."""
         if predicted is None:
-            return ", which was unknown."
+            return ", which was not predicted."
         if predicted.objects != after.objects:
-            self.surprises += 1
-            return ", a surprise!"
+            self.wrong_predictions += 1
+            return ", contrary to the prediction."
         return ", as predicted."

@@ -1,4 +1,4 @@
-"""The trace of a learner that acts on a grid, where every action takes a second."""
+"""The trace of an agent that learns on a grid; every action takes one second on its clock."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class GridTrace:
     """Calls a sink with the records of one learner, from its first episode on.
 
     Args:
-        title: Name of the world, for people.
+        title: Name of the world in the page's heading.
         learner: The learner.
         sink: Called with every record.
     """
@@ -39,10 +39,10 @@ class GridTrace:
         """Record one action."""
         state, after = step.transition.state, step.transition.next_state
         if self._recorded_revisions is None:
-            self._sink(_cells_of(state))
-            self._say("I know nothing of what my actions do.")
+            self._sink(_cell_layout(state))
+            self._say("I do not know yet what my actions do.")
         self._time += 1.0
-        self._unknown.meet(state)
+        self._unknown.add(state)
         self._episodes += step.transition.terminated
         self._sink(
             StepTaken(
@@ -64,7 +64,7 @@ class GridTrace:
 
     def episode_ended(self, solved: int, probes: int) -> None:
         """Record how many probes the policy now solves in the fewest steps."""
-        self._say(f"With what I know now I solve {solved} of {probes} probes in the fewest steps.")
+        self._say(f"My rules now solve {solved} of {probes} probes in the fewest steps.")
         if solved == probes:
             self._sink(Narration(self._time, Phase.DONE, "My policy is optimal from every probe."))
 
@@ -72,8 +72,8 @@ class GridTrace:
         self._sink(Narration(self._time, Phase.LEARN, text))
 
 
-def _cells_of(state: State) -> CellLayout:
-    """Return the walls and the goal cells of a state's scene."""
+def _cell_layout(state: State) -> CellLayout:
+    """Return the walls and the goal cells of a state's static objects, in a cell frame with cells of 1 m."""
     walls = [(wall.x, wall.y, wall.north) for wall in state.scene.of_class("Wall")]
     goals = [(cell.x, cell.y) for cell in state.scene.of_class("Warehouse")]
     frame = CellFrame(Pose(), 1.0)

@@ -1,4 +1,4 @@
-"""Predictions and changes of states in words, for players."""
+"""Predictions and changes of states in words, as shown in games."""
 
 from __future__ import annotations
 
@@ -9,23 +9,22 @@ from wherry.oomdp.domain import Action
 from wherry.oomdp.mdp import Prediction
 from wherry.oomdp.objects import State
 
-CERTAIN = 0.995  # probability from which on a prediction is shown without one
-UNKNOWN_WORD = "UNKNOWN"
+MIN_CERTAIN_PROBABILITY = 0.995  # probability from which a prediction is shown as certain
 
 
 @dataclass(frozen=True, slots=True)
 class PredictionText:
-    """What a learner predicts of an action, in words.
+    """A learner's prediction for an action, in words.
 
     Attributes:
         action: The action.
-        changes: Predicted changes; `UNKNOWN_WORD` where the learner cannot tell.
-        reward: Predicted reward and whether the episode ends; empty where that is not known.
-        probability: Probability of the prediction; None where it is certain or has none.
+        changes: Predicted changes; None where the learner does not predict the next state.
+        reward: Predicted reward and whether the episode ends; empty where the learner predicts neither.
+        probability: Probability of the prediction; None where it is certain or the learner has no probabilities.
     """
 
     action: Action
-    changes: str
+    changes: str | None
     reward: str
     probability: float | None
 
@@ -36,14 +35,14 @@ def describe_prediction(
     """Return a prediction in words.
 
     Args:
-        state: State in which the action would be done.
+        state: State before the action.
         action: The action.
-        prediction: What the learner predicts.
-        is_probabilistic: Whether the learner's probabilities are worth showing.
+        prediction: The learner's prediction.
+        is_probabilistic: Whether the learner's predictions have probabilities.
     """
     outcome = prediction.most_likely
     if outcome.next_state is None:
-        return PredictionText(action, UNKNOWN_WORD, "", None)
+        return PredictionText(action, None, "", None)
     probability = outcome.probability / sum(other.probability for other in prediction.outcomes)
     reward = [] if outcome.reward is None else [f"{outcome.reward:+g}"]
     reward += ["the end"] if outcome.terminated else []
@@ -51,12 +50,12 @@ def describe_prediction(
         action,
         describe_changes(state, outcome.next_state),
         ", ".join(reward),
-        probability if is_probabilistic and probability < CERTAIN else None,
+        probability if is_probabilistic and probability < MIN_CERTAIN_PROBABILITY else None,
     )
 
 
 def describe_changes(state: State, after: State) -> str:
-    """Return what differs between two states: ``taxi.y += 1``, ``box1.in_bot := True``, ``box1 leaves``."""
+    """Return the differences between two states: ``taxi.y += 1``, ``box1.in_bot := True``, ``box1 leaves``."""
     parts = []
     for item in state.objects:
         later = after.get(item.name)
