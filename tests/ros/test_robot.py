@@ -4,7 +4,7 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -95,6 +95,15 @@ def robot(driver: Driver, node: BusTransport) -> Iterator[RosRobot]:
         assert isinstance(robot.receive(), Odometry)
         assert isinstance(robot.receive(), Scan)
         yield robot
+
+
+@contextlib.contextmanager
+def delayed(seconds: float, call: Callable[[], None]) -> Iterator[None]:
+    """Call a function after some seconds in another thread, which has ended when the block is left."""
+    timer = threading.Timer(seconds, call)
+    timer.start()
+    yield
+    timer.join(10.0)
 
 
 def last_rejection(robot: RosRobot) -> str:
@@ -213,8 +222,8 @@ def test_robot_is_stopped_while_receive_waits_for_a_silent_lidar(bus: Bus, drive
     robot.receive()
     robot.command(DRIVE)
     started = time.monotonic()
-    threading.Timer(0.9, driver.tick).start()
-    robot.receive()
+    with delayed(0.9, driver.tick):
+        robot.receive()
     assert time.monotonic() - started > 0.8
     assert driver.commands[1] == ros.Twist()
 
@@ -232,8 +241,8 @@ def test_robot_is_stopped_within_half_a_second(bus: Bus, driver: Driver) -> None
     robot.command(DRIVE)
     stopped: list[float] = []
     bus.callbacks[TOPICS.cmd_vel.name, ros.Twist].append(lambda _: stopped.append(time.monotonic()))
-    threading.Timer(0.9, driver.tick).start()
-    robot.receive()
+    with delayed(0.9, driver.tick):
+        robot.receive()
     assert stopped[0] - scanned < 0.5
 
 
