@@ -141,10 +141,11 @@ def _check(settings: MappingSettings) -> None:
     for option, given in (("--localize", settings.localize), ("--start", settings.start is not None)):
         if given and settings.graph is None:
             raise InputError(option, "", "needs --continue GRAPH, the map on which the log begins")
-    if settings.graph is not None and settings.backend != "graph":
-        raise InputError("--backend", settings.backend, "cannot continue a pose graph; only graph can")
     if settings.backend not in SLAM_METHODS:
         raise InputError("--backend", settings.backend, f"is none of {', '.join(SLAM_METHODS)}")
+    if settings.graph is not None and not SLAM_METHODS[settings.backend].can_continue:
+        able = ", ".join(name for name, method in SLAM_METHODS.items() if method.can_continue)
+        raise InputError("--backend", settings.backend, f"cannot continue a pose graph; only {able} can")
     if not MIN_RESOLUTION <= settings.resolution <= MAX_RESOLUTION:
         raise InputError("--resolution", str(settings.resolution), "must lie between 0.005 and 1 m")
 
