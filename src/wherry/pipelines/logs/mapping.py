@@ -23,6 +23,7 @@ from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.mapping.scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
 from wherry.mapping.settings import SlamSettings
 from wherry.mapping.slam import Slam
+from wherry.pipelines.logs.trace import NO_PARTICLES
 from wherry.robot import Odometry, Scan
 from wherry.ros.bags.log_recorder import LogRecorder
 from wherry.ros.bags.reading import is_bag, read_bag
@@ -35,7 +36,6 @@ from wherry.views.map_picture import MapPicture
 WARM_UP_SCANS = 30  # scans that are mapped beforehand, so that all kernels are compiled
 RELATION_MARGIN = 1.0  # s by which a relation may be outside of a log's time
 MIN_RESOLUTION, MAX_RESOLUTION = 0.005, 1.0  # m, sides of a grid cell
-NO_PARTICLES = np.empty((0, 3))
 TRAJECTORY_COLOUR = (31, 84, 196)  # RGB, as the other colours
 ACCEPTED_COLOUR = (24, 140, 60)
 REJECTED_COLOUR = (214, 120, 110)
