@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
-from wherry.space.distance_field import DistanceField, obstacle_distances
+from wherry.space.distance_field import DistanceField, nearest_cells, obstacle_distances
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
@@ -44,3 +45,16 @@ def test_obstacle_distances_have_no_limit_and_scale_with_the_spacing() -> None:
     occupied[0, 0] = True
     np.testing.assert_allclose(obstacle_distances(occupied, 0.5)[0], [0.0, 0.5, 1.0, 1.5, 2.0])
     np.testing.assert_allclose(obstacle_distances(occupied)[1, 1], np.sqrt(2.0))
+
+
+def test_the_nearest_cells_are_target_cells_at_the_obstacle_distance() -> None:
+    target = np.random.default_rng(1).random((20, 30)) < 0.05
+    rows, columns = nearest_cells(target)
+    assert target[rows, columns].all()
+    offsets = np.indices(target.shape) - nearest_cells(target)
+    np.testing.assert_allclose(np.hypot(*offsets), obstacle_distances(target))
+
+
+def test_nearest_cells_without_a_target_are_an_error() -> None:
+    with pytest.raises(ValueError, match="no target cell"):
+        nearest_cells(np.zeros((3, 4), np.bool_))

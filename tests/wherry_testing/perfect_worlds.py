@@ -21,7 +21,7 @@ MAP_MARGIN = 0.5  # m, width of the unknown border around a map
 
 def centre(plan: FloorPlan, cell: Cell) -> Floats:
     """Centre of a cell, [2] m, world frame."""
-    return np.array([(cell.x + 0.5) * plan.cell_size, (cell.y + 0.5) * plan.cell_size])
+    return np.array(plan.centre(cell))
 
 
 def heading_of(plan: FloorPlan) -> float:

@@ -22,6 +22,7 @@ import numpy as np
 from wherry.domains.delivery import DeliveryHeuristic, boxes_left, delivery_grid
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
+from wherry.experiments.localization.recorded import INTEL
 from wherry.experiments.localization.speed import MAX_RANGE, beam_angles, straight_drive
 from wherry.experiments.machine import machine_load
 from wherry.experiments.mapping.speed import measure_external, measure_own
@@ -42,7 +43,6 @@ from wherry.space.pose import IDENTITY, Floats, Pose
 PARTICLES, BEAMS = 2_000, 60
 UPDATES = 60
 STEP = 0.05  # m, distance driven between two updates
-INTEL = Path("intel/intel_910_rawodom.clf.gz")  # below the folder of recorded logs
 EFFICIENT_RL_SCRIPT = Path(__file__).with_name("learning") / "efficient_rl_taxi.py"  # run by another interpreter
 EFFICIENT_RL, DIUK = "DOORMAX, efficient_rl", "DOORMAX, Diuk et al. 2008"
 

@@ -196,7 +196,7 @@ def _solid_cuboids(plan: FloorPlan) -> Iterator[_Cuboid]:
 def _painted_cells(plan: FloorPlan) -> Iterator[_Cuboid]:
     size = plan.cell_size
     for cell in sorted(plan.warehouse):
-        centre = ((cell.x + 0.5) * size, (cell.y + 0.5) * size, 0.0)
+        centre = (*plan.centre(cell), 0.0)
         paint = (size, size, PAINT_THICKNESS)
         yield _Cuboid(f"warehouse_{cell.x}_{cell.y}", centre, paint, COLOURS["warehouse"], is_solid=False)
 

@@ -26,10 +26,12 @@ class SlamMethod:
     Attributes:
         create: Creates the method from the lidar's pose, a source of randomness, and the settings.
         compile_kernels: Compiles all kernels by mapping a few measurements with the lidar at the given pose.
+        can_continue: Whether the method can continue the map of a saved pose graph.
     """
 
     create: Callable[[Pose, np.random.Generator, SlamSettings], Slam]
     compile_kernels: Callable[[Pose, Measurements], None]
+    can_continue: bool = False
 
 
 def _create_graph_slam(lidar: Pose, rng: np.random.Generator, settings: SlamSettings) -> GraphSlam:
@@ -64,7 +66,7 @@ def _map(slam: Slam, measurements: Measurements) -> None:
 
 SLAM_METHODS: Mapping[str, SlamMethod] = MappingProxyType(
     {
-        "graph": SlamMethod(_create_graph_slam, _compile_graph_slam),
+        "graph": SlamMethod(_create_graph_slam, _compile_graph_slam, can_continue=True),
         "particles": SlamMethod(_create_particle_slam, _compile_particle_slam),
     }
 )

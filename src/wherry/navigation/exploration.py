@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from wherry.kernels import kernel
 from wherry.navigation.path import Costmap, travel_costs
+from wherry.space.distance_field import nearest_cells
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.raycast import traverse
@@ -103,8 +104,7 @@ def _candidates(grid: OccupancyGrid, costmap: Costmap, costs: Floats) -> Floats:
     reachable = np.isfinite(costs)
     if not frontier.any() or not reachable.any():
         return np.zeros((0, 2))
-    _, nearest = ndimage.distance_transform_edt(~reachable, return_indices=True)
-    cells = np.unique(nearest[:, frontier].T, axis=0).astype(np.int64)
+    cells = np.unique(nearest_cells(reachable)[:, frontier].T, axis=0)
     cells = _cheapest_of_each_block(cells, costs, max(round(CANDIDATE_SPACING / grid.resolution), 1))
     if len(cells) > MAX_CANDIDATES:
         cells = cells[np.linspace(0, len(cells) - 1, MAX_CANDIDATES).round().astype(np.int64)]

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.localization.localizer import Localizer
+from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.realization.pose_tracker import PoseEstimator, SinglePoseEstimator
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
-LOST_THRESHOLD = 0.5  # lost probability above which a reliable pose becomes unreliable
 LOCALIZED_THRESHOLD = 0.1  # lost probability below which an unreliable pose becomes reliable again
 LOCALIZED_MIN_SCANS = 10  # consecutive scans below LOCALIZED_THRESHOLD that end global localization
 
@@ -96,7 +96,8 @@ class MapPoseEstimator:
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
         """As `PoseEstimator.update`."""
         estimate = self._localizer.update(odometry, scan)
-        self._is_lost = estimate.lost_probability > (LOCALIZED_THRESHOLD if self._is_lost else LOST_THRESHOLD)
+        threshold = LOCALIZED_THRESHOLD if self._is_lost else LOST_PROBABILITY_THRESHOLD
+        self._is_lost = estimate.lost_probability > threshold
         return estimate.pose
 
     @property
@@ -106,7 +107,7 @@ class MapPoseEstimator:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the lost probability exceeded `LOST_THRESHOLD` and has not fallen to `LOCALIZED_THRESHOLD` since."""
+        """Whether the pose is unreliable: from `LOST_PROBABILITY_THRESHOLD` until below `LOCALIZED_THRESHOLD`."""
         return self._is_lost
 
 

@@ -78,6 +78,24 @@ def obstacle_distances(occupied: NDArray[np.bool_], spacing: float = 1.0) -> NDA
     return distances
 
 
+def nearest_cells(target: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The nearest target cell of each cell.
+
+    Args:
+        target: Target cells, [H, W], at least one.
+
+    Returns:
+        Rows and columns of the nearest target cells, [2, H, W].
+
+    Raises:
+        ValueError: There is no target cell.
+    """
+    if not target.any():
+        raise ValueError("there is no target cell")
+    indices = ndimage.distance_transform_edt(~target, return_distances=False, return_indices=True)
+    return np.asarray(indices, np.int64)
+
+
 def _squared_distances(occupied: NDArray[np.bool_], limit: int) -> NDArray[np.float32]:
     """Squared distances to the nearest occupied cell: first along the columns, then along the rows.
 

@@ -85,7 +85,7 @@ LOCALIZATION_METRICS: MetricLabels = {
     "relocalizations": ("relocalizations", count),
     "final_pose": ("final pose", pose),
     "particles_mean": ("particles (mean)", count),
-    "ms_per_update_median": ("CPU time per update (median)", milliseconds),
+    "ms_per_update_median": ("time per update (median)", milliseconds),
     "unknown_parameters": ("unknown parameters", names),
     "seed": ("seed", str),
 }

@@ -118,11 +118,10 @@ STYLE = """<style>
 
 def _extent(background: MapBackground) -> tuple[float, float, float, float]:
     """West, south, east, north edge of the known area, m, map frame."""
-    rows, columns = np.nonzero(~background.grid.unknown)
-    if not len(rows):
+    cells = np.argwhere(~background.grid.unknown)
+    if not len(cells):
         return -1.0, -1.0, 1.0, 1.0
-    corners = (np.column_stack([columns, rows]) + 0.5) * background.grid.resolution
-    points = background.grid.origin.transform(corners)
+    points = background.grid.centres(cells)
     west, south = points.min(axis=0) - MARGIN
     east, north = points.max(axis=0) + MARGIN
     return float(west), float(south), float(east), float(north)

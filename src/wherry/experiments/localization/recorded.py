@@ -23,7 +23,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory
 
-INTEL = Path("intel/intel_910_rawodom.clf.gz")
+INTEL = Path("intel/intel_910_rawodom.clf.gz")  # below the folder of recorded logs
 WEAN_MAP = Path("wean/wean.dat.gz")
 WEAN_LOGS = tuple(Path(f"wean/robotdata{number}.log.gz") for number in (1, 2, 3))
 CORRECT_MAX_DISTANCE = 0.5  # m, distance from the reference below which a pose is correct

@@ -17,11 +17,10 @@ from wherry.simulation.referee import BoxStatus
 from wherry.simulation.simulator import Simulation
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
-from wherry.trace.records import CellLayout, Record, RobotSnapshot, throttle_snapshots
+from wherry.trace.records import TIME_TOLERANCE, CellLayout, Record, RobotSnapshot, throttle_snapshots
 
 SNAPSHOT_PERIOD = 0.5  # s from one pose that is scored to the next
 HEADING_LEVER = 1.0  # m of position error that weigh as much in the alignment as 1 rad of heading error
-TIME_TOLERANCE = 1e-6  # s by which a record's time may exceed the time of its true pose, by rounding
 
 
 @dataclass(frozen=True, slots=True)

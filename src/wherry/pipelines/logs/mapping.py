@@ -23,6 +23,7 @@ from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.mapping.scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
 from wherry.mapping.settings import SlamSettings
 from wherry.mapping.slam import Slam
+from wherry.pipelines.logs.trace import NO_PARTICLES
 from wherry.robot import Odometry, Scan
 from wherry.ros.bags.log_recorder import LogRecorder
 from wherry.ros.bags.reading import is_bag, read_bag
@@ -35,7 +36,6 @@ from wherry.views.map_picture import MapPicture
 WARM_UP_SCANS = 30  # scans that are mapped beforehand, so that all kernels are compiled
 RELATION_MARGIN = 1.0  # s by which a relation may be outside of a log's time
 MIN_RESOLUTION, MAX_RESOLUTION = 0.005, 1.0  # m, sides of a grid cell
-NO_PARTICLES = np.empty((0, 3))
 TRAJECTORY_COLOUR = (31, 84, 196)  # RGB, as the other colours
 ACCEPTED_COLOUR = (24, 140, 60)
 REJECTED_COLOUR = (214, 120, 110)
@@ -141,10 +141,11 @@ def _check(settings: MappingSettings) -> None:
     for option, given in (("--localize", settings.localize), ("--start", settings.start is not None)):
         if given and settings.graph is None:
             raise InputError(option, "", "needs --continue GRAPH, the map on which the log begins")
-    if settings.graph is not None and settings.backend != "graph":
-        raise InputError("--backend", settings.backend, "cannot continue a pose graph; only graph can")
     if settings.backend not in SLAM_METHODS:
         raise InputError("--backend", settings.backend, f"is none of {', '.join(SLAM_METHODS)}")
+    if settings.graph is not None and not SLAM_METHODS[settings.backend].can_continue:
+        able = ", ".join(name for name, method in SLAM_METHODS.items() if method.can_continue)
+        raise InputError("--backend", settings.backend, f"cannot continue a pose graph; only {able} can")
     if not MIN_RESOLUTION <= settings.resolution <= MAX_RESOLUTION:
         raise InputError("--resolution", str(settings.resolution), "must lie between 0.005 and 1 m")
 
