@@ -78,9 +78,9 @@ PUBLIC_API = {
         "wherry.oomdp": """
             Action Attribute AttributeKind Condition ConditionalModel ConditionalOutcome
             ConditionalPrediction DIRECTIONS DeterministicMdp Domain EFFECT_TYPES Effect EffectType
-            EffectsOutcome Environment IMPOSSIBLE Learner Model ON Object ObjectClass Outcome
+            EffectsOutcome Environment GivenTask IMPOSSIBLE Learner Model ON Object ObjectClass Outcome
             PAPER_TYPES PerStateModel Prediction Relation RewardFunction Scene State StepReward
-            TOUCH TOUCH_EDGE Task Term TerminationFunction Transition UNKNOWN attribute_holds
+            TOUCH TOUCH_EDGE Term TerminationFunction Transition UNKNOWN attribute_holds
             attribute_is boolean enumeration integer property_holds real related state_from_json
         """,
         "wherry.planning": """

@@ -10,7 +10,7 @@ from wherry.oomdp.conditional_models import ConditionalPrediction, conditions_ke
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Action, Domain
 from wherry.oomdp.effects import EffectType
-from wherry.oomdp.effects_outcome import EffectsOutcome, ObjectEffects, StepReward, Task, changed_attributes
+from wherry.oomdp.effects_outcome import EffectsOutcome, GivenTask, ObjectEffects, StepReward, changed_attributes
 from wherry.oomdp.mdp import Prediction, RewardFunction, TerminationFunction, Transition
 from wherry.oomdp.objects import State
 
@@ -47,7 +47,7 @@ class ConditionLearner(ABC):
     ) -> None:
         self.domain = domain
         self.effect_types = effect_types
-        self.task = Task(reward, terminated)
+        self.task = GivenTask(reward, terminated)
         self.revisions = dict.fromkeys(domain.actions, 0)
         self.rewards = Rewards(domain.size, generalize=generalize_rewards)
         self._violations: dict[str, None] = {}

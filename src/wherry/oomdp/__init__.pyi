@@ -3,7 +3,7 @@ from .conditional_models import ConditionalModel, ConditionalOutcome, Conditiona
 from .conditions import Condition
 from .domain import Action, Domain
 from .effects import EFFECT_TYPES, PAPER_TYPES, Effect, EffectType
-from .effects_outcome import EffectsOutcome, StepReward, Task
+from .effects_outcome import EffectsOutcome, GivenTask, StepReward
 from .mdp import (
     IMPOSSIBLE,
     UNKNOWN,
@@ -44,6 +44,7 @@ __all__ = [
     "EffectType",
     "EffectsOutcome",
     "Environment",
+    "GivenTask",
     "Learner",
     "Model",
     "Object",
@@ -56,7 +57,6 @@ __all__ = [
     "Scene",
     "State",
     "StepReward",
-    "Task",
     "Term",
     "TerminationFunction",
     "Transition",

@@ -34,7 +34,7 @@ class StepReward(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task:
+class GivenTask:
     """The reward and termination functions that are given; a function that is None has to be learnt.
 
     Attributes:
@@ -60,7 +60,7 @@ class EffectsOutcome:
     effects: tuple[ObjectEffects, ...] | None
     step_rewards: tuple[StepReward, ...]
     effect_types: Mapping[str, EffectType] = field(compare=False, repr=False)
-    task: Task
+    task: GivenTask
 
     def ground(self, state: State, action: Action) -> Outcome:
         """The outcome in one state: unknown if effects contradict each other, impossible if one is out of bounds."""

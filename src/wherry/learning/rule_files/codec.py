@@ -15,7 +15,7 @@ from wherry.learning.rules import RuleLearner
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.effects import EffectType
-from wherry.oomdp.effects_outcome import StepReward, Task
+from wherry.oomdp.effects_outcome import GivenTask, StepReward
 
 LearnerT = TypeVar("LearnerT", bound=RuleLearner)
 KnowledgeT = TypeVar("KnowledgeT", bound=Document)
@@ -50,7 +50,7 @@ class KnowledgeReader:
         task: Reward and termination functions that are given.
     """
 
-    def __init__(self, source: str, domain: Domain, effect_types: Mapping[str, EffectType], task: Task) -> None:
+    def __init__(self, source: str, domain: Domain, effect_types: Mapping[str, EffectType], task: GivenTask) -> None:
         self.source = source
         self.domain = domain
         self.task = task

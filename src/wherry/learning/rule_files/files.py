@@ -24,7 +24,7 @@ from wherry.learning.rule_files.entries import DomainSchema, RulesDocument
 from wherry.learning.rules import RuleLearner
 from wherry.oomdp.domain import Domain
 from wherry.oomdp.effects import EFFECT_TYPES, EffectType
-from wherry.oomdp.effects_outcome import Task
+from wherry.oomdp.effects_outcome import GivenTask
 from wherry.oomdp.mdp import RewardFunction, TerminationFunction
 
 MAX_FILE_SIZE = 20_000_000  # bytes
@@ -69,7 +69,7 @@ def load_rules(
         InputError: The file cannot be read, is not a rules file, or belongs to another domain.
     """
     document = load_json(path, _document_type(), max_bytes=MAX_FILE_SIZE)
-    reader = KnowledgeReader(str(path), domain, effect_types, Task(reward, terminated))
+    reader = KnowledgeReader(str(path), domain, effect_types, GivenTask(reward, terminated))
     reader.check_schema(document.domain)
     codec = next(codec for codec in _codecs() if isinstance(document.knowledge, codec.knowledge))
     learner: RuleLearner = codec.decode(document.knowledge, reader)
