@@ -39,31 +39,54 @@ if TYPE_CHECKING:
     from wherry.ros.transports.protocol import Transport
     from wherry.space.occupancy import OccupancyGrid
 
-NamesOption = Annotated[
-    Path | None, typer.Option("--names", help="A YAML file with namespace, frame_prefix, topics, frames and rates.")
-]
-NamespaceOption = Annotated[str, typer.Option(envvar="ROS_NAMESPACE", help="Prefix of every relative topic name.")]
-PrefixOption = Annotated[str, typer.Option(help="Prefix of every frame name but the map's.")]
-RemapOption = Annotated[list[str] | None, typer.Option("--remap", help="NAME:=NEW for a topic; may be repeated.")]
 LaunchArguments = Annotated[
     list[str] | None,
     typer.Argument(metavar="[NAME:=NEW]...", help="Remappings, and other arguments that roslaunch appends."),
 ]
-InterfaceOption = Annotated[
-    str,
-    typer.Option(help="ROS 2: a network interface, such as eth0; ROS 1: an address, as ROS_IP. By default loopback."),
-]
 
 
 @dataclass(frozen=True)
-class NodeOptions:
-    """Options of a node: names of topics and frames, and the network interface."""
+class _NameOptions:
+    """The file of names, and the prefix of topic names."""
 
-    names: NamesOption = None
-    namespace: NamespaceOption = ""
-    frame_prefix: PrefixOption = ""
-    remap: RemapOption = None
-    interface: InterfaceOption = ""
+    names: Annotated[
+        Path | None,
+        typer.Option("--names", help="A YAML file with namespace, frame_prefix, topics, frames and rates."),
+    ] = None
+    namespace: Annotated[str, typer.Option(envvar="ROS_NAMESPACE", help="Prefix of every relative topic name.")] = ""
+
+
+@dataclass(frozen=True)
+class _PrefixOptions:
+    """The prefix of frame names."""
+
+    frame_prefix: Annotated[str, typer.Option(help="Prefix of every frame name but the map's.")] = ""
+
+
+@dataclass(frozen=True)
+class _ConnectionOptions:
+    """Remapped topics, and the network interface."""
+
+    remap: Annotated[list[str] | None, typer.Option("--remap", help="NAME:=NEW for a topic; may be repeated.")] = None
+    interface: Annotated[
+        str,
+        typer.Option(
+            help="ROS 2: a network interface, such as eth0; ROS 1: an address, as ROS_IP. By default loopback."
+        ),
+    ] = ""
+
+
+# Dataclasses inherit fields from the last base to the first, which is the order of the options in the help.
+
+
+@dataclass(frozen=True)
+class TopicOptions(_ConnectionOptions, _NameOptions):
+    """Options of a node that uses topics only: their names, and the network interface."""
+
+
+@dataclass(frozen=True)
+class NodeOptions(_ConnectionOptions, _PrefixOptions, _NameOptions):
+    """Options of a node: names of topics and frames, and the network interface."""
 
 
 @dataclass(frozen=True)
@@ -300,11 +323,8 @@ def _add_monitor(app: typer.Typer, ros_version: int) -> None:
     @with_option_groups
     def monitor(
         duration: Annotated[float, typer.Option(min=0, help="Seconds to listen.")] = 60.0,
-        names: NamesOption = None,
-        namespace: NamespaceOption = "",
-        remap: RemapOption = None,
-        interface: InterfaceOption = "",
         *,
+        node: TopicOptions,
         output: OutputOptions,
     ) -> None:
         """Measure missing messages and the latency from scan to velocity."""
@@ -315,9 +335,9 @@ def _add_monitor(app: typer.Typer, ros_version: int) -> None:
         from wherry.views.metrics_tables import ROS_TRAFFIC_METRICS
         from wherry.views.terminal import print_metrics
 
-        resolved = load_names(names, namespace=namespace, remappings=remap or ())
+        resolved = load_names(node.names, namespace=node.namespace, remappings=node.remap or ())
         console = output.console()
-        with open_transport(ros_version, "wherry_monitor", namespace, interface) as transport:
+        with open_transport(ros_version, "wherry_monitor", node.namespace, node.interface) as transport:
             listener = Monitor(transport, resolved)
             console.print(f"Listening for {duration:g} s; Ctrl-C ends it.", highlight=False)
             with contextlib.suppress(KeyboardInterrupt):
@@ -334,14 +354,13 @@ def _add_monitor(app: typer.Typer, ros_version: int) -> None:
 
 def _add_gazebo_latch(app: typer.Typer) -> None:
     @app.command()
+    @with_option_groups
     def gazebo_latch(
         settings_file: Annotated[
             Path, typer.Argument(metavar="LATCH.YAML", help="The file of an export; its launch file runs this command.")
         ],
-        names: NamesOption = None,
-        namespace: NamespaceOption = "",
-        remap: RemapOption = None,
-        interface: InterfaceOption = "",
+        *,
+        node: TopicOptions,
         quiet: QuietOption = False,
     ) -> None:
         """Operate Gazebo's detachable joints as the latch that the agent uses, until Ctrl-C."""
@@ -350,10 +369,10 @@ def _add_gazebo_latch(app: typer.Typer) -> None:
         from wherry.ros.names import load_names
 
         settings = load_latch_settings(settings_file)
-        resolved = load_names(names, namespace=namespace, remappings=remap or ())
+        resolved = load_names(node.names, namespace=node.namespace, remappings=node.remap or ())
         console = console_for(as_json=False, quiet=quiet)
         with (
-            open_transport(2, "wherry_gazebo_latch", namespace, interface) as transport,
+            open_transport(2, "wherry_gazebo_latch", node.namespace, node.interface) as transport,
             _termination_event() as terminated,
         ):
             console.print(f"A latch for {settings.boxes} boxes, once Gazebo runs; Ctrl-C ends it.", highlight=False)
