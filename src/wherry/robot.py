@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from wherry.space.pose import Pose
 
+BOX_HEIGHT = 0.30  # m, of a box to deliver
 LOAD_RADIUS_RATIO = 1.5  # `Body.load_radius` ÷ radius of a box; a box in the fork may be off-centre
 
 

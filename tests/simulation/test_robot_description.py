@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from wherry.robot import BOX_HEIGHT
 from wherry.simulation.drive import TRACK_WIDTH, WHEEL_RADIUS
-from wherry.simulation.model import BODY, BOX_HEIGHT, BOX_RADIUS, LIDAR_HEIGHT, robot_urdf
+from wherry.simulation.model import BODY, BOX_RADIUS, LIDAR_HEIGHT, robot_urdf
 from wherry.simulation.referee import FORK_HALF_WIDTH, FORK_REACH
 
 ROBOT = ET.fromstring(robot_urdf())  # noqa: S314 - a file of this package

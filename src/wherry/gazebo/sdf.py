@@ -26,12 +26,12 @@ from wherry.floorplan.plan import FloorPlan
 from wherry.gazebo import latch_topics
 from wherry.gazebo.latch_topics import OPENING_SECONDS, ROBOT, box_name
 from wherry.gazebo.robot_model import read_robot_model
+from wherry.robot import BOX_HEIGHT
 from wherry.simulation.drive import TRACK_WIDTH, WHEEL_RADIUS
 from wherry.simulation.lidar import LidarSpecification
 from wherry.simulation.model import (
     BODY,
     BOX_COLOUR,
-    BOX_HEIGHT,
     BOX_MASS,
     BOX_RADIUS,
     COLOURS,

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from wherry.floorplan.plan import FloorPlan
-from wherry.robot import Body
+from wherry.robot import BOX_HEIGHT, Body
 from wherry.simulation.drive import WHEEL_RADIUS
 from wherry.simulation.static_geometry import OBSTACLE, WALL, StaticGeometry
 from wherry.space.pose import Floats, Pose
@@ -18,7 +18,6 @@ WALL_HEIGHT = 0.5  # m
 LIDAR_HEIGHT = 0.20  # m above the floor
 LASER_HEIGHT = round(LIDAR_HEIGHT - WHEEL_RADIUS, 6)  # m from base_link up to the laser frame, as in the URDF
 BOX_RADIUS = 0.10  # m
-BOX_HEIGHT = 0.30  # m
 BOX_MASS = 1.5  # kg
 WHEEL_FRICTION = 1.0  # friction coefficient of a rubber wheel on the floor
 FLOOR_FRICTION = 0.3  # friction coefficient of a box on the floor

@@ -10,7 +10,8 @@ from enum import StrEnum, auto
 import mujoco
 import numpy as np
 
-from wherry.simulation.model import BOX_HEIGHT, BOX_MASS
+from wherry.robot import BOX_HEIGHT
+from wherry.simulation.model import BOX_MASS
 from wherry.space.pose import Floats, Pose
 
 SETTLING_TIME = 0.5  # s simulated before time 0, until the robot rests on its wheels

@@ -9,10 +9,10 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.floorplan.plan import Cell, FloorPlan
-from wherry.robot import Body, Odometry, Robot, Scan, Velocity
+from wherry.robot import BOX_HEIGHT, Body, Odometry, Robot, Scan, Velocity
 from wherry.simulation.drive import Drive, WheelOdometry, WheelOdometryErrors
 from wherry.simulation.lidar import Lidar, LidarSpecification
-from wherry.simulation.model import BODY, BOX_HEIGHT, LIDAR_HEIGHT, TIMESTEP, build_model
+from wherry.simulation.model import BODY, LIDAR_HEIGHT, TIMESTEP, build_model
 from wherry.simulation.physics import Physics
 from wherry.simulation.referee import BoxStatus, BoxTruth, Referee
 from wherry.simulation.static_geometry import StaticGeometry

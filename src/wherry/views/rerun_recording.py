@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from wherry.errors import InputError
 from wherry.files import partial_file
 from wherry.oomdp.conditions import Condition
+from wherry.robot import BOX_HEIGHT
 from wherry.trace.records import (
     CellLayout,
     LearntModel,
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 BLUE, RED, GREEN, BROWN, YELLOW = (31, 111, 235), (209, 36, 47), (26, 156, 75), (160, 98, 45), (244, 196, 48)
 WHITE = (240, 240, 240)
 PATH_HEIGHT, PARTICLE_HEIGHT, SCAN_HEIGHT = 0.02, 0.03, 0.2  # m above the floor; different, so that none is covered
-ROBOT_HEIGHT, BOX_HEIGHT = 0.15, 0.3  # m, heights of the drawn cylinders
+ROBOT_HEIGHT = 0.15  # m, height of the drawn cylinder
 PARTICLE_LENGTH = 0.12  # m, length of a particle's arrow
 UNKNOWN, FREE, OCCUPIED = 255, 0, 100  # values of nav_msgs/OccupancyGrid as unsigned bytes
 

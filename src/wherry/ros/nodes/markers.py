@@ -6,13 +6,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from wherry.robot import BOX_HEIGHT
 from wherry.ros import messages as ros
 from wherry.ros.encoding import encode_header, encode_pose
 from wherry.space.frame import CellFrame
 from wherry.space.pose import Pose
 from wherry.trace.records import CellLayout, RobotSnapshot
 
-BOX_HEIGHT, TILE_HEIGHT, LINE_WIDTH, TEXT_HEIGHT = 0.30, 0.01, 0.01, 0.15  # m
+TILE_HEIGHT, LINE_WIDTH, TEXT_HEIGHT = 0.01, 0.01, 0.15  # m
 BIT_SIZE = 0.8 * TEXT_HEIGHT  # m, edge of a condition bit's square
 BITS_OFFSET, BITS_HEIGHT = 0.4, 0.3  # m, in front of the robot and above the floor
 TEXT_OFFSET, TEXT_ELEVATION = 0.5, 0.6  # m, in front of the robot and above the floor
