@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from wherry.cli import app
@@ -70,9 +73,22 @@ def test_a_path_is_printed_unwrapped_and_unchanged(capsys: pytest.CaptureFixture
     assert capsys.readouterr().out == f"Written: {path}\n"
 
 
-def test_every_command_has_help() -> None:
-    for command in app.registered_commands:
-        name = command.name or getattr(command.callback, "__name__", "")
-        done = CliRunner().invoke(app, [name, "--help"])
-        assert done.exit_code == 0
-        assert "Usage" in done.output
+def commands_of(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """The words of every command and group, depth first."""
+    yield path
+    for name, child in getattr(command, "commands", {}).items():
+        yield from commands_of(child, (*path, name))
+
+
+COMMANDS = list(commands_of(typer.main.get_command(app)))
+
+
+def test_commands_of_every_group_are_found() -> None:
+    assert {("learn",), ("worlds", "list"), ("ros1", "deliver"), ("ros2", "gazebo-latch")} <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_every_command_has_help(words: tuple[str, ...]) -> None:
+    done = CliRunner().invoke(app, [*words, "--help"], prog_name="wherry")
+    assert done.exit_code == 0
+    assert done.output.startswith(f"Usage: {' '.join(('wherry', *words))} [OPTIONS]")

@@ -61,10 +61,21 @@ def test_the_world_of_the_tutorial_is_delivered(tmp_path: Path) -> None:
     assert (result.delivered, result.boxes, result.collisions) == (3, 3, 0)
 
 
-@pytest.mark.parametrize(
-    "page", ["README.md", *(str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("**/*.md"))]
-)
+def sections_with_pictures(page: str) -> list[str]:
+    """The sections of a page that show a picture, by their text."""
+    sections = re.split(r"^## ", (ROOT / page).read_text("utf-8"), flags=re.MULTILINE)
+    return [section for section in sections if re.search(r"\]\((docs/|\.\./)?images/", section)]
+
+
+PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("**/*.md"))]
+PAGES_WITH_PICTURES = [page for page in PAGES if sections_with_pictures(page)]
+
+
+def test_readme_and_results_show_pictures() -> None:
+    assert {"README.md", "docs/results.md"} <= set(PAGES_WITH_PICTURES)
+
+
+@pytest.mark.parametrize("page", PAGES_WITH_PICTURES)
 def test_every_section_with_a_picture_names_the_command_that_made_it(page: str) -> None:
-    for section in re.split(r"^## ", (ROOT / page).read_text("utf-8"), flags=re.MULTILINE):
-        if "](images/" in section or "](docs/images/" in section or "](../images/" in section:
-            assert re.search(r"`(\./)?wherry [^`]+`", section), f"{page}: {section.partition(chr(10))[0]}"
+    for section in sections_with_pictures(page):
+        assert re.search(r"`(\./)?wherry [^`]+`", section), f"{page}: {section.partition(chr(10))[0]}"
