@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wherry.errors import InputError
 from wherry.floorplan.plan import Cell
 from wherry.floorplan.world_files import find_world
 from wherry.gazebo.export import GazeboExportSettings, export_world
@@ -28,21 +27,12 @@ from wherry.simulation.simulator import LATCH_REACH
 from wherry.space.pose import Pose
 from wherry_testing.bus import Bus, free_domain
 from wherry_testing.dds import wait_until, wherry
-from wherry_testing.gazebo import FakeGazebo, RunningGazebo, settings_file
+from wherry_testing.gazebo import NEAR, FakeGazebo, RunningGazebo, settings_file
+from wherry_testing.invalid_files import assert_file_is_rejected
 from wherry_testing.worlds import hall
 
 TOPICS = load_names().topics
 DOMAIN = free_domain()
-NEAR = """\
-wherry-world: 1
-name: near
-
-+---+---+---+---+
-|     o         |
-+   +   +   +   +
-|     >   o   w |
-+---+---+---+---+
-"""
 ON_THE_BOX, ON_THE_WAREHOUSE = Pose(1.5, 0.3), Pose(2.1, 0.3)
 SETTINGS = GazeboLatchSettings(2, LATCH_REACH, 0.6, frozenset({Cell(2, 1)}))
 NEAR_SETTINGS = GazeboLatchSettings(2, LATCH_REACH, 0.6, frozenset({Cell(3, 0)}))
@@ -224,11 +214,7 @@ def test_settings_are_read_as_written(tmp_path: Path) -> None:
 def test_invalid_settings_files_are_rejected(tmp_path: Path, old: str, new: str, field: str) -> None:
     text = format_latch_settings(SETTINGS)
     assert old in text
-    (tmp_path / "latch.yaml").write_text(text.replace(old, new))
-    with pytest.raises(InputError) as caught:
-        load_latch_settings(tmp_path / "latch.yaml")
-    assert caught.value.field == field
-    assert "\n" not in str(caught.value)
+    assert_file_is_rejected(load_latch_settings, tmp_path / "latch.yaml", text.replace(old, new), field)
 
 
 # ---- over DDS, with the command itself as the node

@@ -25,6 +25,7 @@ from wherry.robot import Scan
 from wherry.space.pose import Pose
 from wherry.space.raycast import cast_rays
 from wherry_testing.buildings import LIDAR, RANGE_MAX, RESOLUTION, building
+from wherry_testing.corridors import bare_corridor
 
 HERE = Pose(2.4, 2.0, 0.4)
 
@@ -73,11 +74,7 @@ def test_a_pose_beyond_the_widest_window_is_rejected() -> None:
 
 
 def test_a_closure_in_a_corridor_is_rejected_as_ambiguous() -> None:
-    x = np.arange(-10.0, 10.0, 0.05)
-    corridor = PointCloud(
-        np.vstack([np.column_stack([x, np.full_like(x, side)]) for side in (-0.8, 0.8)]),
-        np.vstack([np.tile([0.0, -side], (len(x), 1)) for side in (-1.0, 1.0)]),
-    )
+    corridor = bare_corridor(10.0)
     grid = MatchingGrid()
     grid.add(corridor)
     part = np.abs(corridor.points[:, 0]) < 3.0

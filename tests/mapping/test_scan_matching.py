@@ -20,6 +20,7 @@ from wherry.robot import Scan
 from wherry.space.pose import Pose
 from wherry.space.raycast import cast_rays
 from wherry_testing.buildings import LIDAR, RANGE_MAX, RESOLUTION, building
+from wherry_testing.corridors import bare_corridor
 
 HERE = Pose(2.4, 2.0, 0.4)
 
@@ -119,11 +120,7 @@ def test_branch_and_bound_agrees_with_an_exhaustive_search() -> None:
 
 
 def test_a_corridor_is_ambiguous_and_a_room_is_not() -> None:
-    x = np.arange(-8.0, 8.0, 0.05)
-    corridor = PointCloud(
-        np.vstack([np.column_stack([x, np.full_like(x, side)]) for side in (-0.8, 0.8)]),
-        np.vstack([np.tile([0.0, -side], (len(x), 1)) for side in (-1.0, 1.0)]),
-    )
+    corridor = bare_corridor(8.0)
     grid = MatchingGrid()
     grid.add(corridor)
     part = np.abs(corridor.points[:, 0]) < 3.0

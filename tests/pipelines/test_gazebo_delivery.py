@@ -15,19 +15,10 @@ from wherry.ros.transports.ros2 import Ros2Transport
 from wherry.simulation.simulator import LATCH_REACH
 from wherry_testing.bus import free_domain
 from wherry_testing.dds import ended, wherry
-from wherry_testing.gazebo import FakeGazebo, RunningGazebo, settings_file
+from wherry_testing.gazebo import NEAR, FakeGazebo, RunningGazebo, settings_file
 
 DOMAIN = free_domain()
-WORLD = """\
-wherry-world: 1
-name: near
-
-+---+---+---+---+
-|     o         |
-+   +   +   +   +
-|     >       w |
-+---+---+---+---+
-"""
+WORLD = NEAR.replace(">   o", ">    ")  # without the box in front of the robot
 
 
 @pytest.fixture

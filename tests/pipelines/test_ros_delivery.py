@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -26,6 +25,7 @@ from wherry.simulation import Simulation
 from wherry.space.pose import Pose
 from wherry.trace.records import null_sink
 from wherry_testing.bus import Bus
+from wherry_testing.node_thread import running
 from wherry_testing.perfect_worlds import frame_of, perfect_map
 from wherry_testing.worlds import hall
 
@@ -99,18 +99,12 @@ def external() -> ExternalStack:
 
 @pytest.fixture
 def robot(external: ExternalStack) -> Iterator[RosRobot]:
-    over = threading.Event()
     external.start()  # before the robot, so that it knows the true pose at all odometry that the robot has received
     with RosRobot(external.bus.node(), NAMES, load_body()) as robot:
         node = simulator_node(external.simulation, external.bus.node(), NAMES, 5.0)
-        thread = threading.Thread(target=node.run, args=(over.is_set,))
-        thread.start()
-        try:
+        with running(node):
             robot.wait_until_ready(30.0)
             yield robot
-        finally:
-            over.set()
-            thread.join()
 
 
 def get_ready(

@@ -13,6 +13,7 @@ from wherry.ros.body_files import default_body_text, load_body
 from wherry.ros.names import Topics, load_names
 from wherry.simulation.model import BODY
 from wherry.space.pose import Pose
+from wherry_testing.invalid_files import assert_file_is_rejected
 
 
 def test_the_defaults_are_the_conventions_of_ros() -> None:
@@ -77,12 +78,7 @@ def test_options_take_precedence_over_the_file(tmp_path: Path) -> None:
     ],
 )
 def test_invalid_files_are_refused(text: str, field: str, tmp_path: Path) -> None:
-    path = tmp_path / "names.yaml"
-    path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        load_names(path)
-    assert caught.value.field == field
-    assert "\n" not in str(caught.value)
+    assert_file_is_rejected(load_names, tmp_path / "names.yaml", text, field)
 
 
 def test_the_example_of_the_documentation_is_valid(tmp_path: Path) -> None:
@@ -124,9 +120,6 @@ def test_a_body_file_may_give_the_pose_of_the_lidar(tmp_path: Path) -> None:
     ],
 )
 def test_invalid_bodies_are_refused(old: str, new: str, field: str, tmp_path: Path) -> None:
-    path = tmp_path / "body.yaml"
     assert old in default_body_text()
-    path.write_text(default_body_text().replace(old, new, 1))
-    with pytest.raises(InputError) as caught:
-        load_body(path)
-    assert caught.value.field == field
+    text = default_body_text().replace(old, new, 1)
+    assert_file_is_rejected(load_body, tmp_path / "body.yaml", text, field)

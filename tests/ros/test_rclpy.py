@@ -25,6 +25,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry_testing import worlds
 from wherry_testing.bus import free_domain
+from wherry_testing.node_thread import running
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -97,18 +98,12 @@ def _nanoseconds(header: ros.Header) -> int:
 @pytest.fixture
 def stage(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
-    over = threading.Event()
     with Ros2Transport() as robot, Ros2Transport() as agent:
         stage = Stage(agent)
         node = simulator_node(stage.simulation, robot, load_names(), 1.0)
-        thread = threading.Thread(target=node.run, args=(over.is_set,))
-        thread.start()
-        agent.publish(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))  # long before rclpy subscribes
-        try:
+        with running(node):
+            agent.publish(TOPICS.map, encode_occupancy_grid(GRID, 0.0, "map"))  # long before rclpy subscribes
             yield stage
-        finally:
-            over.set()
-            thread.join()
 
 
 def test_rclpy_receives_the_values_that_were_sent_and_drives(rclpy: str, stage: Stage) -> None:

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +23,7 @@ from wherry.ros.nodes.simulator import simulator_node
 from wherry.ros.transports.ros2 import Ros2Transport
 from wherry_testing.bus import free_domain
 from wherry_testing.dds import ended, simulator, wait_until
+from wherry_testing.node_thread import running
 from wherry_testing.robot_contract import RobotContract
 from wherry_testing.robots_clock import STOPPING_RESOLUTION, ReceivedOdometry, stopping_time
 from wherry_testing.worlds import HALL, hall
@@ -59,17 +59,11 @@ class TestRosRobot(RobotContract):
     @pytest.fixture
     def robot(self, monkeypatch: pytest.MonkeyPatch) -> Iterator[RosRobot]:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(CONTRACT))
-        over = threading.Event()
         with Ros2Transport() as robots, Ros2Transport() as transport, RosRobot(transport, NAMES, load_body()) as robot:
             node = simulator_node(hall(EMPTY), robots, NAMES, RATE)
-            thread = threading.Thread(target=node.run, args=(over.is_set,))
-            thread.start()
-            try:
+            with running(node):
                 robot.wait_until_ready(60.0)
                 yield robot
-            finally:
-                over.set()
-                thread.join()
 
 
 class Watcher:

@@ -25,6 +25,16 @@ from wherry.simulation import Simulation
 from wherry.simulation.physics import Physics
 from wherry.space.pose import Pose
 
+NEAR = """\
+wherry-world: 1
+name: near
+
++---+---+---+---+
+|     o         |
++   +   +   +   +
+|     >   o   w |
++---+---+---+---+
+"""
 NO_LATCH = load_names(remappings=["latch/command:=/unused/command", "latch/state:=/unused/state"])
 
 
