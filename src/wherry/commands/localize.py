@@ -22,6 +22,10 @@ from wherry.commands.recording import RecordOption, recorded_log
 from wherry.commands.watching import PageOptions, trace_sink
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
+    from wherry.pipelines.logs.localization import LocalizationRun
+    from wherry.pipelines.logs.trace import LogTrace
     from wherry.space.occupancy import OccupancyGrid
     from wherry.space.pose import Floats
 
@@ -63,18 +67,7 @@ def localize(
     if _has_no_free_particle(run.grid, run.localizer.particles):
         say(console, "The map has no free space at the start pose of the log; --global searches the whole map.")
     with trace_sink(f"wherry: {log.name}", out, console, page) as sink:
-        trace = LogTrace(Phase.LOCALIZE, log.name, run.log, sink)
-        trace.map(run.grid)
-        with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
-            task = progress.add_task("localizing", total=len(run))
-            if recording is not None:
-                recording.write_map(run.grid, run.log.scans[0].time)
-            for scan in run.steps():
-                progress.update(task, completed=scan.index + 1)
-                trace.scan(scan.index, scan.localization.pose, run.localizer.particles)
-                trace.lost_probability(scan.index, scan.localization.lost_probability)
-                if recording is not None:
-                    recording.write_scan(scan.index, scan.localization.pose, run.localizer.particles)
+        _localize_scans(run, LogTrace(Phase.LOCALIZE, log.name, run.log, sink), record, console)
         result = run.result()
         if result.unknown_parameters:
             say(console, f"Unknown parameters were ignored: {', '.join(result.unknown_parameters)}")
@@ -86,6 +79,21 @@ def localize(
             say(console, "Written: " + ", ".join(str(path) for path in run.save(out)))
     if output.as_json:
         print_json(metrics)
+
+
+def _localize_scans(run: LocalizationRun, trace: LogTrace, record: Path | None, console: Console) -> None:
+    """Localize every scan, with progress, and record it in the trace and in a bag."""
+    trace.map(run.grid)
+    with recorded_log(record, run.log) as recording, progress_bar(console, "scans") as progress:
+        task = progress.add_task("localizing", total=len(run))
+        if recording is not None:
+            recording.write_map(run.grid, run.log.scans[0].time)
+        for scan in run.steps():
+            progress.update(task, completed=scan.index + 1)
+            trace.scan(scan.index, scan.localization.pose, run.localizer.particles)
+            trace.lost_probability(scan.index, scan.localization.lost_probability)
+            if recording is not None:
+                recording.write_scan(scan.index, scan.localization.pose, run.localizer.particles)
 
 
 def _has_no_free_particle(grid: OccupancyGrid, particles: Floats) -> bool:
