@@ -26,12 +26,11 @@ from wherry.mapping.pose_graph import PoseGraph
 from wherry.mapping.refinement import Refinement
 from wherry.mapping.scan_matching import find_scan, match_covariance, track_scan
 from wherry.mapping.settings import GraphSlamSettings
-from wherry.mapping.slam import NO_DISCS
 from wherry.mapping.submap_graph import SubmapGraph
 from wherry.mapping.submaps import NO_COVARIANCE, MatchingGridCache
 from wherry.mapping.tracking import TrackingState
 from wherry.robot import Odometry, Scan
-from wherry.space.occupancy import OccupancyGrid
+from wherry.space.occupancy import NO_DISCS, OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.trajectory import Trajectory
 

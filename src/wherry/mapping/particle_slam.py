@@ -22,9 +22,8 @@ from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.scan_matching import MIN_POINTS
 from wherry.mapping.settings import ParticleSlamSettings
 from wherry.mapping.shared_tiles import SharedTiles, log_likelihood
-from wherry.mapping.slam import NO_DISCS
 from wherry.robot import Odometry, Scan
-from wherry.space.occupancy import OccupancyGrid
+from wherry.space.occupancy import NO_DISCS, OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose, compose
 from wherry.space.trajectory import Trajectory
 

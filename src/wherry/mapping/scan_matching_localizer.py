@@ -15,10 +15,9 @@ from wherry.mapping.matching_grid import MatchingGrid
 from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.refinement import refine
 from wherry.mapping.scan_matching import MIN_POINTS, SEARCH_POINTS, find_scan
-from wherry.mapping.slam import NO_DISCS
 from wherry.mapping.tracking import TrackingState
 from wherry.robot import Odometry, Scan
-from wherry.space.occupancy import OccupancyGrid
+from wherry.space.occupancy import NO_DISCS, OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory
 

@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-import numpy as np
-
 from wherry.mapping.graph_snapshot import GraphSnapshot
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.robot import Odometry, Scan
-from wherry.space.occupancy import OccupancyGrid
+from wherry.space.occupancy import NO_DISCS, OccupancyGrid
 from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory
-
-NO_DISCS = np.zeros((0, 3))  # no excluded discs, [0, 3]
 
 
 class Slam(Protocol):

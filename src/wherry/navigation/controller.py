@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from wherry.navigation.path import NO_DISCS
 from wherry.robot import Body, Scan, Velocity
+from wherry.space.occupancy import NO_DISCS
 from wherry.space.pose import Floats, Pose, wrap
 
 LOOKAHEAD_DISTANCE = 0.3  # m along the path (Coulter 1992)

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from wherry.kernels import kernel
 from wherry.space.distance_field import obstacle_distances
 from wherry.space.grid_cells import cell_centres, cells_at
-from wherry.space.occupancy import OccupancyGrid
+from wherry.space.occupancy import NO_DISCS, OccupancyGrid
 from wherry.space.pose import Floats, Pose
 
 INFLATION_DISTANCE = 0.15  # m beyond the robot's radius within which low clearance raises the cost
 WALL_COST = 8.0  # additional cost, m, of each metre driven in contact with a wall
 SNAP_DISTANCE = 0.3  # m by which a start or goal in collision may be moved to the nearest passable cell
 SHORTCUT_TOLERANCE = 1e-6  # relative rounding error allowed when a line's cost is compared with that of the path
-NO_DISCS = np.zeros((0, 3))  # an empty array of x, y, radius, m
 STEPS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))  # row, column offsets of neighbours
 
 

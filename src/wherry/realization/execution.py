@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from wherry.navigation.path import NO_DISCS
 from wherry.realization.box_detection import detect_cylinders
 from wherry.realization.pilot import Pilot
+from wherry.space.occupancy import NO_DISCS
 from wherry.space.pose import Floats, Pose
 
 DOCKING_SPEED = 0.3  # m/s, largest speed with a box ahead

@@ -10,10 +10,10 @@ from enum import Enum, auto
 import numpy as np
 
 from wherry.navigation.controller import drive_line, follow_path, go_to, safe_velocity, turn_to
-from wherry.navigation.path import NO_DISCS
 from wherry.realization.load import mask_load
 from wherry.realization.pose_tracker import PoseTracker
 from wherry.robot import Odometry, Robot, Scan, Velocity
+from wherry.space.occupancy import NO_DISCS
 from wherry.space.pose import Floats, Pose
 from wherry.trace.records import TIME_TOLERANCE, Narration, Phase, RobotSnapshot, Sink
 

@@ -14,6 +14,7 @@ from wherry.space.pose import IDENTITY, Floats, Pose
 FREE_THRESHOLD = 0.196  # probability below which a cell is free, as in map_server
 OCCUPIED_THRESHOLD = 0.65  # probability above which a cell is occupied, as in map_server
 UNKNOWN = 0.5  # probability of an unknown cell
+NO_DISCS = np.zeros((0, 3))  # an empty array of discs: x, y, radius, m, map frame
 
 
 @dataclass(frozen=True)
