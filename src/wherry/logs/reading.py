@@ -25,13 +25,14 @@ def read_log(path: str | Path, options: ReadingOptions = DEFAULT_READING) -> Lid
         InputError: The file cannot be read, is too large, has no scans, or (unless lenient) has a malformed line, which
             the error names.
     """
-    collector = LogCollector(str(path), options.lenient)
+    collector = LogCollector(str(path), options)
     for number, line in numbered_lines(Path(path)):
+        collector.line = number
         words = line.split()
         if not words or words[0].startswith("#"):
             continue
         try:
             PARSERS.get(words[0], ignore_message)(collector, words)
         except MalformedLineError as error:
-            collector.skip_line(number, str(error))
+            collector.skip_line(str(error))
     return collector.log()

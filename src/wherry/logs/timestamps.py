@@ -7,7 +7,17 @@ import numpy as np
 from wherry.space.pose import Floats
 
 MIN_SCAN_PERIOD = 0.005  # s, mean scan period below which a log has no usable clock; no lidar is that fast
+MIN_STAMPS = 3  # stamps from which a clock is judged
+CONSTANT_SHARE = 0.99  # share of equal stamps from which a clock is constant
 ASSUMED_SCAN_PERIOD = 1.0  # s, scan period of a log without a usable clock
+
+
+def has_constant_stamps(times: Floats) -> bool:
+    """Whether stamps, [N] s in the order of the recording, do not tell the time, since nearly all are equal."""
+    if len(times) < MIN_STAMPS:
+        return False
+    _, counts = np.unique(times, return_counts=True)
+    return bool(counts.max() >= CONSTANT_SHARE * len(times))
 
 
 def increasing_times(times: Floats) -> Floats:
