@@ -64,7 +64,7 @@ PUBLIC_API = {
             PoseEstimate PoseMode Relocalization Relocalizer ScanAgreement load_parameters
         """,
         "wherry.logs": """
-            LidarLog increasing_times read_log read_odometry read_rows
+            LidarLog ReadingOptions increasing_times read_log read_odometry read_rows
         """,
         "wherry.mapping": """
             GraphSlam GraphSlamSettings GraphSnapshot LoopClosure ParticleSlam ParticleSlamSettings
@@ -119,8 +119,8 @@ PUBLIC_API = {
         """,
         "wherry.space": """
             CellFrame DistanceField GridMapper IDENTITY OccupancyGrid Pose Trajectory cast_rays
-            compose fit_cell_frame load_map load_wean_map merge_odometry relative save_map save_tum
-            wrap
+            compose fit_cell_frame load_map load_wean_map merge_odometry relative save_csv save_kitti
+            save_map save_trajectory save_tum wrap
         """,
         "wherry.trace": """
             CellLayout LearntModel LearntRule MapUpdate Narration ObjectSnapshot PerceivedState

@@ -10,7 +10,7 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.logs.beam_times import with_usable_beam_times
-from wherry.logs.coverage import clock_difference, covered, hole_lengths, sampled
+from wherry.logs.coverage import clock_difference, covered, hole_lengths
 from wherry.logs.lidar_log import LidarLog
 from wherry.logs.max_range_readings import mark_beams_without_return
 from wherry.logs.options import ReadingOptions
@@ -219,7 +219,7 @@ def _odometry_at_scans(
     covers = covered(trajectory, times)
     poses: list[Pose | None] = [recorded.pose for recorded in scans]
     if covers.any():
-        interpolated = [Pose.from_array(pose) for pose in sampled(trajectory, times)]
+        interpolated = [Pose.from_array(pose) for pose in trajectory.along_arcs(times)]
         poses = [
             pose or (between if covers[index] else None)
             for index, (pose, between) in enumerate(zip(poses, interpolated, strict=True))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.space.pose import Floats, compose, relative
+from wherry.space.pose import Floats, relative
 from wherry.space.trajectory import Trajectory
 
 CLOCK_TOLERANCE = 0.5  # s, difference of two clocks that delays of messages explain
@@ -46,15 +46,6 @@ def odometry_period(times: Floats) -> float:
 def end_tolerance(times: Floats) -> float:
     """Time by which odometry, [N] s, is extrapolated before its first and after its last reading, s."""
     return float(np.clip(END_PERIODS * odometry_period(times), MIN_END, MAX_END))
-
-
-def sampled(odometry: Trajectory, times: Floats) -> Floats:
-    """Poses of odometry, [M, 3] m, m, rad, at times, [M] s, at constant velocity between readings and beyond them."""
-    after = np.clip(np.searchsorted(odometry.times, times), 1, len(odometry.times) - 1)
-    first, second = odometry.poses[after - 1], odometry.poses[after]
-    start, end = odometry.times[after - 1], odometry.times[after]
-    share = (times - start) / np.where(end > start, end - start, 1.0)
-    return compose(first, relative(second, first) * share[:, None])
 
 
 def covered(odometry: Trajectory, times: Floats) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.logs.lidar_log import MAX_BEAMS
-from wherry.robot import Scan
+from wherry.robot import Scan, mark_no_return
 from wherry.space.pose import Floats, Pose
 
 MAX_FILE_SIZE = 1_000_000_000  # bytes, unpacked
@@ -87,7 +87,7 @@ def parse_count(words: list[str], index: int, minimum: int = 1) -> int:
 
 
 def parse_ranges(words: list[str], range_max: float, unit: float = 1.0) -> Floats:
-    """Ranges, [R] m; infinite at or beyond ``range_max``, where the beam had no return.
+    """Ranges, [R] m; infinite where the beam had no return, see `mark_no_return`.
 
     Args:
         words: Ranges as text.
@@ -100,7 +100,7 @@ def parse_ranges(words: list[str], range_max: float, unit: float = 1.0) -> Float
     ranges = np.array(parse_numbers(words)) * unit
     if (ranges < 0.0).any():
         raise MalformedLineError("has a negative range")
-    return np.where(ranges >= range_max, np.inf, ranges)
+    return mark_no_return(ranges, range_max)
 
 
 def parse_pose(values: list[float]) -> Pose:
