@@ -94,7 +94,7 @@ PUBLIC_API = {
             floor_plan_from_map order_from_plan update_tracks
         """,
         "wherry.robot": """
-            Body Odometry Robot Scan Velocity
+            Body Odometry Robot Scan Velocity mark_no_return
         """,
         "wherry.ros": """
             BodyParameters Frames MessageError QosProfile Rates RosNames StampedTransform Topic

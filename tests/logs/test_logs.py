@@ -17,7 +17,7 @@ from wherry.space.pose import Pose
 from wherry_testing.buildings import shared_data
 
 FLASER = "FLASER 4 1.0 2.0 81.83 3.0 {x} 0.5 0.1 {x} 0.5 0.1 {t} host {t}"
-ROBOTLASER = "ROBOTLASER1 0 -1.5 3.0 0.5 50.0 0.01 0 3 1.0 2.0 50.0 0 {x} {y} 0.1 {rx} 0.5 0.1 0 0 0 0 0 {t} host {t}"
+ROBOTLASER = "ROBOTLASER1 0 -0.5 1.0 0.5 50.0 0.01 0 3 1.0 2.0 50.0 0 {x} {y} 0.1 {rx} 0.5 0.1 0 0 0 0 0 {t} host {t}"
 ODOM = "ODOM {x} 0.5 0.1 0 0 0 {t} host {t}"
 
 

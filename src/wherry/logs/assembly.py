@@ -40,6 +40,10 @@ class RecordedScan:
     pose: Pose | None = None
     received: float | None = None
 
+    def at(self, time: float) -> RecordedScan:
+        """The same with another stamp, s."""
+        return replace(self, scan=replace(self.scan, time=time))
+
 
 @dataclass(frozen=True, slots=True)
 class RecordedOdometry:
@@ -56,6 +60,10 @@ class RecordedOdometry:
     time: float
     pose: Pose
     received: float | None = None
+
+    def at(self, time: float) -> RecordedOdometry:
+        """The same with another stamp, s."""
+        return replace(self, time=time)
 
 
 Recorded = TypeVar("Recorded", RecordedScan, RecordedOdometry)
@@ -92,14 +100,14 @@ def assemble_log(
         left_out = f" ({len(skipped):,} left out, the first: {skipped[0]})" if skipped else ""
         raise InputError(source, "", "has no scans in it" + left_out)
     total = len(scans) + len(odometry) + len(skipped)
-    timed, clock_note = _with_usable_stamps(_without_repetitions(scans))
+    timed, odometry, clock_note = _with_usable_stamps(_without_repetitions(scans), odometry)
     kept, scan_jumps_note = _kept_scans(timed, rejections)
     rejections.check_share(len(timed) - len(kept) + skipped_scans, len(timed) + skipped_scans, "scans")
     readings, odometry_jumps_note = _kept_odometry(odometry, rejections)
     rejections.check_share(len(rejections.entries), total, "lines or messages")
     readings, difference_note = _same_clock(kept, readings)
     at_scans, trajectory, coverage_note = _odometry_at_scans(kept, readings)
-    marked, marking_note = mark_beams_without_return([recorded.scan for recorded in kept], trajectory)
+    marked, marking_note = mark_beams_without_return([recorded.scan for recorded in kept], at_scans)
     final, beam_times_note = with_usable_beam_times(marked)
     all_notes = joined(
         (
@@ -125,22 +133,23 @@ def _without_repetitions(scans: Sequence[RecordedScan]) -> list[RecordedScan]:
     return kept
 
 
-def _with_usable_stamps(scans: list[RecordedScan]) -> tuple[list[RecordedScan], str]:
-    """The scans with other stamps if theirs do not tell the time, and a note that says so."""
+def _with_usable_stamps(
+    scans: list[RecordedScan], odometry: Sequence[RecordedOdometry]
+) -> tuple[list[RecordedScan], Sequence[RecordedOdometry], str]:
+    """Scans and odometry with other stamps if those of the scans do not tell the time, and a note that says so."""
     stamps = np.array([recorded.scan.time for recorded in scans])
     if not has_constant_stamps(stamps):
-        return scans, ""
-    received = np.array([np.nan if recorded.received is None else recorded.received for recorded in scans])
+        return scans, odometry, ""
     reason = f"the scans are stamped with a constant time, {float(np.median(stamps)):.6f} s"
+    received = np.array([np.nan if recorded.received is None else recorded.received for recorded in scans])
     if np.isfinite(received).all() and not has_constant_stamps(received):
-        times, note = received, f"{reason}: the times at which the recorder received them are used"
-    else:
-        times = stamps[0] + ASSUMED_SCAN_PERIOD * np.arange(len(scans))
-        note = f"{reason}: a scan every {ASSUMED_SCAN_PERIOD:.0f} s is assumed"
-    return [
-        replace(recorded, scan=replace(recorded.scan, time=float(time)))
-        for recorded, time in zip(scans, times, strict=True)
-    ], note
+        timed = [recorded.at(float(time)) for recorded, time in zip(scans, received, strict=True)]
+        readings = [reading.at(reading.received) for reading in odometry if reading.received is not None]
+        return timed, readings, f"{reason}: the times at which the recorder received them are used"
+    times = np.median(stamps) + ASSUMED_SCAN_PERIOD * np.arange(len(scans))
+    timed = [recorded.at(float(time)) for recorded, time in zip(scans, times, strict=True)]
+    alone = ", and odometry between them is not used" if odometry else ""
+    return timed, (), f"{reason}: one scan every {ASSUMED_SCAN_PERIOD:.0f} s is assumed{alone}"
 
 
 def _kept_scans(scans: list[RecordedScan], rejections: Rejections) -> tuple[list[RecordedScan], str]:

@@ -12,14 +12,14 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.logs.lidar_log import MAX_BEAMS
-from wherry.robot import Scan, mark_no_return
+from wherry.robot import mark_no_return
 from wherry.space.pose import Floats, Pose
 
 MAX_FILE_SIZE = 1_000_000_000  # bytes, unpacked
 MAX_COMPRESSION_RATIO = 100  # unpacked size over the size of the gzipped file
 MIN_CHECKED_SIZE = 10_000_000  # bytes, unpacked size below which the compression ratio is not checked
 MAX_LINE_LENGTH = 200_000  # bytes
-MAX_NUMBER = 1e18  # largest absolute value of a number in a log
+MAX_NUMBER = 1e20  # largest absolute value of a number in a log
 MAX_COORDINATE = 1e9  # m
 RANGE_MIN = 0.02  # m, shortest valid range of a lidar whose log does not give one
 
@@ -112,13 +112,3 @@ def parse_pose(values: list[float]) -> Pose:
     if max(abs(value) for value in values) > MAX_COORDINATE:
         raise MalformedLineError(f"has a pose beyond {MAX_COORDINATE:g} m")
     return Pose.from_array(np.array(values))
-
-
-def half_circle_scan(time: float, ranges: Floats, range_max: float) -> Scan:
-    """A scan of the half circle ahead, from right to left.
-
-    An even number of beams leaves out the last direction of the half circle; an odd number includes it.
-    """
-    count = len(ranges)
-    increment = math.pi / (count if count % 2 == 0 else max(count - 1, 1))
-    return Scan(time, ranges, -math.pi / 2.0, increment, RANGE_MIN, range_max)
