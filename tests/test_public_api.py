@@ -64,7 +64,8 @@ PUBLIC_API = {
             PoseEstimate PoseMode Relocalization Relocalizer ScanAgreement load_parameters
         """,
         "wherry.logs": """
-            LidarLog ReadingOptions increasing_times read_log read_odometry read_rows
+            LidarLog ReadingOptions increasing_times read_log read_odometry read_rows read_trajectory
+            with_odometry_file
         """,
         "wherry.mapping": """
             GraphSlam GraphSlamSettings GraphSnapshot LoopClosure ParticleSlam ParticleSlamSettings
