@@ -10,17 +10,19 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.logs.beam_times import with_usable_beam_times
-from wherry.logs.coverage import clock_difference, covered, hole_lengths
-from wherry.logs.lidar_log import LidarLog
+from wherry.logs.coverage import agree, clock_difference, covered, hole_lengths
+from wherry.logs.lidar_log import MAX_JUMP, LidarLog
 from wherry.logs.max_range_readings import mark_beams_without_return
 from wherry.logs.options import ReadingOptions
 from wherry.logs.outliers import Outliers, beam_count_outliers, jumps, stamp_outliers
-from wherry.logs.rejections import Rejections, joined
+from wherry.logs.rejections import Rejections, are_too_many, joined
 from wherry.logs.timestamps import ASSUMED_SCAN_PERIOD, has_constant_stamps
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Pose
 from wherry.space.trajectory import Trajectory
 
+MAX_FRAME_CHANGES = 10  # lasting jumps of odometry above which it is refused
+MIN_DISTINCT_SHARE = 0.5  # share of distinct stamps of odometry below which its poses are not compared with others
 MIN_CLOCK_READINGS = 3  # scans, and readings of odometry, from which two clocks are compared
 
 
@@ -103,7 +105,7 @@ def assemble_log(
     timed, odometry, clock_note = _with_usable_stamps(_without_repetitions(scans), odometry)
     kept, scan_jumps_note = _kept_scans(timed, rejections)
     rejections.check_share(len(timed) - len(kept) + skipped_scans, len(timed) + skipped_scans, "scans")
-    readings, odometry_jumps_note = _kept_odometry(odometry, rejections)
+    readings, odometry_jumps_note = _kept_odometry(kept, odometry, rejections)
     rejections.check_share(len(rejections.entries), total, "lines or messages")
     readings, difference_note = _same_clock(kept, readings)
     at_scans, trajectory, coverage_note = _odometry_at_scans(kept, readings)
@@ -153,26 +155,44 @@ def _with_usable_stamps(
 
 
 def _kept_scans(scans: list[RecordedScan], rejections: Rejections) -> tuple[list[RecordedScan], str]:
-    """The scans without outliers, in the order of time, and a note on lasting jumps of their poses."""
+    """The scans without outliers, in the order of time, and a note on lasting jumps of their poses.
+
+    Raises:
+        InputError: No scan has a valid range, or odometry jumps too often.
+    """
     scans = _kept(scans, stamp_outliers(np.array([recorded.scan.time for recorded in scans])), rejections)
     scans = _kept(scans, beam_count_outliers([len(recorded.scan.ranges) for recorded in scans]), rejections)
+    if not any(recorded.scan.valid.any() for recorded in scans):
+        limits = f"{scans[0].scan.range_min:g} to {scans[0].scan.range_max:g} m"
+        raise InputError(rejections.source, "", f"has no range within the limits of its lidar, {limits}, in any scan")
     poses = [recorded.pose for recorded in scans if recorded.pose is not None]
     if len(poses) < len(scans):
         return scans, ""
     outliers, changes = jumps(poses)
-    continued = _continued(poses, changes)
-    moved = [replace(recorded, pose=pose) for recorded, pose in zip(scans, continued, strict=True)]
-    return _kept(moved, outliers, rejections), _jumps_note([scans[index].name for index in changes])
+    note = _jumps_note(rejections.source, [scans[index].name for index in changes])
+    moved = [replace(recorded, pose=pose) for recorded, pose in zip(scans, _continued(poses, changes), strict=True)]
+    return _kept(moved, outliers, rejections), note
 
 
-def _kept_odometry(odometry: Sequence[RecordedOdometry], rejections: Rejections) -> tuple[list[RecordedOdometry], str]:
-    """The readings of odometry without outliers, in the order of time, and a note on lasting jumps."""
-    readings = _kept(odometry, stamp_outliers(np.array([reading.time for reading in odometry])), rejections)
+def _kept_odometry(
+    scans: Sequence[RecordedScan], odometry: Sequence[RecordedOdometry], rejections: Rejections
+) -> tuple[list[RecordedOdometry], str]:
+    """The readings of odometry without outliers, in the order of time, and a note on what was decided.
+
+    Raises:
+        InputError: Odometry jumps too often.
+    """
+    outliers = stamp_outliers(np.array([reading.time for reading in odometry]))
+    have_poses = all(recorded.pose is not None for recorded in scans)
+    if have_poses and are_too_many(len(outliers), len(odometry)):
+        reason = f"the stamps of {len(outliers):,} of {len(odometry):,} readings of odometry contradict their order"
+        return [], f"{reason}: the poses recorded with the scans are used alone"
+    readings = _kept(odometry, outliers, rejections)
     poses = [reading.pose for reading in readings]
     outliers, changes = jumps(poses)
-    continued = _continued(poses, changes)
-    moved = [replace(reading, pose=pose) for reading, pose in zip(readings, continued, strict=True)]
-    return _kept(moved, outliers, rejections), _jumps_note([readings[index].name for index in changes])
+    note = _jumps_note(rejections.source, [readings[index].name for index in changes])
+    moved = [replace(reading, pose=pose) for reading, pose in zip(readings, _continued(poses, changes), strict=True)]
+    return _kept(moved, outliers, rejections), note
 
 
 def _kept(recorded: Sequence[Recorded], outliers: Outliers, rejections: Rejections) -> list[Recorded]:
@@ -184,17 +204,28 @@ def _kept(recorded: Sequence[Recorded], outliers: Outliers, rejections: Rejectio
 
 def _continued(poses: Sequence[Pose], changes: Sequence[int]) -> list[Pose]:
     """Poses without their lasting jumps: the robot is taken to stand still where odometry changes its frame."""
-    continued = list(poses)
-    for change in changes:
-        correction = continued[change - 1] @ continued[change].inverse
-        continued[change:] = [correction @ pose for pose in continued[change:]]
+    continued: list[Pose] = []
+    correction: Pose | None = None
+    starts = set(changes)
+    for index, pose in enumerate(poses):
+        if index in starts:
+            correction = continued[-1] @ pose.inverse
+        continued.append(pose if correction is None else correction @ pose)
     return continued
 
 
-def _jumps_note(names: Sequence[str]) -> str:
-    """A note on lasting jumps of odometry at the named readings; empty if there are none."""
+def _jumps_note(source: str, names: Sequence[str]) -> str:
+    """A note on lasting jumps of odometry at the named readings; empty if there are none.
+
+    Raises:
+        InputError: There are too many for odometry of any use.
+    """
     if not names:
         return ""
+    if len(names) > MAX_FRAME_CHANGES:
+        raise InputError(
+            source, names[0], f"odometry jumps by over {MAX_JUMP:.0f} m here and {len(names) - 1} times more"
+        )
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""
     return f"odometry jumps to another frame at {names[0]}{more}: it is continued from the pose before the jump"
 
@@ -216,7 +247,22 @@ def _same_clock(scans: Sequence[RecordedScan], odometry: list[RecordedOdometry])
     if odometry[-1].time < first or odometry[0].time > last:
         times = f"{odometry[0].time:.3f} to {odometry[-1].time:.3f} s, scans from {first:.3f} to {last:.3f} s"
         return [], f"odometry is of another clock or of another drive than the scans, from {times}: {poses}"
+    if _contradicts(scans, odometry):
+        return [], f"odometry contradicts the poses recorded with the scans, which may be corrected: {poses}"
     return odometry, ""
+
+
+def _contradicts(scans: Sequence[RecordedScan], odometry: Sequence[RecordedOdometry]) -> bool:
+    """Whether poses recorded with the scans are others than those of odometry at the same times."""
+    trajectory = _trajectory([(reading.time, reading.pose) for reading in odometry])
+    own = [(recorded.scan.time, recorded.pose.as_array()) for recorded in scans if recorded.pose is not None]
+    times = np.array([time for time, _ in own])
+    covers = covered(trajectory, times)
+    is_coarse = len(trajectory.times) < MIN_DISTINCT_SHARE * len(odometry)
+    if is_coarse or covers.sum() < MIN_CLOCK_READINGS:
+        return False
+    poses = np.array([pose for _, pose in own])
+    return not agree(poses[covers], trajectory.along_arcs(times[covers]))
 
 
 def _odometry_at_scans(

@@ -9,14 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.logs.coverage import covered, end_tolerance
+from wherry.logs.coverage import agree, covered, end_tolerance
 from wherry.logs.lidar_log import LidarLog
 from wherry.logs.tables import read_trajectory
 from wherry.robot import Odometry, Velocity
 from wherry.space.pose import Floats, Pose, compose, relative
 from wherry.space.trajectory import Trajectory, merge_odometry
-
-MAX_DISTANCE, MAX_ANGLE = 0.1, 0.05  # m and rad, median differences of two records of the same odometry
 
 
 def with_odometry_file(log: LidarLog, path: Path) -> LidarLog:
@@ -25,7 +23,8 @@ def with_odometry_file(log: LidarLog, path: Path) -> LidarLog:
     Raises:
         InputError: The file cannot be read, is of another time than the scans, or has other poses than the log.
     """
-    odometry, notes = read_trajectory(path)
+    trajectory, notes = read_trajectory(path)
+    odometry = _distinct(trajectory)
     times = np.array([scan.time for scan in log.scans])
     margin = end_tolerance(odometry.times)
     if odometry.times[-1] < times[0] - margin or odometry.times[0] > times[-1] + margin:
@@ -44,16 +43,16 @@ def with_odometry_file(log: LidarLog, path: Path) -> LidarLog:
         Odometry(scan.time, Pose.from_array(pose), Velocity()) if reading is None and is_covered else reading
         for scan, reading, pose, is_covered in zip(log.scans, log.scan_odometry, poses, covers, strict=True)
     )
-    merged = merge_odometry(log.odometry, odometry) if len(log.odometry.times) else _distinct(odometry)
+    merged = merge_odometry(log.odometry, odometry) if len(log.odometry.times) else odometry
     return replace(log, scan_odometry=at_scans, odometry=merged, notes=(*log.notes, *notes))
 
 
 def _check_agreement(path: Path, own: Floats, other: Floats) -> None:
     """Refuse odometry, [N, 3] m, m, rad, that differs from the log's own at the same times."""
-    if _agree(own, other):
+    if agree(own, other):
         return
     shift = _alignment(own, other)
-    if _agree(own, compose(np.broadcast_to(shift, other.shape), other)):
+    if agree(own, compose(np.broadcast_to(shift, other.shape), other)):
         offset = f"{math.hypot(shift[0], shift[1]):.2f} m and {math.degrees(shift[2]):.1f}°"
         raise InputError(path, "", f"is in another frame than the log's odometry, which is {offset} away")
     distance = float(np.median(np.hypot(*(own - other)[:, :2].T)))
@@ -61,17 +60,11 @@ def _check_agreement(path: Path, own: Floats, other: Floats) -> None:
     raise InputError(path, "", f"{reason}: it is of another drive, another clock, or corrected")
 
 
-def _agree(own: Floats, other: Floats) -> bool:
-    """Whether poses, [N, 3] m, m, rad, differ by no more than two records of the same odometry do."""
-    differences = relative(other, own)
-    distance = np.median(np.hypot(differences[:, 0], differences[:, 1]))
-    return bool(distance <= MAX_DISTANCE and np.median(np.abs(differences[:, 2])) <= MAX_ANGLE)
-
-
 def _alignment(own: Floats, other: Floats) -> Floats:
     """The transform, [3] m, m, rad, from the frame of the other poses to that of the own ones, by the first of both."""
     inverse = relative(np.zeros((1, 3)), other[:1])
-    return compose(own[:1], inverse)[0]
+    shift: Floats = compose(own[:1], inverse)[0]
+    return shift
 
 
 def _distinct(odometry: Trajectory) -> Trajectory:

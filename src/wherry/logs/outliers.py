@@ -11,7 +11,8 @@ import numpy as np
 from wherry.logs.lidar_log import MAX_JUMP
 from wherry.space.pose import Floats, Pose
 
-BEAM_COUNT_TOLERANCE = 0.2  # share of the median number of beams by which the beams of a scan may differ from it
+BEAM_COUNT_TOLERANCE = 0.2  # share of a number of beams by which similar scans have more or fewer
+MIN_SIMILAR_SCANS, MIN_SIMILAR_SHARE = 2, 0.1  # scans, and share of all, that make another number of beams usual
 MIN_SEPARATION = 600.0  # s of silence beside which a few stamps at the beginning or at the end are no part of the drive
 SEPARATION_STEPS = 100.0  # median steps between stamps that such a silence lasts at least
 MAX_SEPARATED_SHARE = 0.01  # share of the stamps, at least one, that may be separated in this way
@@ -88,13 +89,26 @@ def _stamp_reason(times: Floats, kept: Sequence[int], index: int) -> str:
 
 
 def beam_count_outliers(counts: Sequence[int]) -> Outliers:
-    """Scans whose number of beams is not near the median; a few more or less occur with many lidars."""
-    median = float(np.median(counts)) if len(counts) else 0.0
+    """Scans whose number of beams is neither near the median nor near that of other scans.
+
+    A few beams more or less occur with many lidars, and a lidar may change its resolution.
+    """
+    ordered = np.sort(counts)
+    median = int(ordered[(len(ordered) - 1) // 2]) if len(ordered) else 0
+    lower, upper = (1.0 - BEAM_COUNT_TOLERANCE) * median, (1.0 + BEAM_COUNT_TOLERANCE) * median
+    needed = max(MIN_SIMILAR_SCANS, MIN_SIMILAR_SHARE * len(ordered))
     return {
-        index: f"has {count} beams where the log's scans have {median:.0f}"
+        index: f"has {count} beams where the log's scans have {median}"
         for index, count in enumerate(counts)
-        if abs(count - median) >= BEAM_COUNT_TOLERANCE * median and abs(count - median) > 0.0
+        if not lower < count < upper and _similar(ordered, count) < needed
     }
+
+
+def _similar(ordered: Floats, count: int) -> int:
+    """How many of the numbers of beams, in increasing order, are near one."""
+    first = np.searchsorted(ordered, (1.0 - BEAM_COUNT_TOLERANCE) * count, side="right")
+    last = np.searchsorted(ordered, (1.0 + BEAM_COUNT_TOLERANCE) * count, side="left")
+    return int(last - first)
 
 
 def jumps(poses: Sequence[Pose]) -> tuple[Outliers, tuple[int, ...]]:
