@@ -18,7 +18,7 @@ from wherry.logs.outliers import Outliers, beam_count_outliers, jumps, stamp_out
 from wherry.logs.rejections import Rejections, are_too_many, joined
 from wherry.logs.timestamps import ASSUMED_SCAN_PERIOD, has_constant_stamps
 from wherry.robot import Odometry, Scan, Velocity
-from wherry.space.pose import Pose
+from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory
 
 MAX_FRAME_CHANGES = 10  # lasting jumps of odometry above which it is refused
@@ -312,9 +312,16 @@ def _coverage_note(times: np.ndarray, missing: np.ndarray, odometry: Trajectory)
         (
             f"it begins {odometry.times[0] - times[0]:,.1f} s after the first ({early:,} scans)" if early else "",
             f"it ends {times[-1] - odometry.times[-1]:,.1f} s before the last ({late:,} scans)" if late else "",
-            f"it has {len(holes)} holes of up to {holes.max():,.1f} s ({missing.sum() - early - late:,} scans)"
+            f"it has {_holes_text(holes)} ({missing.sum() - early - late:,} scans)"
             if missing.sum() > early + late
             else "",
         )
     )
     return f"{missing.sum():,} of {len(times):,} scans have no odometry: {', '.join(reasons)}"
+
+
+def _holes_text(lengths: Floats) -> str:
+    """Holes of odometry by their lengths, s."""
+    if len(lengths) == 1:
+        return f"a hole of {lengths[0]:,.1f} s"
+    return f"{len(lengths)} holes of up to {lengths.max():,.1f} s"

@@ -35,7 +35,7 @@ def _old_laser(collector: LogCollector, words: list[str]) -> None:
     poses = parse_numbers(words[2 + count : 8 + count])
     (time,) = parse_numbers(words[8 + count : 9 + count])
     angles = unstated_angles(count, collector.front_field_of_view, collector.front_resolution)
-    collector.note(angles.note and f"{words[0]}: {angles.note}")
+    collector.note_of(words[0], angles.note)
     scan = Scan(time, ranges, angles.start, angles.increment, RANGE_MIN, collector.range_max)
     collector.add_scan(words[0], scan, parse_pose(poses[3:]), parse_pose(poses[:3]), _logger_time(words))
 
@@ -74,7 +74,7 @@ def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
     if range_max <= 0.0:
         raise MalformedLineError("the longest range must be above 0")
     angles = stated_angles(count, start, field_of_view, resolution)
-    collector.note(angles.note and f"{words[0]}: {angles.note}")
+    collector.note_of(words[0], angles.note)
     ranges = parse_ranges(words[9 : 9 + count], range_max)
     without_remissions = 9 + count + (14 if words[0].startswith("ROBOT") else 3)
     if len(words) == without_remissions:

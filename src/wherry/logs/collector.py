@@ -50,7 +50,8 @@ class LogCollector:
         unread_lasers: Numbers of messages that may be scans, but of an unknown format, by type.
         rejections: Lines that were left out, with reasons.
         ranges: Number of ranges of all scans.
-        notes: What was assumed, once each.
+        scan_notes: What was assumed about the scans, once each, by the type of the message.
+        notes: What was decided about the log.
     """
 
     source: str
@@ -62,6 +63,7 @@ class LogCollector:
     odometry: list[RecordedOdometry] = field(default_factory=list)
     unread_lasers: Counter[str] = field(default_factory=Counter)
     rejections: Rejections = field(init=False)
+    scan_notes: dict[str, dict[str, None]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     ranges: int = 0
 
@@ -85,10 +87,10 @@ class LogCollector:
         """Angle between beams of messages that do not state it, degrees; None if no parameter gives it."""
         return self.parameters[RESOLUTION_PARAMETER]
 
-    def note(self, text: str) -> None:
-        """Note an assumption; an empty text or a repeated one is ignored."""
-        if text and text not in self.notes:
-            self.notes.append(text)
+    def note_of(self, message: str, text: str) -> None:
+        """Note an assumption about the scans of a type of message; an empty text or a repeated one is ignored."""
+        if text:
+            self.scan_notes.setdefault(message, {})[f"{message}: {text}"] = None
 
     def skip_line(self, reason: str) -> None:
         """Leave the malformed line out.
@@ -145,7 +147,7 @@ class LogCollector:
         if scans:
             pairs = self.lidars.get(message, [])
             mount, mount_note = find_mount(self.source, pairs, self._stated_mount(message), self.options.lidar)
-            self.note(mount_note)
+            self.notes += [*self.scan_notes.get(message, {}), *([mount_note] if mount_note else [])]
         return assemble_log(
             self.source,
             self._in_seconds(scans, np.array([recorded.scan.time for recorded in scans]), "scans"),
@@ -180,7 +182,7 @@ class LogCollector:
         usual = [name for name in PREFERRED_MESSAGES if counts.get(name, 0) >= MIN_PREFERRED_SHARE * most]
         message = wanted or (usual or sorted(counts, key=lambda name: (-counts[name], name)))[0]
         if len(counts) + len(self.unread_lasers) > 1:
-            self.note(f"the scans are those of {message}, of {found}; --scan-topic chooses others")
+            self.notes.append(f"the scans are those of {message}, of {found}; --scan-topic chooses others")
         return message
 
     def _stated_mount(self, message: str) -> Pose | None:
@@ -199,5 +201,5 @@ class LogCollector:
         unit, unit_name = unit_of(times)
         if unit == 1.0:
             return list(recorded)
-        self.note(f"the times of the {name} are in {unit_name}: they are converted to seconds")
+        self.notes.append(f"the times of the {name} are in {unit_name}: they are converted to seconds")
         return [entry.at(float(time * unit)) for entry, time in zip(recorded, times, strict=True)]

@@ -17,7 +17,7 @@ from wherry.robot import Odometry, Scan
 from wherry.space.pose import Floats, wrap_angles
 
 MIN_COUNT = 50  # readings near the longest one below which they count as walls
-MIN_SHARE = 0.002  # share of the readings near the longest one below which they count as walls
+MIN_SHARE, MAX_SHARE = 0.002, 0.98  # share of the readings near the longest one outside of which they count as walls
 PEAK_WIDTH = 0.1  # m below the longest reading that count as near it
 COMPARED_WIDTH = 1.0  # m below the peak, width of the band whose readings are compared with those of the peak
 MAX_CODES = 3  # different values, to the millimetre, that a lidar reports without a return
@@ -52,6 +52,8 @@ def mark_beams_without_return(
     if _directions([scans[index] for index in members], peak) < MIN_DIRECTIONS:
         return tuple(scans), ""
     readings = f"{len(near) / total:.1%} of the readings are {np.median(near):.2f} m, the longest of all"
+    if len(near) > MAX_SHARE * total:
+        return tuple(scans), f"{readings}; since there are hardly any others, they are kept as walls"
     if not _from_different_places([scans[index] for index in members], [odometry[index] for index in members], peak):
         return tuple(scans), f"{readings}; since the robot stays in its place, they are kept as walls"
     marked = tuple(

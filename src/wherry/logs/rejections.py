@@ -75,7 +75,7 @@ class Rejections:
         """Numbers of entries of the same kind, the most frequent ones first, each with the first entry of the kind."""
         kinds = [_kind(entry) for entry in self.entries]
         first = dict(zip(reversed(kinds), reversed(self.entries), strict=True))
-        return [f"{count:,} like {_shortened(first[kind])!r}" for kind, count in Counter(kinds).most_common()]
+        return [f'{count:,} like "{_shortened(first[kind])}"' for kind, count in Counter(kinds).most_common()]
 
 
 def are_too_many(rejected: int, total: int) -> bool:

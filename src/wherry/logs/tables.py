@@ -23,6 +23,7 @@ MAX_ROWS = 10_000_000
 NORM_TOLERANCE = 0.1  # deviation of a quaternion's norm from 1 that is corrected
 MAX_TILT = 0.35  # rad, between the z axes of base_link and of the map
 HEADER_WORD = re.compile(r"[^\W\d_]\w*")
+UNIT = re.compile(r"\s*(\[[^\]]*\]|\([^)]*\))")
 COLUMN_NAMES = (
     ("t", "t time timestamp stamp sec secs seconds"),
     ("x", "x px tx p_x pos_x position_x"),
@@ -151,11 +152,10 @@ def _read_table(path: str | Path, widths: tuple[int, ...]) -> _Table:
     for number, line in numbered_lines(Path(path)):
         if is_comment(line):
             continue
-        words = _words(line)
-        if not lines and all(HEADER_WORD.match(word) for word in words) and len(words) in widths:
-            header = tuple(word.split("[")[0].split("(")[0].strip().lower() for word in words)
+        if not lines and (header := _header(line, widths)):
             lines.append(number)
             continue
+        words = _words(line)
         try:
             numbers = parse_numbers(words)
         except MalformedLineError as error:
@@ -168,6 +168,13 @@ def _read_table(path: str | Path, widths: tuple[int, ...]) -> _Table:
     if not rows:
         raise InputError(path, "", "has no numbers in it")
     return _Table(np.array(rows), lines, header)
+
+
+def _header(line: str, widths: tuple[int, ...]) -> tuple[str, ...]:
+    """The names of the columns in a line, without units, in lower case; empty if it is not a header."""
+    words = _words(UNIT.sub("", line))
+    is_header = len(words) in widths and all(HEADER_WORD.fullmatch(word) for word in words)
+    return tuple(word.lower() for word in words) if is_header else ()
 
 
 def _words(line: str) -> list[str]:
