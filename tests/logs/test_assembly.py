@@ -87,6 +87,25 @@ def test_a_log_without_faults_is_kept_and_odometry_is_exact_on_the_arc() -> None
         assert reading.pose.is_near(pose_at(scan.time), 1e-9, 1e-9)
 
 
+def test_scans_before_the_clock_was_set_are_dropped() -> None:
+    recorded = restamped(scans(), {index: index * PERIOD for index in range(40)})
+    recorded = [entry.at(entry.scan.time + 1.6e9) if index >= 40 else entry for index, entry in enumerate(recorded)]
+    log = assembled(recorded, options=LENIENT)
+    assert len(log.scans) == SCANS - 40
+    assert log.notes[0].startswith("40 of 400 messages are left out")
+
+
+def test_constant_stamps_of_odometry_are_replaced_by_times_of_the_recorder() -> None:
+    readings = [entry.at(0.0) for entry in odometry(received=True)]
+    log = assembled(scans(received=True), readings)
+    assert log.notes[0].endswith("constant time, 0.000000 s: the times at which the recorder received it are used")
+    for scan, reading in zip(log.scans, log.scan_odometry, strict=True):
+        assert reading is not None
+        assert reading.pose.is_near(pose_at(scan.time), 0.02, 0.01)
+    log = assembled(scans(), readings)
+    assert log.notes == ("odometry is stamped with a constant time, 0.000000 s: the scans have no odometry",)
+
+
 WILD_STAMPS = {
     "an hour ahead": {100: START + 3600.0},
     "an hour behind": {100: START - 3600.0},

@@ -76,6 +76,15 @@ def test_poses_that_disagree_assume_the_centre_and_name_the_option(tmp_path: Pat
     assert expected in log.notes
 
 
+def test_a_mount_that_is_not_on_a_robot_is_no_mount(tmp_path: Path) -> None:
+    lines = [flaser(n, pose, pose @ Pose(25.0, 0.0, 0.0)) for n, pose in enumerate(poses())]
+    log = read_log(write(tmp_path, lines))
+    assert log.lidar == Pose()
+    assert any("the centre of the robot is assumed; --lidar" in note for note in log.notes)
+    with pytest.raises(InputError, match=r"states by PARAM that the lidar is at \(25.000 m, 0.000 m, 0.0°\); --lidar"):
+        read_log(write(tmp_path, ["PARAM robot_frontlaser_offset 25 nohost 0", *lines]))
+
+
 def test_raw_scans_need_a_stated_mount_and_get_poses_of_odometry(tmp_path: Path) -> None:
     lines = [odom(0.5 * n, pose) for n, pose in enumerate(poses())]
     lines += [laser("RAWLASER1", "-1.570796 3.141593 0.017453", 0.5 * n + 0.25, None) for n in range(19)]

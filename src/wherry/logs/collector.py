@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.logs.assembly import Recorded, RecordedOdometry, RecordedScan, assemble_log
+from wherry.logs.assembly import assemble_log
 from wherry.logs.lidar_log import LidarLog
 from wherry.logs.mounts import find_mount
 from wherry.logs.options import ReadingOptions
+from wherry.logs.recorded import Recorded, RecordedOdometry, RecordedScan
 from wherry.logs.rejections import Rejections
 from wherry.logs.timestamps import unit_of
 from wherry.robot import Scan

@@ -13,6 +13,7 @@ from wherry.space.pose import IDENTITY, Floats, Pose, relative, wrap_angles
 EQUAL_MOUNTS = 1e-3  # m and rad by which equal poses of the lidar on the robot differ
 MOUNT_TOLERANCE = 0.02  # m and rad by which rounding of the recorded poses changes it
 MOUNT_QUANTILE = 0.9  # share of the scans whose poses agree
+MAX_DISTANCE = 10.0  # m, of a lidar from the centre of its robot
 OPTION_HINT = "--lidar x,y,theta states it (m, m, degrees)"
 
 
@@ -34,9 +35,13 @@ def find_mount(
         The mount, and a note on how it was chosen; empty if there was no choice.
 
     Raises:
-        InputError: Nothing states the mount.
+        InputError: Nothing states the mount, or parameters state a place that is not on a robot.
     """
     agreed = agreed_mount(pairs)
+    if agreed is not None and math.hypot(agreed.x, agreed.y) > MAX_DISTANCE:
+        agreed = None
+    if given is None and parameter is not None and math.hypot(parameter.x, parameter.y) > MAX_DISTANCE:
+        raise InputError(source, "", f"states by PARAM that the lidar is at {_text(parameter)}; {OPTION_HINT}")
     stated = agreed if agreed is not None and not _is_equal(agreed, IDENTITY) else parameter or agreed
     if given is not None:
         if stated is None or _is_equal(stated, given):

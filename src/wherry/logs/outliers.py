@@ -16,6 +16,8 @@ MIN_SIMILAR_SCANS, MIN_SIMILAR_SHARE = 2, 0.1  # scans, and share of all, that m
 MIN_SEPARATION = 600.0  # s of silence beside which a few stamps at the beginning or at the end are no part of the drive
 SEPARATION_STEPS = 100.0  # median steps between stamps that such a silence lasts at least
 MAX_SEPARATED_SHARE = 0.01  # share of the stamps, at least one, that may be separated in this way
+CLOCK_SETTING = 86400.0  # s of silence from which the clock was set meanwhile, as by NTP after a start
+MAX_UNSET_SHARE = 0.25  # share of the stamps that may be of a clock that was not set
 MAX_OUTLIER_RUN = 3  # consecutive poses that count as outliers if odometry returns afterwards
 
 Outliers = Mapping[int, str]
@@ -59,13 +61,15 @@ def _longest_non_decreasing(times: Floats) -> list[int]:
 
 def _not_separated(times: Floats) -> slice:
     """The part of non-decreasing stamps, [N] s, without a few at either end that a long silence separates."""
-    count, few = len(times), max(1, int(MAX_SEPARATED_SHARE * len(times)))
+    count = len(times)
     steps = np.diff(times)
     if len(steps) < 2:
         return slice(0, count)
     long = max(MIN_SEPARATION, SEPARATION_STEPS * float(np.sort(steps)[(len(steps) - 1) // 2]))
     first, last = 0, count
     for index in np.flatnonzero(steps > long).tolist():
+        share = MAX_UNSET_SHARE if steps[index] > CLOCK_SETTING else MAX_SEPARATED_SHARE
+        few = max(1, int(share * count))
         before, after = index + 1, count - index - 1
         if before <= few and before < after and steps[index] > times[count - 1 - few] - times[index + 1]:
             first = before
