@@ -53,7 +53,7 @@ def find_mount(
     if agreed is None and parameter is None:
         reason = "the log does not state where the lidar sits, since the poses of its scans disagree on it"
         return IDENTITY, f"{reason}: the centre of the robot is assumed; {OPTION_HINT}"
-    if parameter is not None and stated is parameter and not _is_equal(stated, IDENTITY):
+    if pairs and parameter is not None and stated is parameter and not _is_equal(stated, IDENTITY):
         return parameter, f"the lidar is at {_text(parameter)} by the log's parameters, not by the poses of its scans"
     return stated or IDENTITY, ""
 
