@@ -5,16 +5,16 @@ Source: http://carmen.sourceforge.net/logger_playback.html, the header that CARM
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from wherry.logs.carmen_angles import stated_angles, unstated_angles
-from wherry.logs.collector import LogCollector
+from wherry.logs.collector import RANGE_PARAMETER, LogCollector
 from wherry.logs.log_lines import (
     RANGE_MIN,
     MalformedLineError,
+    check_range_max,
     parse_count,
     parse_numbers,
     parse_pose,
@@ -71,8 +71,7 @@ def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
     count = parse_count(words, 8)
     if len(words) <= 9 + count:
         raise MalformedLineError(f"has {len(words)} words, too few for {count} beams")
-    if range_max <= 0.0:
-        raise MalformedLineError("the longest range must be above 0")
+    check_range_max(range_max)
     angles = stated_angles(count, start, field_of_view, resolution)
     collector.note_of(words[0], angles.note)
     ranges = parse_ranges(words[9 : 9 + count], range_max)
@@ -91,10 +90,10 @@ def _at(scan: Scan, time: float) -> Scan:
 def _logger_time(words: list[str]) -> float | None:
     """Time at which the logger received a message, s since it began, its last word; None if that is no number."""
     try:
-        time = float(words[-1])
-    except ValueError:
+        (time,) = parse_numbers(words[-1:])
+    except MalformedLineError:
         return None
-    return time if math.isfinite(time) else None
+    return time
 
 
 def _odom(collector: LogCollector, words: list[str]) -> None:
@@ -109,6 +108,8 @@ def _param(collector: LogCollector, words: list[str]) -> None:
     """``PARAM name value …``, of which those of the lidars are used."""
     if len(words) >= 3 and words[1] in collector.parameters:
         (value,) = parse_numbers(words[2:3])
+        if words[1] == RANGE_PARAMETER and value != 0.0:
+            check_range_max(value)
         collector.parameters[words[1]] = value
 
 
