@@ -226,4 +226,6 @@ def test_a_longest_range_that_no_lidar_has_is_named(tmp_path: Path, longest: str
 
 def test_beam_counts_that_jitter_are_read(tmp_path: Path) -> None:
     lines = [flaser(n, pose, pose, beams=357 + n % 7) for n, pose in enumerate(poses())]
-    assert {len(scan.ranges) for scan in read_log(write(tmp_path, lines)).scans} == set(range(357, 364))
+    log = read_log(write(tmp_path, lines))
+    assert {len(scan.ranges) for scan in log.scans} == set(range(357, 364))
+    assert [note.partition(":")[0] for note in log.notes] == ["FLASER"]

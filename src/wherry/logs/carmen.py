@@ -108,7 +108,7 @@ def _param(collector: LogCollector, words: list[str]) -> None:
     """``PARAM name value …``, of which those of the lidars are used."""
     if len(words) >= 3 and words[1] in collector.parameters:
         (value,) = parse_numbers(words[2:3])
-        if words[1] == RANGE_PARAMETER and value != 0.0:
+        if words[1] == RANGE_PARAMETER and value > 0.0:
             check_range_max(value)
         collector.parameters[words[1]] = value
 

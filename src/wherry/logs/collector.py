@@ -14,7 +14,7 @@ from wherry.logs.lidar_log import LidarLog
 from wherry.logs.mounts import find_mount
 from wherry.logs.options import ReadingOptions
 from wherry.logs.recorded import Recorded, RecordedOdometry, RecordedScan
-from wherry.logs.rejections import Rejections
+from wherry.logs.rejections import Rejections, without_numbers
 from wherry.logs.timestamps import unit_of
 from wherry.robot import Scan
 from wherry.space.pose import Pose
@@ -51,7 +51,7 @@ class LogCollector:
         unread_lasers: Numbers of messages that may be scans, but of an unknown format, by type.
         rejections: Lines that were left out, with reasons.
         ranges: Number of ranges of all scans.
-        scan_notes: What was assumed about the scans, once each, by the type of the message.
+        scan_notes: What was assumed about the scans, by the type of the message and the kind of the assumption.
         notes: What was decided about the log.
     """
 
@@ -64,7 +64,7 @@ class LogCollector:
     odometry: list[RecordedOdometry] = field(default_factory=list)
     unread_lasers: Counter[str] = field(default_factory=Counter)
     rejections: Rejections = field(init=False)
-    scan_notes: dict[str, dict[str, None]] = field(default_factory=dict)
+    scan_notes: dict[str, dict[str, str]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     ranges: int = 0
 
@@ -89,9 +89,9 @@ class LogCollector:
         return self.parameters[RESOLUTION_PARAMETER]
 
     def note_of(self, message: str, text: str) -> None:
-        """Note an assumption about the scans of a type of message; an empty text or a repeated one is ignored."""
+        """Note an assumption about the scans of a type of message, the first of each kind; an empty text is ignored."""
         if text:
-            self.scan_notes.setdefault(message, {})[f"{message}: {text}"] = None
+            self.scan_notes.setdefault(message, {}).setdefault(without_numbers(text), f"{message}: {text}")
 
     def skip_line(self, reason: str) -> None:
         """Leave the malformed line out.
@@ -148,7 +148,7 @@ class LogCollector:
         if scans:
             pairs = self.lidars.get(message, [])
             mount, mount_note = find_mount(self.source, pairs, self._stated_mount(message), self.options.lidar)
-            self.notes += [*self.scan_notes.get(message, {}), *([mount_note] if mount_note else [])]
+            self.notes += [*self.scan_notes.get(message, {}).values(), *([mount_note] if mount_note else [])]
         return assemble_log(
             self.source,
             self._in_seconds(scans, np.array([recorded.scan.time for recorded in scans]), "scans"),

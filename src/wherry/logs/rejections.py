@@ -83,10 +83,15 @@ def are_too_many(rejected: int, total: int) -> bool:
     return rejected >= MIN_REJECTED and rejected > MAX_REJECTED_SHARE * total
 
 
+def without_numbers(text: str) -> str:
+    """A text with a mark in place of each number, by which texts of one kind are equal."""
+    return NUMBER.sub("#", text)
+
+
 def _kind(entry: str) -> str:
     """The reason of an entry without its numbers and quoted words."""
     reason = entry.partition(": ")[2]
-    return NUMBER.sub("#", reason.partition("'")[0])
+    return without_numbers(reason.partition("'")[0])
 
 
 def _shortened(text: str) -> str:
