@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 from wherry.logs.carmen_angles import stated_angles, unstated_angles
@@ -51,7 +52,7 @@ def _robot_laser(collector: LogCollector, words: list[str]) -> None:
     poses = parse_numbers(words[first : first + 6])
     (time,) = parse_numbers(words[first + 11 : first + 12])
     robot, lidar = parse_pose(poses[3:]), parse_pose(poses[:3])
-    collector.add_scan(words[0], _at(scan, time), robot, lidar, _logger_time(words))
+    collector.add_scan(words[0], replace(scan, time=time), robot, lidar, _logger_time(words))
 
 
 def _raw_laser(collector: LogCollector, words: list[str]) -> None:
@@ -60,7 +61,7 @@ def _raw_laser(collector: LogCollector, words: list[str]) -> None:
     if len(words) != first + 3:
         raise MalformedLineError(f"has {len(words)} words, where {len(scan.ranges)} beams need {first + 3}")
     (time,) = parse_numbers(words[first : first + 1])
-    collector.add_scan(words[0], _at(scan, time), None, None, _logger_time(words))
+    collector.add_scan(words[0], replace(scan, time=time), None, None, _logger_time(words))
 
 
 def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
@@ -80,11 +81,6 @@ def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
         return Scan(0.0, ranges, angles.start, angles.increment, RANGE_MIN, range_max), 9 + count
     remissions = parse_count(words, 9 + count, minimum=0)
     return Scan(0.0, ranges, angles.start, angles.increment, RANGE_MIN, range_max), 10 + count + remissions
-
-
-def _at(scan: Scan, time: float) -> Scan:
-    """A scan with its time, s."""
-    return Scan(time, scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
 
 
 def _logger_time(words: list[str]) -> float | None:

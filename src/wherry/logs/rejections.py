@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from wherry.errors import InputError
 
 MAX_REJECTED_SHARE = 0.25  # share of the lines or messages above which a recording is refused even if lenient
+MAX_REJECTED = 200_000  # lines or messages above which a recording is refused without reading the rest
 MIN_REJECTED = 4  # lines or messages below which the share is not checked, as in files of a few lines
 REPORTED_REASONS = 2  # reasons named in a note, the most frequent ones
 MAX_EXAMPLE_LENGTH = 100  # characters of an example in a note
@@ -38,11 +39,13 @@ class Rejections:
             reason: Why it cannot be used, as a predicate.
 
         Raises:
-            InputError: The reader is not lenient; the error names the line and the reason.
+            InputError: The reader is not lenient, or too much was left out; the error names the line and the reason.
         """
         if not self.lenient:
             raise InputError(self.source, name, f"{reason} (--lenient leaves it out)")
         self.entries.append(f"{name}: {reason}")
+        if len(self.entries) > MAX_REJECTED:
+            raise InputError(self.source, name, f"is the last of over {MAX_REJECTED:,} that cannot be used: {reason}")
 
     def check_share(self, rejected: int, total: int, what: str) -> None:
         """Refuse a recording most of which would be left out.
