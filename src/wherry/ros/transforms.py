@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -16,8 +17,28 @@ MAX_LINK_TURN = 0.02  # rad, by which a link may turn and still count as fixed
 MAX_MOUNT_TILT = 0.12  # rad, between the z axes of the lidar and base_link, or their opposites
 MAX_FRAMES_NAMED = 6  # frames that an error lists
 
+ODOMETRY_FRAME = re.compile(r"(?:^|[/_])odom(?:_combined|_ekf|_filtered|_raw)?$")
+WORLD_FRAME = re.compile(r"(?:^|[/_])(?:map|world|earth)$")
+BASE_FRAME = re.compile(r"(?:^|[/_])base_(?:link|footprint)$")
+
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+Pair = tuple[str, str]  # parent and child frame
+
+
+def is_odometry_frame(frame: str) -> bool:
+    """Whether a frame has the name of one in which odometry is given, with or without a prefix."""
+    return ODOMETRY_FRAME.search(frame) is not None
+
+
+def is_base_frame(frame: str) -> bool:
+    """Whether a frame has one of the names of the robot's frame in REP 105 and REP 120, with or without a prefix."""
+    return BASE_FRAME.search(frame) is not None
+
+
+def is_world_frame(frame: str) -> bool:
+    """Whether a frame has the name of one in which the robot moves, with or without a prefix."""
+    return is_odometry_frame(frame) or WORLD_FRAME.search(frame) is not None
 
 
 class MountError(ValueError):
@@ -169,12 +190,18 @@ class TransformTree:
     """The frames of a robot and the transforms between them, static and changing ones."""
 
     def __init__(self) -> None:
-        self._links: dict[tuple[str, str], Link] = {}
+        self._links: dict[Pair, Link] = {}
+        self._rejected: dict[Pair, tuple[str, str]] = {}
 
     @property
     def frames(self) -> set[str]:
         """Names of all frames."""
         return {frame for pair in self._links for frame in pair}
+
+    @property
+    def all_frames(self) -> set[str]:
+        """Names of all frames, including those of unusable transforms only."""
+        return self.frames | {frame for pair in self._rejected for frame in pair}
 
     @property
     def links(self) -> tuple[Link, ...]:
@@ -189,15 +216,21 @@ class TransformTree:
         elif len(self._links) < MAX_LINKS:
             self._links[parent, child] = Link(parent, child, transform)
 
+    def reject(self, parent: str, child: str, name: str, reason: str) -> None:
+        """Remember the first unusable transform of a frame in its parent frame: name of the message, and reason."""
+        if len(self._rejected) < MAX_LINKS:
+            self._rejected.setdefault((parent, child), (name, reason))
+
     def add_all(self, other: TransformTree) -> None:
         """Add the links of another tree."""
+        self._rejected = {**other._rejected, **self._rejected}
         for link in other.links:
             self.add(link.parent, link.child, link.transform)
             mine = self._links.get((link.parent, link.child))
             if mine is not None:
                 mine.shift, mine.turn = max(mine.shift, link.shift), max(mine.turn, link.turn)
 
-    def chain(self, base: str, frame: str, is_world: Callable[[str], bool] = lambda name: False) -> list[Link] | None:
+    def chain(self, base: str, frame: str, is_world: Callable[[str], bool] = is_world_frame) -> list[Link] | None:
         """The links from a frame to another, up and down the tree; None if they are not connected.
 
         Args:
@@ -208,9 +241,20 @@ class TransformTree:
         reached = self._reached_from(base, is_world)
         return list(_path(reached, frame)) if frame in reached else None
 
-    def lookup(
-        self, base: str, frame: str, is_world: Callable[[str], bool] = lambda name: False
-    ) -> RigidTransform | None:
+    def rejected_between(
+        self, base: str, frame: str, is_world: Callable[[str], bool] = is_world_frame
+    ) -> list[tuple[str, str]]:
+        """Name and reason of the unusable transforms on the way that `chain` goes, or would go if they were usable."""
+        tree = self
+        if self.chain(base, frame, is_world) is None:
+            tree = TransformTree()
+            tree.add_all(self)
+            for pair in self._rejected:
+                tree.add(*pair, RigidTransform())
+        pairs = [(link.parent, link.child) for link in tree.chain(base, frame, is_world) or ()]
+        return [self._rejected[pair] for pair in pairs if pair in self._rejected]
+
+    def lookup(self, base: str, frame: str, is_world: Callable[[str], bool] = is_world_frame) -> RigidTransform | None:
         """The transform of a frame in a base frame; None while they are not connected.
 
         Args:

@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from wherry.errors import InputError
-from wherry.ros.bags.recorded_transforms import (
-    RecordedTransforms,
-    TransformTable,
+from wherry.ros.bags.recorded_transforms import RecordedTransforms, TransformTable
+from wherry.ros.bags.rejections import Rejections
+from wherry.ros.decoding import MessageError
+from wherry.ros.transforms import (
+    Mount,
+    MountError,
     is_base_frame,
     is_odometry_frame,
     is_world_frame,
+    listed_frames,
+    resolve_frame,
 )
-from wherry.ros.bags.rejections import Rejections
-from wherry.ros.transforms import Mount, MountError, listed_frames, resolve_frame
 from wherry.space.pose import Pose, wrap
 
 STATED = "--lidar x,y,theta states it (m, m, degrees)"
@@ -97,15 +100,12 @@ class MountFinder:
         """The error about an unusable transform without which the mount is unknown; None if there is none."""
         frames = self.frames
         *_, table = self._transforms.tables(frames.prefix, static_only=False)
-        tree = table.with_rejected()
-        laser = resolve_frame(frames.laser, tree.frames, frames.prefix) or frames.laser
-        for base in [frames.base] if frames.base else filter(is_base_frame, sorted(tree.frames)):
-            for link in (
-                tree.chain(resolve_frame(base, tree.frames, frames.prefix) or base, laser, frames.is_world) or ()
-            ):
-                if (link.parent, link.child) in table.rejected:
-                    name, error = table.rejected[link.parent, link.child]
-                    return InputError(self.rejections.path, name, str(error))
+        tree = table.tree
+        laser = resolve_frame(frames.laser, tree.all_frames, frames.prefix) or frames.laser
+        for named in [frames.base] if frames.base else filter(is_base_frame, sorted(tree.all_frames)):
+            base = resolve_frame(named, tree.all_frames, frames.prefix) or named
+            for name, reason in tree.rejected_between(base, laser, frames.is_world):
+                return InputError(self.rejections.path, name, reason)
         return None
 
     def unknown(self) -> InputError:
@@ -140,9 +140,8 @@ class MountFinder:
         Raises:
             InputError: There are unusable ones, and the reader is not lenient.
         """
-        for link in table.tree.chain(base, laser, self.frames.is_world) or ():
-            if (link.parent, link.child) in table.rejected:
-                self.rejections.add(*table.rejected[link.parent, link.child])
+        for name, reason in table.tree.rejected_between(base, laser, self.frames.is_world):
+            self.rejections.add(name, MessageError(reason))
         for found, named in ((laser, self.frames.laser), (base, self.frames.base)):
             if named and found != named:
                 self.notes.append(f"the frame {named!r} of the messages is taken for {found!r} of the transforms")

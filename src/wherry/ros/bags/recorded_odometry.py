@@ -7,18 +7,11 @@ from dataclasses import dataclass
 
 from wherry.errors import InputError
 from wherry.logs.assembly import RecordedOdometry
-from wherry.ros.bags.recorded_transforms import (
-    Pair,
-    RecordedTransforms,
-    TransformTable,
-    is_base_frame,
-    is_odometry_frame,
-    is_world_frame,
-)
+from wherry.ros.bags.recorded_transforms import RecordedTransforms, TransformTable
 from wherry.ros.bags.rejections import Rejections
 from wherry.ros.bags.storage import BagTopic, OpenBag
 from wherry.ros.decoding import MessageError, decode_odometry, decode_transform, frames_of
-from wherry.ros.transforms import resolve_frame
+from wherry.ros.transforms import Pair, is_base_frame, is_odometry_frame, is_world_frame, resolve_frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +107,7 @@ def _odometry_pairs(table: TransformTable, laser: str, prefix: str) -> list[Pair
 
     def rank(pair: Pair) -> tuple[object, ...]:
         child = pair[1]
-        is_connected = tree.chain(child, found, is_world_frame) is not None
+        is_connected = tree.chain(child, found) is not None
         is_own = bool(prefix) and child.startswith(f"{prefix}/")
         return (not is_connected, not is_own, not is_base_frame(child), -table.counts[pair])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -12,28 +11,7 @@ from wherry.ros.bags.storage import BagTopic, OpenBag
 from wherry.ros.bags.topics import STATIC_NAME, transform_topics
 from wherry.ros.decoding import MessageError, decode_rigid_transform, frames_of
 from wherry.ros.message_protocols import TransformStampedLike
-from wherry.ros.transforms import RigidTransform, TransformTree
-
-ODOMETRY_FRAME = re.compile(r"(?:^|[/_])odom(?:_combined|_ekf|_filtered|_raw)?$")
-WORLD_FRAME = re.compile(r"(?:^|[/_])(?:map|world|earth)$")
-BASE_FRAME = re.compile(r"(?:^|[/_])base_(?:link|footprint)$")
-
-Pair = tuple[str, str]
-
-
-def is_odometry_frame(frame: str) -> bool:
-    """Whether a frame has the name of one in which odometry is given, with or without a prefix."""
-    return ODOMETRY_FRAME.search(frame) is not None
-
-
-def is_base_frame(frame: str) -> bool:
-    """Whether a frame has one of the names of the robot's frame in REP 105 and REP 120, with or without a prefix."""
-    return BASE_FRAME.search(frame) is not None
-
-
-def is_world_frame(frame: str) -> bool:
-    """Whether the robot moves in a frame of this name."""
-    return is_odometry_frame(frame) or WORLD_FRAME.search(frame) is not None
+from wherry.ros.transforms import Pair, TransformTree
 
 
 @dataclass
@@ -41,31 +19,20 @@ class TransformTable:
     """The transforms of one or several topics.
 
     Attributes:
-        tree: Tree of the usable ones.
+        tree: Tree of their frames.
         counts: Number of transforms of each pair of parent and child, of topics that are not static.
-        rejected: Name and reason of the first unusable transform of each pair.
         topics: The topics.
     """
 
     tree: TransformTree = field(default_factory=TransformTree)
     counts: Counter[Pair] = field(default_factory=Counter)
-    rejected: dict[Pair, tuple[str, MessageError]] = field(default_factory=dict)
     topics: list[BagTopic] = field(default_factory=list)
 
     def add_all(self, other: TransformTable) -> None:
         """Add another table."""
         self.tree.add_all(other.tree)
         self.counts.update(other.counts)
-        self.rejected = {**other.rejected, **self.rejected}
         self.topics += other.topics
-
-    def with_rejected(self) -> TransformTree:
-        """The tree as if its unusable transforms were usable, to find those that are missing."""
-        tree = TransformTree()
-        tree.add_all(self.tree)
-        for parent, child in self.rejected:
-            tree.add(parent, child, RigidTransform())
-        return tree
 
 
 class RecordedTransforms:
@@ -131,5 +98,5 @@ def _read_table(bag: OpenBag, topic: BagTopic, rejections: Rejections) -> Transf
             try:
                 table.tree.add(*pair, decode_rigid_transform(transform))
             except MessageError as error:
-                table.rejected.setdefault(pair, (message.name, error))
+                table.tree.reject(*pair, message.name, str(error))
     return table
