@@ -114,9 +114,7 @@ class MountFinder:
         *_, table = self._transforms.tables(frames.prefix, static_only=False)
         known = listed_frames(frame for frame in table.tree.frames if not frames.is_world(frame))
         base = frames.base or "base_link"
-        reason = (
-            f"where this frame of the scans sits on {base} is unknown (frames of the transforms: {known}); {STATED}"
-        )
+        reason = f"where the lidar sits on {base} is unknown (frames of the transforms: {known}); {STATED}"
         return InputError(path, f"frame {frames.laser!r}", reason)
 
     def _mount_in(self, table: TransformTable, bases: list[str]) -> Mount | None:

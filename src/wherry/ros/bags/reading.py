@@ -108,8 +108,6 @@ def _mount_in_other_parts(recording: RecordingFiles, scans: BagTopic, finder: Mo
         elsewhere = MountFinder(RecordedTransforms(bag, scans, rejections), finder.frames, rejections, finder.notes)
         mount = elsewhere.find()
     if mount is not None:
-        names = ", ".join(file.name for file in recording.other_parts[:1])
-        finder.notes.append(
-            f"the lidar's pose on the robot is taken from other files of the recording, such as {names}"
-        )
+        first = recording.other_parts[0].name
+        finder.notes.append(f"the lidar's pose on the robot is taken from other files of the recording, as {first}")
     return mount

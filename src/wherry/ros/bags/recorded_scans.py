@@ -17,7 +17,8 @@ from wherry.ros.decoding import MessageError, decode_laser_scan
 MAX_RANGES = 200_000_000  # total of all scans, 1.6 GB
 MAX_FRAMES_NAMED = 3  # frames of scans that a note lists
 MAX_SWEEP_RATIO = 1.1  # time from the first beam to the last ÷ time from a scan to the next
-MIN_NEAREST_SHARE = 0.02  # share of readings at range_min above which they are missing returns, not obstacles
+MIN_NEAREST_COUNT = 100  # readings at range_min from which on they may be no measurements
+MIN_NEAREST_SHARE = 0.02  # share of readings at range_min above which they are no measurements, but not obstacles
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +92,9 @@ def _without_impossible_times(topic: str, scans: list[RecordedScan]) -> tuple[li
 def _without_nearest_readings(topic: str, scans: list[RecordedScan]) -> tuple[list[RecordedScan], str]:
     """The scans, without readings of −inf or range_min if they are too many to be obstacles that near."""
     near = [recorded.scan.ranges == recorded.scan.range_min for recorded in scans]
-    share = sum(int(beams.sum()) for beams in near) / max(sum(map(len, near)), 1)
-    if share <= MIN_NEAREST_SHARE:
+    count = sum(int(beams.sum()) for beams in near)
+    share = count / sum(map(len, near))
+    if count < MIN_NEAREST_COUNT or share <= MIN_NEAREST_SHARE:
         return scans, ""
     note = f"{topic}: {share:.0%} of the readings are −inf or range_min, which is taken for no measurement"
     cleared = [

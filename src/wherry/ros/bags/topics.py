@@ -127,7 +127,10 @@ def _choice(what: str, chosen: BagTopic, topics: Sequence[BagTopic], option: str
 
 def _named(topics: Sequence[BagTopic]) -> str:
     """Names of topics and their numbers of messages."""
-    names = ", ".join(f"{topic.name} ({topic.count} messages)" for topic in topics[:MAX_TOPICS_NAMED])
+    counts = (f"{topic.count} message{'s' * (topic.count != 1)}" for topic in topics)
+    names = ", ".join(
+        f"{topic.name} ({count})" for topic, count in zip(topics[:MAX_TOPICS_NAMED], counts, strict=False)
+    )
     return f"{names}, … ({len(topics)} topics)" if len(topics) > MAX_TOPICS_NAMED else names or "none"
 
 
