@@ -95,6 +95,7 @@ class SmallBag:
         frame: str = "odom",
         child: str = "base_link",
         orientation: Quaternion | None = None,
+        received: float | None = None,
     ) -> SmallBag:
         """Add odometry."""
         pose = SimpleNamespace(position=vector(x, 0.0, 0.0), orientation=rotation(orientation or quaternion(yaw=yaw)))
@@ -105,7 +106,7 @@ class SmallBag:
             pose=SimpleNamespace(pose=pose, covariance=np.zeros(36)),
             twist=SimpleNamespace(twist=twist, covariance=np.zeros(36)),
         )
-        return self.add(topic, ODOMETRY, time, content)
+        return self.add(topic, ODOMETRY, time if received is None else received, content)
 
     def transforms(
         self, links: Sequence[Link], time: float = 0.0, topic: str = "/tf_static", message_type: str = TF2
