@@ -69,18 +69,19 @@ def find_files(path: Path) -> RecordingFiles:
     if path.suffix == UNFINISHED:
         raise InputError(path, "", f"is a recording that was cut off; {_recovery_hint(path)}")
     if not path.is_dir():
+        notes = _unwritten([path])
         parts = [file for file in _bag_files(path.parent) if _recording(file) == _recording(path)]
-        return RecordingFiles((path,), tuple(file for file in parts if file.name != path.name))
+        return RecordingFiles((path,), tuple(file for file in parts if file.name != path.name), notes)
     found = _bag_files(path)
     if not found:
         raise InputError(path, "", "holds no .bag, .mcap or .db3 file")
     listed, note = _listed_files(path)
     files = sorted((file for file in found if file.name in listed), key=lambda file: listed.index(file.name))
     if files:
-        return RecordingFiles(tuple(files), (), _missing(files, listed))
+        return RecordingFiles(tuple(files), (), (*_missing(files, listed), *_unwritten(files)))
     if len({_recording(file) for file in found}) > 1:
         raise InputError(path, "", f"holds several recordings; name one of {_named(found)}")
-    return RecordingFiles(tuple(found), (), (note,) if note else ())
+    return RecordingFiles(tuple(found), (), (*([note] if note else []), *_unwritten(found)))
 
 
 def _bag_files(folder: Path) -> list[Path]:
@@ -127,6 +128,14 @@ def _missing(files: list[Path], listed: list[str]) -> tuple[str, ...]:
     """A note of the listed files that are missing."""
     missing = sorted({*listed} - {file.name for file in files})
     return (f"{_named([Path(name) for name in missing])} of the recording is missing",) if missing else ()
+
+
+def _unwritten(files: list[Path]) -> tuple[str, ...]:
+    """Notes of the SQLite files with messages that were not written into them when the recorder died."""
+    logs = [file.with_name(f"{file.name}-wal") for file in files if file.suffix == ".db3"]
+    left = [log for log in logs if log.is_file() and log.stat().st_size > 0]
+    adding = "sqlite3 FILE 'PRAGMA wal_checkpoint' writes them into the bag"
+    return (f"{_named(left)} holds messages that are not read; {adding}",) if left else ()
 
 
 def _named(files: list[Path]) -> str:
