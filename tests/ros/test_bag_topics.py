@@ -171,6 +171,11 @@ def test_transforms_of_zero_quaternions_give_no_odometry(bag: SmallBag, tmp_path
         read(bag, tmp_path / "again", lenient=True)
 
 
+def test_odometry_of_an_unusual_name_is_said(bag: SmallBag, tmp_path: Path) -> None:
+    log = read(bag.drive(topic="/ground_truth").transforms(MOUNT).scan(), tmp_path)
+    assert log.notes == ("odometry is taken from /ground_truth (11 messages); --odom-topic chooses",)
+
+
 def test_odometry_of_another_robot_is_not_read(bag: SmallBag, tmp_path: Path) -> None:
     bag.scan(topic="/robot1/scan").scan(topic="/robot2/scan").scan(2.0, topic="/robot2/scan").drive(
         topic="/robot1/odom"
@@ -184,14 +189,17 @@ def test_odometry_of_another_robot_is_not_read(bag: SmallBag, tmp_path: Path) ->
 # ---- types of other packages
 
 
-def test_a_type_that_cannot_be_parsed_does_not_matter(tmp_path: Path) -> None:
-    path = SmallBag("mcap").drive().transforms(MOUNT).scan().write_file(tmp_path, "run")
-    content = path.read_bytes()
-    marker = b"float32 angle_min"
-    assert marker in content
-    # The definition of LaserScan in the file is damaged: ROS's own is used.
-    path.write_bytes(content.replace(marker, b"flo@t32 angle_min"))
-    assert times(read_bag(path)) == [1.0]
+@pytest.mark.parametrize("definition", ["?? this is not a definition", "other_msgs/Unknown field\n", ""])
+def test_a_type_that_cannot_be_parsed_does_not_matter(bag: SmallBag, tmp_path: Path, definition: str) -> None:
+    bag.drive().transforms(MOUNT).scan().define("/odd", "odd_msgs/msg/Odd", definition)
+    assert times(read(bag, tmp_path)) == [1.0]
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite"])  # MCAP has no hashes
+def test_a_type_of_ros_that_is_defined_otherwise_is_refused(tmp_path: Path, kind: str) -> None:
+    bag = SmallBag(kind).drive().transforms(MOUNT).define("/scan", LASER_SCAN, "float32 angle\n")
+    with pytest.raises(InputError, match="/scan: its sensor_msgs/msg/LaserScan is defined otherwise than that of ROS"):
+        read(bag, tmp_path)
 
 
 # ---- files

@@ -62,7 +62,7 @@ def test_a_broken_message_is_named_or_skipped(tmp_path: Path) -> None:
 def test_the_number_of_beams_may_vary(tmp_path: Path, kind: str) -> None:
     bag, counts = SmallBag(kind).transforms(MOUNT).drive(), [360, 357, 363, 359, 361]
     for time, beams in enumerate(counts, start=1):
-        bag.scan(float(time), ranges=np.ones(beams), angle_min=-math.pi, angle_increment=math.tau / beams)
+        bag.scan(float(time), ranges=np.linspace(1.0, 5.0, beams), angle_min=-math.pi, angle_increment=math.tau / beams)
     log = read_bag(bag.write(tmp_path / f"run{'.bag' * (kind == 'ros1')}"))
     assert [len(scan.ranges) for scan in log.scans] == counts
     assert log.notes == ()
@@ -106,6 +106,29 @@ def test_the_beams_of_a_lidar_upside_down_keep_their_times(tmp_path: Path) -> No
     (scan,) = read_bag(bag.write(tmp_path / "run")).scans
     assert scan.time_increment == -0.0625
     assert scan.ranges.tolist() == [5.0, 4.0, 3.0, 2.0, 1.0]
+
+
+@pytest.mark.parametrize("is_upside_down", [False, True])
+@pytest.mark.parametrize("is_clockwise", [False, True])
+def test_a_scan_while_turning_is_corrected(tmp_path: Path, is_upside_down: bool, is_clockwise: bool) -> None:
+    """A lidar on the axle, in the middle of a square room of 4 m, that turns at 1 rad/s."""
+    rate, period, beams = 1.0, 0.1, 90
+    beam_angles = np.linspace(-math.pi, math.pi, beams) * (-1.0 if is_clockwise else 1.0)
+    directions = -beam_angles if is_upside_down else beam_angles
+    world = directions + rate * np.linspace(0.0, period, beams)
+    ranges = 2.0 / np.maximum(np.abs(np.cos(world)), np.abs(np.sin(world)))
+    turned = (1.0, 0.0, 0.0, 0.0) if is_upside_down else (0.0, 0.0, 0.0, 1.0)
+    bag = SmallBag("mcap").transforms([link("base_link", "laser", rotation=turned)])
+    for step in range(21):
+        bag.odometry(0.05 * step, yaw=0.05 * step * rate)
+    step = float(beam_angles[1] - beam_angles[0])
+    for time in (0.0, 0.2):
+        changes = {"angle_min": float(beam_angles[0]), "angle_increment": step, "time_increment": period / (beams - 1)}
+        bag.scan(time, ranges=ranges, **changes)
+    log = read_bag(bag.write(tmp_path / "run"))
+    raw, corrected = (np.abs(scan.points()).max(axis=1) for scan in (log.scans[0], log.deskewed(0)))
+    assert np.abs(raw - 2.0).max() > 0.1
+    assert np.abs(corrected - 2.0).max() < 1e-5
 
 
 def test_a_file_that_is_not_a_bag_is_refused(tmp_path: Path) -> None:

@@ -49,10 +49,17 @@ class SmallBag:
 
     kind: str
     _messages: list[tuple[str, str, float, Any]] = field(default_factory=list)
+    _definitions: dict[str, str] = field(default_factory=dict)
 
     def add(self, topic: str, message_type: str, received: float, content: Any) -> SmallBag:
         """Add any message."""
         self._messages.append((topic, message_type, received, content))
+        return self
+
+    def define(self, topic: str, message_type: str, definition: str) -> SmallBag:
+        """Add a message of eight zero bytes, and give all messages of its type another definition."""
+        self._definitions[message_type] = definition
+        self._messages.append((topic, message_type, 0.0, bytes(8)))
         return self
 
     def declare(self, topic: str, message_type: str) -> SmallBag:
@@ -136,12 +143,20 @@ class SmallBag:
             connections: dict[tuple[str, str], Any] = {}
             for topic, kind, received, content in self._messages:
                 if (topic, kind) not in connections:
-                    connections[topic, kind] = writer.add_connection(topic, kind, typestore=types)
+                    connections[topic, kind] = writer.add_connection(topic, kind, **self._definition(kind, types))
                 if content is None:
                     continue
                 serialize = types.serialize_ros1 if self.kind == "ros1" else types.serialize_cdr
-                writer.write(connections[topic, kind], round(received * 1e9) + 1, serialize(content, kind))
+                raw = content if isinstance(content, bytes) else serialize(content, kind)
+                writer.write(connections[topic, kind], round(received * 1e9) + 1, raw)
         return path
+
+    def _definition(self, message_type: str, types: Any) -> dict[str, Any]:
+        """The definition of a type, as a writer of rosbags takes it."""
+        if message_type not in self._definitions:
+            return {"typestore": types}
+        digest = {"md5sum": "0" * 32} if self.kind == "ros1" else {"rihs01": f"RIHS01_{'0' * 64}"}
+        return {"msgdef": self._definitions[message_type], **digest}
 
     def write_file(self, folder: Path, name: str) -> Path:
         """Write the bag as a single file of a name without suffix, also in ROS 2; returns its path."""

@@ -73,6 +73,8 @@ def choose_odometry_topic(bag: OpenBag, scans: BagTopic, requested: str | None, 
     chosen = min(own, key=lambda topic: _odometry_rank(topic, scans))
     if len(topics) > 1:
         notes.append(_choice("odometry is", chosen, topics, "--odom-topic"))
+    elif "odom" not in chosen.name:
+        notes.append(f"odometry is taken from {_named([chosen])}; --odom-topic chooses")
     return chosen
 
 
