@@ -15,10 +15,37 @@ Format = Callable[[Any], str]
 MetricLabels = Mapping[str, tuple[str, Format]]
 """Label and format of each metric by its key in JSON, in the order of display."""
 
+MIN_DURATION_IN_MINUTES = 60.0  # s
+
 
 def metres(value: float) -> str:
     """Format a length, m."""
     return f"{value:.3f} m"
+
+
+def long_metres(value: float) -> str:
+    """Format a length of many metres, m."""
+    return f"{value:,.1f} m"
+
+
+def size(value: tuple[float, float]) -> str:
+    """Format the size of an area, m."""
+    width, height = value
+    return f"{width:.1f} × {height:.1f} m"
+
+
+def square_metres(value: float) -> str:
+    """Format an area, m²."""
+    return f"{value:,.1f} m²"
+
+
+def duration(value: float) -> str:
+    """Format a duration, s, as minutes and seconds, with hours before them if it has any."""
+    if value < MIN_DURATION_IN_MINUTES:
+        return f"{value:.1f} s"
+    minutes, rest = divmod(round(value), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d} h" if hours else f"{minutes}:{rest:02d} min"
 
 
 def degrees(value: float) -> str:
@@ -57,27 +84,38 @@ def names(value: tuple[str, ...]) -> str:
     return ", ".join(value) or "none"
 
 
-MAPPING_METRICS: MetricLabels = {
-    "backend": ("method", str),
+MAP_METRICS: MetricLabels = {
+    "size_m": ("size of the map", size),
+    "free_area_m2": ("free space", square_metres),
+    "resolution_m": ("resolution", metres),
+    "distance_m": ("way driven", long_metres),
+    "duration_s": ("duration of the log", duration),
     "scans": ("scans mapped", count),
-    "skipped": ("malformed lines skipped", count),
+    "skipped": ("malformed lines or messages skipped", count),
+    "fit": ("beams of the scans that end on the map's walls", percent),
+    "closures_accepted": ("loop closures accepted", count),
+    "closures_refused": ("loop closures rejected", count),
+    "ms_per_scan_median": ("CPU time per scan (median)", milliseconds),
+    "ms_per_scan_p99": ("CPU time per scan (99th percentile)", milliseconds),
+    "seconds": ("CPU time in total", seconds),
+    "backend": ("method", str),
+}
+"""Metrics of every mapping run (`wherry.pipelines.logs.mapping`)."""
+
+MAPPING_METRICS: MetricLabels = {
+    **MAP_METRICS,
     "relations": ("reference relations", count),
     "translational_error_m": ("translational error (mean)", metres),
     "translational_sd_m": ("translational error (standard deviation)", metres),
     "rotational_error_deg": ("rotational error (mean)", degrees),
     "rotational_sd_deg": ("rotational error (standard deviation)", degrees),
     "far_translational_error_m": ("translational error over more than a minute (mean)", metres),
-    "closures_accepted": ("loop closures accepted", count),
-    "closures_refused": ("loop closures rejected", count),
-    "ms_per_scan_median": ("CPU time per scan (median)", milliseconds),
-    "ms_per_scan_p99": ("CPU time per scan (99th percentile)", milliseconds),
-    "seconds": ("CPU time in total", seconds),
 }
-"""Metrics of a mapping run (`wherry.pipelines.logs.mapping`)."""
+"""Metrics of a mapping run that is scored by reference relations."""
 
 LOCALIZATION_METRICS: MetricLabels = {
     "scans": ("scans", count),
-    "skipped": ("malformed lines skipped", count),
+    "skipped": ("malformed lines or messages skipped", count),
     "rmse_m": ("position error to the reference (rms)", metres),
     "median_m": ("position error to the reference (median)", metres),
     "p99_m": ("position error to the reference (99th percentile)", metres),
@@ -90,6 +128,12 @@ LOCALIZATION_METRICS: MetricLabels = {
     "seed": ("seed", str),
 }
 """Metrics of a localization run (`wherry.pipelines.logs.localization`)."""
+
+DRIVE_METRICS: MetricLabels = {
+    "distance_m": ("way driven", long_metres),
+    "duration_s": ("duration of the log", duration),
+}
+"""Metrics of the drive of a log (`wherry.pipelines.logs.summary`)."""
 
 LEARNING_METRICS: MetricLabels = {
     "learner": ("learner", str),

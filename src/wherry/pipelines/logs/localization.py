@@ -22,23 +22,20 @@ from wherry.localization.parameters import (
     LOST_PROBABILITY_THRESHOLD,
 )
 from wherry.logs.lidar_log import LidarLog
-from wherry.logs.options import ReadingOptions
+from wherry.logs.options import DEFAULT_READING, ReadingOptions
 from wherry.logs.tables import read_odometry
 from wherry.logs.timestamps import increasing_times
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph
+from wherry.pipelines.logs.files import check_trajectory_format, save_trajectories
+from wherry.pipelines.logs.pictures import draw_localization
 from wherry.pipelines.logs.reading import read_recording
 from wherry.robot import Odometry
 from wherry.space.map_files import load_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
-from wherry.space.trajectory import Trajectory, save_tum
+from wherry.space.trajectory import Trajectory
 from wherry.space.wean_map import load_wean_map
-from wherry.views.map_picture import MapPicture
-
-TRAJECTORY_COLOUR = (30, 150, 60)
-LOST_COLOUR = (230, 60, 60)
-PARTICLE_COLOUR = (220, 40, 40)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +51,8 @@ class LocalizationSettings:
         is_global: Whether the robot starts without an initial pose. Otherwise the initial pose is that of ``params``,
             else that of the reference at the first scan, else the origin of the map frame.
         seed: Seed of all randomness.
-        lenient: Whether to skip broken lines or messages of the log.
+        reading: How the log is read.
+        trajectory_format: Format of a trajectory file in addition to trajectory.tum, a key of `TRAJECTORY_FORMATS`.
     """
 
     log: Path
@@ -63,7 +61,8 @@ class LocalizationSettings:
     reference: Path | None = None
     is_global: bool = False
     seed: int = 0
-    lenient: bool = False
+    reading: ReadingOptions = DEFAULT_READING
+    trajectory_format: str = "tum"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,12 +127,13 @@ def prepare(settings: LocalizationSettings, log: LidarLog | None = None) -> Loca
     Raises:
         InputError: Log, map, parameters or reference cannot be used, or the log has scans without odometry.
     """
+    check_trajectory_format(settings.trajectory_format)
     loaded = None if settings.params is None else load_parameters(settings.params)
     defaults = GLOBAL_PARAMETERS if settings.is_global else LOG_PARAMETERS
     parameters = defaults if loaded is None else loaded.parameters
     grid = load_any_map(settings.map_file)
     if log is None:
-        log = read_recording(settings.log, ReadingOptions(settings.lenient))
+        log = read_recording(settings.log, settings.reading)
     odometry = odometry_of_scans(log, settings.log)
     reference = None if settings.reference is None else read_odometry(settings.reference)
     if settings.is_global:
@@ -272,22 +272,17 @@ class LocalizationRun:
         return position_errors(trajectory.poses[inside], reference, alignment=IDENTITY)
 
     def save(self, folder: Path) -> list[Path]:
-        """Write trajectory.tum and localization.png.
+        """Write the trajectory and localization.png.
 
         Raises:
             InputError: The folder cannot be written to.
         """
         ensure_writable_folder(folder)
-        save_tum(self.trajectory, folder / "trajectory.tum")
+        trajectories = save_trajectories(self.trajectory, folder, self._settings.trajectory_format)
         write_atomically(folder / "localization.png", self.picture())
-        return [folder / "trajectory.tum", folder / "localization.png"]
+        return [*trajectories, folder / "localization.png"]
 
     def picture(self) -> bytes:
         """A PNG of the map, the last particles, and the trajectory, which is red where the robot was reported lost."""
-        picture = MapPicture(self.grid)
-        picture.points(self.localizer.particles[:, :2], PARTICLE_COLOUR)
-        path = self.trajectory.poses[:, :2]
-        for index, scan in enumerate(self.localized[1:]):
-            is_lost = scan.localization.lost_probability > LOST_PROBABILITY_THRESHOLD
-            picture.line(path[index : index + 2], LOST_COLOUR if is_lost else TRAJECTORY_COLOUR, width=2)
-        return picture.png()
+        is_lost = [scan.localization.lost_probability > LOST_PROBABILITY_THRESHOLD for scan in self.localized]
+        return draw_localization(self.grid, self.trajectory.poses, is_lost, self.localizer.particles)
