@@ -21,9 +21,9 @@ MIN_TEXT_SIZE = 14  # pixels, height of the legend's text
 TEXT_SHARE = 1 / 60  # height of the legend's text as a share of the picture's width
 LINE_SHARE = 1 / 400  # width of trajectories as a share of the picture's width
 MIN_LINE_WIDTH = 2  # pixels, smallest width of trajectories
+STROKE_SHARE = 0.2  # width of the legend's lines as a share of the text's height
 SCALE_BARS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)  # m, lengths of the scale bar
 MAX_SCALE_BAR_SHARE = 1 / 5  # share of the picture's width that the scale bar may take
-BLACK: Colour = (0, 0, 0)
 
 
 class Symbol(enum.Enum):
@@ -74,11 +74,9 @@ class MapPicture:
         self._draw.line(self._pixels(points), fill=colour, width=width or self._line_width, joint="curve")
 
     def points(self, points: Floats, colour: Colour) -> None:
-        """Draw points [N, 2] m of the map frame as squares, a cell each."""
-        reach = self._scale - 1
+        """Draw points [N, 2] m of the map frame as squares as wide as a trajectory."""
         for x, y in self._pixels(points):
-            left, top = x - reach / 2, y - reach / 2
-            self._draw.rectangle([left, top, left + reach, top + reach], fill=colour)
+            self._dot(x, y, self._line_width, colour)
 
     def marker(self, point: Floats, colour: Colour, symbol: Symbol) -> None:
         """Draw a ring or a disc around a point [2] m of the map frame."""
@@ -102,9 +100,10 @@ class MapPicture:
             self._draw.text((x + 1.4 * text_size, middle), entry.name, fill="black", font=font, anchor="lm")
         right, middle = self._width - text_size, self._height + (2 * rows[-1] + 1) * text_size
         ends = [(right - bar, middle), (right, middle)]
-        self._draw.line(ends, fill="black", width=3)
+        stroke = round(text_size * STROKE_SHARE)
+        self._draw.line(ends, fill="black", width=stroke)
         for x, _ in ends:
-            self._draw.line([(x, middle - text_size / 4), (x, middle + text_size / 4)], fill="black", width=2)
+            self._draw.line([(x, middle - text_size / 3), (x, middle + text_size / 3)], fill="black", width=stroke)
         self._draw.text((right - bar - 0.5 * text_size, middle), label, fill="black", font=font, anchor="rm")
 
     def png(self) -> bytes:
@@ -126,15 +125,19 @@ class MapPicture:
         box = [x - radius, y - radius, x + radius, y + radius]
         match symbol:
             case Symbol.LINE:
-                self._draw.line([(x - radius, y), (x + radius, y)], fill=colour, width=3)
+                self._draw.line([(x - radius, y), (x + radius, y)], fill=colour, width=round(2 * radius * STROKE_SHARE))
             case Symbol.POINTS:
                 for dx, dy in ((-0.7, 0.4), (0.0, -0.5), (0.6, 0.3)):
-                    dot = [x + dx * radius - 1, y + dy * radius - 1, x + dx * radius + 1, y + dy * radius + 1]
-                    self._draw.rectangle(dot, fill=colour)
+                    self._dot(x + dx * radius, y + dy * radius, round(2 * radius * STROKE_SHARE), colour)
             case Symbol.RING:
                 self._draw.ellipse(box, fill="white", outline=colour, width=max(2, round(radius / 3)))
             case Symbol.DISC:
                 self._draw.ellipse(box, fill=colour, outline="white", width=1)
+
+    def _dot(self, x: float, y: float, width: int, colour: Colour) -> None:
+        """Draw a square around a pixel."""
+        left, top = math.floor(x - (width - 1) / 2), math.floor(y - (width - 1) / 2)
+        self._draw.rectangle([left, top, left + width - 1, top + width - 1], fill=colour)
 
     def _pixels(self, points: Floats) -> list[tuple[float, float]]:
         """X and y, in pixels, of points [N, 2] m of the map frame."""
