@@ -12,9 +12,8 @@ from wherry.mapping.keyframe_graph import KeyframeGraph
 from wherry.mapping.keyframes import Keyframe
 from wherry.mapping.motion_noise import CONSTANT_VELOCITY_NOISE, ODOMETRY_NOISE, is_within
 from wherry.mapping.odometry_check import (
-    MAX_DISAGREEMENT,
     OdometryContradiction,
-    disagreement,
+    is_contradicted,
     is_determined,
     is_plausible,
 )
@@ -61,6 +60,7 @@ class FrontEnd:
         self._submaps = submaps
         self._grids = grids
         self._contradictions = list(contradictions)
+        self._views: dict[int, ScanView] = {}  # the view of the last keyframe, by its index
 
     @property
     def contradictions(self) -> Sequence[OdometryContradiction]:
@@ -117,8 +117,10 @@ class FrontEnd:
             member for member in reversed(members) if len(self._graph.keyframes[member[0]].cloud.points) >= MIN_POINTS
         )
         index, pose = next(with_points, members[-1])
-        keyframe = self._graph.keyframes[index]
-        return PlacedScan(ScanView.from_scan(keyframe.scan, keyframe.cloud, self._lidar), pose)
+        if index not in self._views:
+            keyframe = self._graph.keyframes[index]
+            self._views = {index: ScanView.from_scan(keyframe.scan, keyframe.cloud, self._lidar)}
+        return PlacedScan(self._views[index], pose)
 
     def _checked(
         self, tracking: TrackingState, time: float, odometry: Odometry | None, placement: Placement
@@ -191,4 +193,4 @@ def _contradicts(placement: Placement, measured: Pose, motion: Pose) -> bool:
     """Whether the placement at the end of a motion contradicts the motion that odometry measured."""
     if placement.match is None or not placement.is_verified:
         return False
-    return disagreement(measured, motion, placement.match) > MAX_DISAGREEMENT
+    return is_contradicted(measured, motion, placement.match)

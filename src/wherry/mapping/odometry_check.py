@@ -83,18 +83,22 @@ def is_plausible(motion: Pose, elapsed: float) -> bool:
     return is_slow and abs(wrap(motion.theta)) <= MAX_ANGULAR_SPEED * time
 
 
-def disagreement(odometry: Pose, matched: Pose, match: Refinement) -> float:
-    """Mahalanobis distance of a motion by odometry from the matched one, standard deviations.
+def is_contradicted(odometry: Pose, matched: Pose, match: Refinement) -> bool:
+    """Whether a match contradicts a motion by odometry, by their Mahalanobis distance.
 
     Args:
         odometry: The motion of base_link by odometry.
         matched: The motion to the pose of the match.
         match: The match that the motion ends at.
     """
+    error = odometry.relative_to(matched)
+    distance, angle = ODOMETRY_NOISE.deviations(matched)
+    if math.hypot(error.x / distance, error.y / distance, error.theta / angle) <= MAX_DISAGREEMENT:
+        return False  # the covariance of the match would only reduce the distance
     information = rotate_covariance(match.information, -match.pose.theta)
     covariance = ODOMETRY_NOISE.covariance(matched) + regularized_inverse(information)
-    error = odometry.relative_to(matched).as_array()
-    return math.sqrt(float(error @ invert(covariance) @ error))
+    offset = error.as_array()
+    return float(offset @ invert(covariance) @ offset) > MAX_DISAGREEMENT**2
 
 
 def is_determined(match: Refinement) -> bool:

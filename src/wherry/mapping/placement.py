@@ -52,14 +52,12 @@ class Placement:
         pose: Pose of base_link in the grid's frame: that of the match, or the predicted one without a match.
         match: The match; None if the scan does not match near the predicted pose.
         consistency: Agreement with the scan that was placed before.
-        score: Mean likelihood of the points, 0 to 1.
     """
 
     prediction: Prediction
     pose: Pose
     match: Refinement | None
     consistency: Consistency
-    score: float
 
     @property
     def is_consistent(self) -> bool:
@@ -77,13 +75,6 @@ class Placement:
         if self.consistency.compared < MIN_COMPARED:
             return 1.0 if self.prediction.is_plausible else 0.0
         return self.consistency.share
-
-    def is_clearly_better_than(self, other: Placement) -> bool:
-        """Whether this placement outvotes another one."""
-        if not self.is_verified:
-            return False
-        gain = self.share - other.share
-        return gain >= MIN_GAIN or (gain >= 0.0 and self.score - other.score >= MIN_GAIN)
 
 
 @dataclass(frozen=True)
@@ -134,7 +125,7 @@ class ScanPlacer:
             return first
         for prediction in (*predictions[1:], *self._last_resorts(predictions)):
             rival = self._placement(prediction, is_tracked=False)
-            if rival.is_clearly_better_than(first):
+            if rival.is_verified and self._is_clearly_better(rival, first):
                 return rival
         return first
 
@@ -150,6 +141,13 @@ class ScanPlacer:
         match = match_scan(self.grid, self.cloud, expected, prediction.motion, prediction.noise)
         pose = expected if match is None else match.pose
         consistency = self.reference.view.consistency(self.view, pose.relative_to(self.reference.pose))
-        points = self.cloud.subsampled(SEARCH_POINTS).points
-        score = score_at(self.grid, points, pose) if len(points) else 0.0
-        return Placement(prediction, pose, match, consistency, score)
+        return Placement(prediction, pose, match, consistency)
+
+    def _is_clearly_better(self, rival: Placement, first: Placement) -> bool:
+        """Whether a placement agrees better with the scan before, or scores better and agrees as well."""
+        gain = rival.share - first.share
+        return gain >= MIN_GAIN or (gain >= 0.0 and self._score(rival) - self._score(first) >= MIN_GAIN)
+
+    def _score(self, placement: Placement) -> float:
+        """Mean likelihood of the points, 0 to 1."""
+        return score_at(self.grid, self.cloud.subsampled(SEARCH_POINTS).points, placement.pose)

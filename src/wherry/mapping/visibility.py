@@ -49,37 +49,45 @@ class ScanView:
         origin: Position of the lidar in the base_link frame, [2] m.
         bearings: Directions of the readings from the lidar in increasing order, [R] rad, base_link frame.
         ranges: Ranges of the readings, [R] m.
+        max_gap: Angle between readings that surfaces and free space are taken to span, rad.
     """
 
     points: Floats
     origin: Floats
     bearings: Floats
     ranges: Floats
+    max_gap: float
 
     @classmethod
     def from_scan(cls, scan: Scan, cloud: PointCloud, lidar: Pose) -> ScanView:
         """The view of a scan with its point cloud, taken by a lidar at a pose in the base_link frame."""
         valid = scan.valid
-        bearings = np.mod(scan.angles[valid] + lidar.theta + math.pi, math.tau) - math.pi
+        bearings, ranges = np.mod(scan.angles[valid] + lidar.theta + math.pi, math.tau) - math.pi, scan.ranges[valid]
         order = np.argsort(bearings, kind="stable")
+        bearings = bearings[order]
+        max_gap = MAX_GAP_RATIO * float(np.median(np.diff(bearings))) if len(bearings) > 1 else 0.0
         origin = np.array([lidar.x, lidar.y])
-        return cls(cloud.subsampled(COMPARED_POINTS).points, origin, bearings[order], scan.ranges[valid][order])
+        return cls(cloud.subsampled(COMPARED_POINTS).points, origin, bearings, ranges[order], max_gap)
 
     def consistency(self, other: ScanView, pose: Pose) -> Consistency:
         """Compare with another scan, taken with base_link at a pose in this scan's base_link frame."""
-        forward = _compare(self.bearings, self.ranges, self.origin, pose.transform(other.points))
-        backward = _compare(other.bearings, other.ranges, other.origin, pose.inverse.transform(self.points))
+        forward = self._compare(pose.transform(other.points))
+        backward = other._compare(pose.inverse.transform(self.points))
         return Consistency(forward[0] + backward[0], forward[1] + backward[1])
+
+    def _compare(self, points: Floats) -> tuple[int, int]:
+        """Numbers of points [N, 2] m on the surfaces that this scan shows, and in front of them."""
+        return _compare(self.bearings, self.ranges, self.origin, self.max_gap, points)
 
 
 @kernel
-def _compare(bearings: Floats, ranges: Floats, origin: Floats, points: Floats) -> tuple[int, int]:
-    """Numbers of points [N, 2] m on the surfaces that readings [R] show, and in front of them."""
+def _compare(
+    bearings: Floats, ranges: Floats, origin: Floats, max_gap: float, points: Floats
+) -> tuple[int, int]:
+    """As `ScanView._compare`."""
     agreeing, conflicting = 0, 0
     if len(bearings) < 2:
         return agreeing, conflicting
-    gaps = np.diff(bearings)
-    max_gap = MAX_GAP_RATIO * np.median(gaps)
     for n in range(len(points)):
         dx, dy = points[n, 0] - origin[0], points[n, 1] - origin[1]
         distance, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
