@@ -26,7 +26,7 @@ def test_the_verdict_comes_before_the_numbers(run_command: RunCommand, log: Path
     status, out, _ = run_command("map", log)
     assert status == 0
     verdict, *rest = out.splitlines()
-    assert verdict.startswith("A map of 6.1 × 4.1 m (")
+    assert verdict.startswith("A map of 5.7 × 4.1 m (")
     assert " free) from 16 scans: the robot drove 1.7 m in 15.0 s; 0 loops closed." in verdict
     assert rest[0].startswith("Map of 2024.05.01.room.clf")
     assert "Note: " not in out
@@ -37,7 +37,7 @@ def test_the_verdict_comes_before_the_numbers(run_command: RunCommand, log: Path
 def test_json_has_what_the_table_has_and_result_json_keeps_it(run_command: RunCommand, log: Path) -> None:
     metrics = json.loads(run_command("map", log, "--json").out)
     assert metrics == json.loads(Path("runs/2024.05.01.room-map/result.json").read_text())
-    assert metrics["size_m"] == pytest.approx([6.1, 4.1])
+    assert metrics["size_m"] == pytest.approx([5.65, 4.1])  # the wall behind the robot is not seen
     assert metrics["resolution_m"] == 0.05
     assert metrics["distance_m"] == pytest.approx(15 * math.hypot(0.1, 0.05), abs=0.05)
     assert metrics["duration_s"] == 15.0
@@ -153,3 +153,18 @@ def test_reference_relations_are_scored_only_if_there_are_some(
     out = run_command("map", log, "--relations", relations).out
     assert "reference relations" in out
     assert "translational error (mean)" in out
+
+
+def test_odometry_that_the_scans_contradict_is_noted(run_command: RunCommand, tmp_path: Path) -> None:
+    """Odometry is reset to zero in the middle of the drive; the map is that of the room all the same."""
+    poses = drive_poses(24)
+    log = write_carmen_log(tmp_path / "reset.clf", poses)
+    lines = [line.split() for line in log.read_text().splitlines()]
+    for words, place in zip(lines[12:], relative(poses[12:], poses[12]), strict=True):
+        words[-9:-3] = [f"{value:.6f}" for value in (*place, *place)]
+    log.write_text("".join(" ".join(words) + "\n" for words in lines))
+    status, out, _ = run_command("map", log, "--out", tmp_path)
+    assert status == 0
+    assert out.count("Note: scan matching contradicts odometry at ") == 1
+    found = read_odometry(tmp_path / "trajectory.tum").poses
+    np.testing.assert_allclose(found[:, :2], relative(poses, poses[0])[:, :2], atol=0.05)

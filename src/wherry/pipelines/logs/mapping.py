@@ -19,6 +19,7 @@ from wherry.logs.tables import read_odometry
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.methods import SLAM_METHODS
+from wherry.mapping.odometry_check import describe_contradictions
 from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.mapping.scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
 from wherry.mapping.settings import SlamSettings
@@ -332,8 +333,17 @@ class MappingRun:
             duration_s=drive.duration_s,
             fit=fit,
             is_doubtful=fit is None or fit < MIN_CONSISTENCY,
-            notes=drive.notes,
+            notes=(*drive.notes, *self._contradictions()),
         )
+
+    def _contradictions(self) -> Iterator[str]:
+        """A note if the map does not follow odometry everywhere."""
+        snapshot, first = self.slam.snapshot(), self.log.scans[0].time
+        found = () if snapshot is None else snapshot.odometry_contradictions
+        # A continued map has those of earlier logs too.
+        note = describe_contradictions([one for one in found if one.time >= first], self.scans)
+        if note:
+            yield note
 
     def save(self, out: Path) -> None:
         """Write map, picture, trajectory and, for graph SLAM, graph.npz and closures.txt, after all `steps`.
