@@ -179,6 +179,12 @@ def test_parameters_of_all_nodes_are_merged_with_those_of_amcl(tmp_path: Path) -
     assert loaded.notes == ()
 
 
+def test_sections_with_wildcards_alone_are_merged(tmp_path: Path) -> None:
+    text = "/**:\n  ros__parameters: {z_hit: 0.7}\n/**/amcl:\n  ros__parameters: {alpha1: 0.4}\n"
+    parameters = load_parameters(write(tmp_path, text)).parameters
+    assert (parameters.alpha1, parameters.z_hit) == (0.4, 0.7)
+
+
 def test_a_wildcard_after_the_node_overrides_it_as_in_ros_2_and_it_is_said(tmp_path: Path) -> None:
     text = "amcl:\n  ros__parameters: {alpha1: 0.4}\n/**:\n  ros__parameters: {alpha1: 0.3}\n"
     loaded = load_parameters(write(tmp_path, text))

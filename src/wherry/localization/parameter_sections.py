@@ -77,11 +77,10 @@ def node_parameters(content: Mapping[Any, Any], node: str, source: str | Path) -
         raise InputError(source, "", "is nested too deeply") from error
     named = [section for section in sections if not section.is_pattern and _basename(section.name) == node]
     names = list(dict.fromkeys(section.name for section in named))
-    merged = [_merge(sections, name, source) for name in names]
+    merged = [_merge([section for section in sections if _matches(section.name, name)], name, source) for name in names]
     if any(other.parameters != merged[0].parameters for other in merged[1:]):
-        raise InputError(
-            source, "", f"has the parameters of several nodes, of which only one can be meant: {_list(names)}"
-        )
+        reason = f"has the parameters of several nodes, of which only one can be meant: {_list(names)}"
+        raise InputError(source, "", reason)
     if merged:
         return merged[0]
     patterns = [section for section in sections if section.is_pattern and _could_match(section.name, node)]
@@ -127,9 +126,8 @@ def _flat(parameters: Mapping[Any, Any], prefix: str, depth: int) -> Iterator[tu
             yield name, value
 
 
-def _merge(sections: list[Section], name: str, source: str | Path) -> NodeParameters:
-    """The parameters of the node with a name, from all sections that match it, of which the last one wins."""
-    matching = [section for section in sections if section.name == name or _matches(section.name, name)]
+def _merge(matching: list[Section], name: str, source: str | Path) -> NodeParameters:
+    """The parameters of the node with a name from all sections that match it, of which the last one wins."""
     if len({section.is_ros2 for section in matching}) > 1:
         raise InputError(source, name, f"has parameters both with and without {ROS2_KEY}")
     values: dict[str, Any] = {}
@@ -159,12 +157,11 @@ def _could_match(pattern: str, node: str) -> bool:
     return _basename(pattern) in ("*", "**", node)
 
 
-def _matches(pattern: str, name: str) -> bool:
-    """Whether a name with wildcards, as in rclcpp, matches a node's name with its namespaces."""
-    parts = [
-        {"/**": r"(/\w+)*", "/*": r"/\w+"}.get(f"/{part}", re.escape(f"/{part}")) for part in pattern.split("/")[1:]
-    ]
-    return "*" in pattern and re.fullmatch("".join(parts), name) is not None
+def _matches(section: str, name: str) -> bool:
+    """Whether a section's name, which may have wildcards as in rclcpp, matches a node's name with its namespaces."""
+    wildcards = {"**": r"(/\w+)*", "*": r"/\w+"}
+    expression = "".join(wildcards.get(part, re.escape(f"/{part}")) for part in section.split("/")[1:])
+    return section == name or re.fullmatch(expression, name) is not None
 
 
 def _list(names: list[str]) -> str:
