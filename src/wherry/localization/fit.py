@@ -12,7 +12,7 @@ from wherry.localization.agreement import ScanAgreement
 from wherry.localization.lost import EvidenceModel
 
 MIN_FIT = 0.65  # fit below which the map is another place's; 0.78 to 0.99 on right maps, 0.37 to 0.58 on foreign ones
-MIN_COVERAGE = 0.1  # fraction of the beams that end where the map is known, below which nothing can be said
+MIN_COVERAGE = 0.5  # fraction of the beams that end where the map is known, below which it lacks most of the place
 
 
 @dataclass(frozen=True, slots=True)

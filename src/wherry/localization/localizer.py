@@ -239,8 +239,9 @@ class Localizer:
         best = next(iter(self._rivals.at(odometry)), None)
         if best is None or best.log_odds < SWITCH_LOG_ODDS or not self._is_inlier(best.agreement):
             return estimate, agreement, ()
-        hypothesis = Hypothesis(best.pose, best.covariance, self._rivals.probability, best.agreement)
-        self.amcl.initialize_modes(_modes((hypothesis,)), prior_weight=PRIOR_WEIGHT)
+        probability = self._rivals.probability
+        hypothesis = Hypothesis(best.pose, best.covariance, probability, best.agreement)
+        self.amcl.initialize_modes(_modes((hypothesis,)), prior_weight=1.0 - probability)
         self._rivals.swap(best, estimate.pose, estimate.covariance, odometry, agreement)
         self._detector.reset()
         return replace(estimate, pose=best.pose), best.agreement, (hypothesis,)

@@ -88,7 +88,7 @@ class Rivals:
         self.needs_search = False
 
     def restart(self, *, is_global: bool) -> None:
-        """Forget all rivals and scans; after a start at a known pose there are no rivals."""
+        """Forget all rivals and scans; after a start at a known pose there are no rivals to search."""
         self._rivals.clear()
         self._key_scans.clear()
         self.needs_search = is_global
@@ -119,7 +119,7 @@ class Rivals:
             agreement: Agreement with the map at the estimated pose.
             estimate: Estimated pose of base_link, map frame.
         """
-        if not (self.needs_search or self._rivals) or not len(ends):
+        if not len(ends):
             return
         if self._key_scans and odometry.is_near(self._key_scans[-1].odometry, KEY_DISTANCE, KEY_ANGLE):
             return
@@ -154,7 +154,9 @@ class Rivals:
             odometry: Pose of base_link, odom frame.
             agreement: Agreement of the last scan with the map at the former estimate.
         """
-        back = self._key_scans[-1].odometry.relative_to(odometry)
+        last = self._key_scans[-1]
+        back = last.odometry.relative_to(odometry)
+        self._key_scans[-1] = replace(last, estimate=rival.pose @ back, agreement=rival.agreement)
         others = [replace(other, log_odds=other.log_odds - rival.log_odds) for other in self._rivals]
         former = Rival(estimate @ back, covariance, -rival.log_odds, agreement)
         self._keep([*others, former], rival.pose @ back)
