@@ -46,6 +46,7 @@ def localize(
     output: OutputOptions,
 ) -> None:
     """Estimate the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
+    from wherry.logs.options import ReadingOptions
     from wherry.pipelines.logs.localization import LocalizationSettings, prepare
     from wherry.pipelines.logs.trace import LogTrace
     from wherry.trace.records import Phase
@@ -60,7 +61,7 @@ def localize(
             reference=reference,
             is_global=everywhere,
             seed=seed,
-            lenient=lenient,
+            reading=ReadingOptions(lenient),
         )
     )
     console = output.console()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from wherry.localization.agreement import ScanAgreement
 from wherry.localization.lost import EvidenceModel
 
-MIN_FIT = 0.65  # fit below which the map is another place's; 0.78 to 0.99 on right maps, 0.37 to 0.58 on foreign ones
+MIN_FIT = 0.7  # fit below which the map is of another place; MAPFITNUMBERS
 MIN_COVERAGE = 0.5  # fraction of the beams that end where the map is known, below which it lacks most of the place
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from wherry.errors import InputError
 from wherry.localization.parameter_files import load_parameters
+from wherry.logs.options import ReadingOptions
 from wherry.pipelines.logs import localization, mapping
 from wherry.pipelines.logs.localization import LocalizationResult, LocalizationRun, LocalizationSettings
 from wherry.pipelines.logs.mapping import MappingResult, MappingRun, MappingSettings
@@ -60,8 +61,7 @@ def prepare(settings: ReplaySettings) -> ReplayRun:
             log=settings.bag, out=folder, backend=settings.backend, seed=settings.seed, lenient=settings.lenient
         )
     )
-    if any(odometry is None for odometry in mapping_run.log.scan_odometry):
-        raise InputError(settings.bag, "", "has no odometry, which localization needs; wherry map can do without")
+    localization.with_odometry(mapping_run.log, settings.bag)  # checked before the bag is mapped
     map_file = folder / "map.yaml"
     localization_settings = _localization_settings(settings, map_file, reference=folder / "trajectory.tum")
     return ReplayRun(
@@ -80,7 +80,7 @@ def _localization_settings(
         reference=reference,
         is_global=settings.is_global,
         seed=settings.seed,
-        lenient=settings.lenient,
+        reading=ReadingOptions(settings.lenient),
     )
 
 
