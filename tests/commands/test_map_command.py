@@ -113,7 +113,7 @@ def test_options_of_reading_that_cannot_be_used_are_named(
 def test_a_robot_that_stands_still_is_noted(run_command: RunCommand, tmp_path: Path) -> None:
     log = write_carmen_log(tmp_path / "still.clf", np.tile(POSES[:1], (9, 1)), period=0.5)
     status, out, _ = run_command("map", log)
-    note = "the robot moved 0.00 m in 9 scans and 4.0 s: the log shows only what is seen from one place"
+    note = "The robot moved 0.00 m in 9 scans and 4.0 s: the log shows only what is seen from one place."
     assert status == 0
     assert out.count(f"Note: {note}\n") == 1
     assert json.loads(run_command("map", log, "--json").out)["notes"] == [note]
@@ -122,7 +122,7 @@ def test_a_robot_that_stands_still_is_noted(run_command: RunCommand, tmp_path: P
 def test_a_map_of_one_scan_is_noted(run_command: RunCommand, tmp_path: Path) -> None:
     log = write_carmen_log(tmp_path / "one.clf", POSES[:1])
     notes = json.loads(run_command("map", log, "--json").out)["notes"]
-    assert notes == ["the log has only one scan, which shows what is seen from one place"]
+    assert notes == ["The log has only one scan, which shows what is seen from one place."]
 
 
 def test_a_map_that_does_not_fit_its_own_scans_is_doubtful(run_command: RunCommand, tmp_path: Path) -> None:
@@ -131,7 +131,7 @@ def test_a_map_that_does_not_fit_its_own_scans_is_doubtful(run_command: RunComma
     log = write_scans(tmp_path / "noise.clf", ranges, POSES)
     status, out, _ = run_command("map", log)
     assert status == 1
-    assert out.startswith("The map is doubtful: only ")
+    assert out.startswith("The map is doubtful: its own scans do not fit it (fit 0.")
     assert Path("runs/noise-map/map.yaml").exists()
     status, out, _ = run_command("map", log, "--json", "-q")
     assert (status, json.loads(out)["is_doubtful"]) == (1, True)
@@ -141,8 +141,8 @@ def test_a_log_in_which_no_beam_met_anything_gives_a_doubtful_map(run_command: R
     log = write_scans(tmp_path / "void.clf", [np.full(181, 81.91)] * 16, POSES)
     status, out, _ = run_command("map", log)
     assert status == 1
-    assert out.startswith("The map is doubtful: no beam of its own scans ends on its walls.")
-    assert "Note: only 0 of 2,896 beams met anything\n" in out
+    assert out.startswith("The map is doubtful: its own scans do not fit it (fit 0.00).")
+    assert "Note: Only 0 of 2,896 beams met anything.\n" in out
 
 
 def test_reference_relations_are_scored_only_if_there_are_some(
@@ -165,6 +165,6 @@ def test_odometry_that_the_scans_contradict_is_noted(run_command: RunCommand, tm
     log.write_text("".join(" ".join(words) + "\n" for words in lines))
     status, out, _ = run_command("map", log, "--out", tmp_path)
     assert status == 0
-    assert out.count("Note: scan matching contradicts odometry at ") == 1
+    assert out.count("Note: Scan matching contradicts odometry at ") == 1
     found = read_odometry(tmp_path / "trajectory.tum").poses
     np.testing.assert_allclose(found[:, :2], relative(poses, poses[0])[:, :2], atol=0.05)

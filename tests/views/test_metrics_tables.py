@@ -52,12 +52,14 @@ def test_a_pose_a_fraction_and_names_are_formatted() -> None:
         "final_pose": (1.24, -0.8441, -2.854),
         "lost_fraction": 0.0125,
         "unknown_parameters": (),
+        "rival_poses": ({"pose": (3.0, 0.5, 0.0), "odds": 0.5},),
         "particles_mean": 1999.96,
     }
     assert dict(format_metrics(metrics, LOCALIZATION_METRICS)) == {
         "final pose": "x 1.24 m, y -0.84 m, heading -164°",
         "scans at which the robot was probably lost": "1.2 %",
         "unknown parameters": "none",
+        "other poses that fit as well": "x 3.00 m, y 0.50 m, heading 0° (odds 0.5)",
         "particles (mean)": "2,000.0",
     }
 
@@ -66,7 +68,7 @@ def test_unmeasured_metrics_are_listed_in_one_line(capsys: pytest.CaptureFixture
     print_metrics(Console(width=100), "Map of a.log", MAPPING | {"rotational_error_deg": None}, MAPPING_METRICS)
     printed = capsys.readouterr().out
     assert "│ translational error (mean) " in printed
-    unmeasured = "beams of the scans that end on the map's walls, loop closures accepted, loop closures rejected"
+    unmeasured = "fit of the scans to their map, loop closures accepted, loop closures rejected"
     line = f"Not measured: {unmeasured}, rotational error, translational error over more than a minute.\n"
     assert line in printed
 

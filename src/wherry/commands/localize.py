@@ -18,7 +18,8 @@ from wherry.commands.watching import PageOptions, trace_sink
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from wherry.pipelines.logs.localization import LocalizationRun
+    from wherry.pipelines.logs.localization import LocalizationResult, LocalizationRun
+    from wherry.pipelines.logs.summary import DriveSummary
     from wherry.pipelines.logs.trace import LogTrace
     from wherry.space.occupancy import OccupancyGrid
     from wherry.space.pose import Floats
@@ -69,19 +70,23 @@ def localize(
         metrics = result.as_dict() | asdict(drive)
         written = run.save(folder)
         write_result(folder, metrics)
-        print_localization(console, f"{log.name} on {map_file.name}", metrics, drive.notes)
+        print_localization(console, f"{log.name} on {map_file.name}", result, drive)
         say(console, "Written: " + ", ".join(str(path) for path in written))
     if output.as_json:
         print_json(metrics)
+    raise typer.Exit(0 if result.fits_map else 1)
 
 
-def print_localization(console: Console, title: str, metrics: dict[str, object], notes: tuple[str, ...]) -> None:
-    """Print the notes and the metrics of a localization run and of its drive."""
+def print_localization(console: Console, title: str, result: LocalizationResult, drive: DriveSummary) -> None:
+    """Print verdicts, notes and metrics of a localization run and of its drive."""
     from wherry.views.metrics_tables import DRIVE_METRICS, LOCALIZATION_METRICS
     from wherry.views.terminal import print_metrics
 
-    say_notes(console, notes)
-    print_metrics(console, title, metrics, {**DRIVE_METRICS, **LOCALIZATION_METRICS})
+    for line in (result.verdict, result.reference_verdict):
+        if line is not None:
+            say(console, line)
+    say_notes(console, drive.notes)
+    print_metrics(console, title, result.as_dict() | asdict(drive), {**DRIVE_METRICS, **LOCALIZATION_METRICS})
 
 
 def _localize_scans(run: LocalizationRun, trace: LogTrace, record: Path | None, console: Console) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -84,7 +85,7 @@ def parse_pose(option: str, text: str) -> Pose:
     return Pose(x, y, math.radians(degrees))
 
 
-def say_notes(console: Console, notes: tuple[str, ...]) -> None:
-    """Print each note as a line of its own, once."""
-    for note in dict.fromkeys(notes):
+def say_notes(console: Console, notes: Iterable[str]) -> None:
+    """Print each note as a line of its own."""
+    for note in notes:
         say(console, f"Note: {note}")

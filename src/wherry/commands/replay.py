@@ -11,7 +11,7 @@ import typer
 from wherry.commands.common import OutputOptions, ParamsOption, SeedOption, print_json, progress_bar, say
 from wherry.commands.localize import print_localization
 from wherry.commands.option_groups import with_option_groups
-from wherry.commands.reading import ReadingGroup, TrajectoryFormatOption
+from wherry.commands.reading import ReadingGroup, TrajectoryFormatOption, say_notes
 from wherry.commands.run_folders import run_folder, write_result
 
 if TYPE_CHECKING:
@@ -65,7 +65,8 @@ def replay(
     say(console, f"Written to {folder}")
     if output.as_json:
         print_json(metrics)
-    raise typer.Exit(1 if run.mapping is not None and run.mapping.is_doubtful else 0)
+    is_doubtful = run.mapping is not None and run.mapping.is_doubtful
+    raise typer.Exit(1 if is_doubtful or not run.localization.fits_map else 0)
 
 
 def _run(run: ReplayRun, console: Console) -> None:
@@ -82,7 +83,8 @@ def _metrics(bag: Path, run: ReplayRun) -> dict[str, object]:
     """The metrics of both stages, with the notes on the bag."""
     mapping = None if run.mapping is None else asdict(run.mapping)
     localization = run.localization.as_dict() | asdict(run.drive)
-    return {"bag": str(bag), "notes": run.drive.notes, "mapping": mapping, "localization": localization}
+    notes = dict.fromkeys((*(run.mapping.notes if run.mapping else ()), *run.drive.notes))
+    return {"bag": str(bag), "notes": [*notes], "mapping": mapping, "localization": localization}
 
 
 def _print_result(console: Console, bag: Path, run: ReplayRun) -> None:
@@ -94,6 +96,6 @@ def _print_result(console: Console, bag: Path, run: ReplayRun) -> None:
     if run.mapping is not None:
         metrics = asdict(run.mapping)
         say(console, mapping_verdict(metrics))
+        say_notes(console, [note for note in run.mapping.notes if note not in run.drive.notes])
         print_metrics(console, f"Map of {bag.name}", metrics, MAP_METRICS)
-    localization = run.localization.as_dict() | asdict(run.drive)
-    print_localization(console, f"{bag.name} on {run.map_file.name}", localization, run.drive.notes)
+    print_localization(console, f"{bag.name} on {run.map_file.name}", run.localization, run.drive)

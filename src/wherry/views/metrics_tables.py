@@ -6,7 +6,7 @@ Metrics that identify the run, such as the name of the log, are in the table's t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 Format = Callable[[Any], str]
@@ -68,6 +68,11 @@ def percent(value: float) -> str:
     return f"{100 * value:.1f} %"
 
 
+def fraction(value: float) -> str:
+    """Format a value from 0 to 1."""
+    return f"{value:.2f}"
+
+
 def count(value: float) -> str:
     """Format a count; a mean of counts has one decimal."""
     return f"{value:,}" if isinstance(value, int) else f"{value:,.1f}"
@@ -77,6 +82,11 @@ def pose(value: tuple[float, float, float]) -> str:
     """Format a pose (m, m, rad)."""
     x, y, theta = value
     return f"x {x:.2f} m, y {y:.2f} m, heading {math.degrees(theta):.0f}°"
+
+
+def rivals(value: Sequence[Mapping[str, Any]]) -> str:
+    """Format other poses, each with its odds against the estimated one."""
+    return "; ".join(f"{pose(rival['pose'])} (odds {rival['odds']:.2g})" for rival in value) or "none"
 
 
 def names(value: tuple[str, ...]) -> str:
@@ -92,7 +102,7 @@ MAP_METRICS: MetricLabels = {
     "duration_s": ("duration of the log", duration),
     "scans": ("scans mapped", count),
     "skipped": ("malformed lines or messages skipped", count),
-    "fit": ("beams of the scans that end on the map's walls", percent),
+    "fit": ("fit of the scans to their map (0 to 1)", fraction),
     "closures_accepted": ("loop closures accepted", count),
     "closures_refused": ("loop closures rejected", count),
     "ms_per_scan_median": ("CPU time per scan (median)", milliseconds),
@@ -116,12 +126,19 @@ MAPPING_METRICS: MetricLabels = {
 LOCALIZATION_METRICS: MetricLabels = {
     "scans": ("scans", count),
     "skipped": ("malformed lines or messages skipped", count),
-    "rmse_m": ("position error to the reference (rms)", metres),
-    "median_m": ("position error to the reference (median)", metres),
-    "p99_m": ("position error to the reference (99th percentile)", metres),
+    "fit": ("fit of the scans to the map (0 to 1)", fraction),
+    "map_coverage": ("beams that end where the map is known", percent),
+    "lost_probability": ("probability of being lost at the end", percent),
     "lost_fraction": ("scans at which the robot was probably lost", percent),
     "relocalizations": ("relocalizations", count),
     "final_pose": ("final pose", pose),
+    "rival_poses": ("other poses that fit as well", rivals),
+    "rmse_m": ("position error to the reference (rms)", metres),
+    "median_m": ("position error to the reference (median)", metres),
+    "p99_m": ("position error to the reference (99th percentile)", metres),
+    "aligned_rmse_m": ("position error to the reference (rms, aligned)", metres),
+    "reference_offset": ("reference's frame on the map", pose),
+    "reference_scans": ("scans with a reference pose", count),
     "particles_mean": ("particles (mean)", count),
     "ms_per_update_median": ("time per update (median)", milliseconds),
     "unknown_parameters": ("unknown parameters", names),

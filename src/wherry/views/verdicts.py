@@ -17,9 +17,7 @@ def mapping_verdict(metrics: Mapping[str, Any]) -> str:
         metrics: Metrics of a mapping run by their names in JSON.
     """
     if metrics["is_doubtful"]:
-        share = metrics["fit"]
-        fit = "no beam" if share is None else f"only {share:.0%} of the beams"
-        return f"The map is doubtful: {fit} of its own scans ends on its walls. {POSSIBLE_CAUSES}"
+        return f"The map is doubtful: its own scans do not fit it (fit {metrics['fit']:.2f}). {POSSIBLE_CAUSES}"
     closures = metrics["closures_accepted"]
     return (
         f"A map of {size(metrics['size_m'])} ({square_metres(metrics['free_area_m2'])} free) from "

@@ -24,11 +24,11 @@ from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.mapping.scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
 from wherry.mapping.settings import SlamSettings
 from wherry.mapping.slam import Slam
-from wherry.pipelines.logs.consistency import MIN_CONSISTENCY, map_consistency
+from wherry.pipelines.logs.consistency import own_fit
 from wherry.pipelines.logs.files import check_trajectory_format, save_trajectories
 from wherry.pipelines.logs.pictures import draw_map
 from wherry.pipelines.logs.reading import read_recording
-from wherry.pipelines.logs.summary import DriveSummary, MapExtent
+from wherry.pipelines.logs.summary import DriveSummary, MapExtent, as_sentences
 from wherry.pipelines.logs.trace import NO_PARTICLES
 from wherry.robot import Odometry, Scan
 from wherry.ros.bags.log_recorder import LogRecorder
@@ -102,7 +102,7 @@ class MappingResult:
         resolution_m: Side of a grid cell, m.
         distance_m: Length of the robot's way, m.
         duration_s: Time from the first scan to the last, s.
-        fit: Fraction of the scans' beams that end on the map's obstacles, see `map_consistency`; None without any.
+        fit: How well the scans fit the map that was made of them, 0 to 1; see `localization.fit.MapFit`.
         is_doubtful: Whether the scans do not fit the map that was made of them.
         notes: What was decided, assumed or left out, and what the map cannot show, as sentences for people.
     """
@@ -127,7 +127,7 @@ class MappingResult:
     resolution_m: float
     distance_m: float
     duration_s: float
-    fit: float | None
+    fit: float
     is_doubtful: bool
     notes: tuple[str, ...]
 
@@ -309,7 +309,7 @@ class MappingRun:
         far = errors.far_translational_error_m if errors and math.isfinite(errors.far_translational_error_m) else None
         accepted = sum(closure.is_accepted for closure in self.slam.loop_closures)
         extent, drive = MapExtent.of(self.grid), DriveSummary.of(self.log, self.poses)
-        fit = map_consistency(self.grid, self.log, self.poses)
+        fit = own_fit(self.grid, self.log, self.poses)
         return MappingResult(
             translational_error_m=errors.translational_error_m if errors else None,
             translational_sd_m=errors.translational_sd_m if errors else None,
@@ -331,9 +331,9 @@ class MappingRun:
             resolution_m=extent.resolution,
             distance_m=drive.distance_m,
             duration_s=drive.duration_s,
-            fit=fit,
-            is_doubtful=fit is None or fit < MIN_CONSISTENCY,
-            notes=(*drive.notes, *self._contradictions()),
+            fit=fit.value,
+            is_doubtful=not fit.is_fitting,
+            notes=(*drive.notes, *as_sentences(self._contradictions())),
         )
 
     def _contradictions(self) -> Iterator[str]:

@@ -69,8 +69,7 @@ def prepare(settings: ReplaySettings) -> ReplayRun:
             trajectory_format=settings.trajectory_format,
         )
     )
-    if any(odometry is None for odometry in mapping_run.log.scan_odometry):
-        raise InputError(settings.bag, "", "has no odometry, which localization needs; wherry map can do without")
+    localization.with_odometry(mapping_run.log, settings.bag)  # checked before the bag is mapped
     map_file = folder / "map.yaml"
     localization_settings = _localization_settings(settings, map_file, reference=folder / "trajectory.tum")
     return ReplayRun(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,8 +71,13 @@ class DriveSummary:
     @classmethod
     def of(cls, log: LidarLog, poses: Floats) -> DriveSummary:
         """The summary, given base_link at the scans, [N, 3] m, m, rad, map frame."""
-        notes = dict.fromkeys((*log.notes, *_scope_notes(log, poses)))
-        return cls(driven_distance(poses), log.scans[-1].time - log.scans[0].time, tuple(notes))
+        notes = as_sentences((*log.notes, *_scope_notes(log, poses)))
+        return cls(driven_distance(poses), log.scans[-1].time - log.scans[0].time, notes)
+
+
+def as_sentences(notes: Iterable[str]) -> tuple[str, ...]:
+    """The notes, each once, with a capital letter and a full stop."""
+    return tuple(dict.fromkeys(f"{note[:1].upper()}{note[1:].removesuffix('.')}." for note in notes))
 
 
 def _scope_notes(log: LidarLog, poses: Floats) -> Iterator[str]:
