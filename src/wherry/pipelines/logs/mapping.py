@@ -338,10 +338,10 @@ class MappingRun:
 
     def _contradictions(self) -> Iterator[str]:
         """A note if the map does not follow odometry everywhere."""
-        snapshot, first = self.slam.snapshot(), self.log.scans[0].time
-        found = () if snapshot is None else snapshot.odometry_contradictions
-        # A continued map has those of earlier logs too.
-        note = describe_contradictions([one for one in found if one.time >= first], self.scans)
+        first = self.log.scans[0].time  # a continued map has contradictions of earlier logs too
+        note = describe_contradictions(
+            [one for one in self.slam.odometry_contradictions if one.time >= first], self.scans
+        )
         if note:
             yield note
 
