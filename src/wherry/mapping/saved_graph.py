@@ -24,6 +24,7 @@ from wherry.mapping.constraints import ConstraintList
 from wherry.mapping.graph_snapshot import GraphSnapshot, ScanPose
 from wherry.mapping.keyframes import Keyframe
 from wherry.mapping.loop_closure import LoopClosure
+from wherry.mapping.odometry_check import FULL_CREDIT
 from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.rejections import rejection_of
 from wherry.mapping.settings import GraphSlamSettings
@@ -281,6 +282,8 @@ def _tracking(head: Mapping[str, Any], arrays: Arrays) -> TrackingState:
         keyframe_odometry=_odometry(head["key_odometry"]),
         covariance=covariance,
         next_covariance=next_covariance,
+        odometry_credit=FULL_CREDIT,
+        scan_time=float(head["front"]["time"]),
     )
 
 

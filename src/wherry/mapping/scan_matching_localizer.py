@@ -114,10 +114,10 @@ class ScanMatchingLocalizer:
         """
         if self._tracking is None:
             self._tracking = TrackingState.begin(scan.time, odometry).with_scan(scan.time, self._pose, odometry)
-        motion, noise = self._tracking.predict_motion(scan.time, odometry)
-        expected = self._tracking.pose @ motion
+        prediction = self._tracking.predictions(scan.time, odometry)[0]
+        expected = self._tracking.pose @ prediction.motion
         cloud = PointCloud.from_scan(scan, self._slam.lidar, self._slam.settings.range_limit)
-        match = find_scan(self._map, cloud, expected, motion, noise)
+        match = find_scan(self._map, cloud, expected, prediction.motion, prediction.noise)
         self._pose = expected if match is None else match.pose
         self._tracking = self._tracking.with_scan(scan.time, self._pose, odometry)
         self._poses.append((scan.time, self._pose))
