@@ -67,9 +67,10 @@ PUBLIC_API = {
             LidarLog ReadingOptions increasing_times read_log read_odometry read_rows
         """,
         "wherry.mapping": """
-            GraphSlam GraphSlamSettings GraphSnapshot LoopClosure ParticleSlam ParticleSlamSettings
-            PoseGraph Rejection SLAM_METHODS ScanMatchingLocalizer Slam SlamMethod SlamSettings
-            load_graph locate_on_map optimized save_graph
+            ContradictionKind GraphSlam GraphSlamSettings GraphSnapshot LoopClosure
+            OdometryContradiction ParticleSlam ParticleSlamSettings PoseGraph Rejection SLAM_METHODS
+            ScanMatchingLocalizer Slam SlamMethod SlamSettings describe_contradictions load_graph
+            locate_on_map optimized save_graph
         """,
         "wherry.navigation": """
             Costmap Viewpoint clear_distance drive_line follow_path frontier_cells go_to

@@ -81,9 +81,7 @@ class ScanView:
 
 
 @kernel
-def _compare(
-    bearings: Floats, ranges: Floats, origin: Floats, max_gap: float, points: Floats
-) -> tuple[int, int]:
+def _compare(bearings: Floats, ranges: Floats, origin: Floats, max_gap: float, points: Floats) -> tuple[int, int]:
     """As `ScanView._compare`."""
     agreeing, conflicting = 0, 0
     if len(bearings) < 2:
