@@ -18,4 +18,5 @@ class InputError(Exception):
         self.source = str(source)
         self.field = field
         self.reason = reason
-        super().__init__(f"{self.source}: {field}: {reason}" if field else f"{self.source}: {reason}")
+        text = f"{self.source}: {field}: {reason}" if field else f"{self.source}: {reason}"
+        super().__init__("".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text))  # one line, also of a damaged file
