@@ -18,13 +18,16 @@ from pydantic_core import ErrorDetails
 
 from wherry.errors import InputError
 from wherry.files import read_text
-from wherry.yaml_parser import Yaml12Loader, number_of
+from wherry.yaml_parser import DocumentError, Yaml12Loader, number_of
 
 MAX_YAML_BYTES = 64_000  # size of a file that is written by hand
 MAX_VALUE_CHARACTERS = 40  # length of an invalid value as quoted in an error
 MAX_REASON_CHARACTERS = 200  # length of an error's reason; with file and field the line stays below 300
 
-OPENCV_DIRECTIVE = re.compile(r"\A\ufeff?%YAML:1\.[0-9][ \t]*(?=\r?\n)")  # first line of OpenCV's files, which is not YAML
+# First line of OpenCV's files, which is not YAML
+OPENCV_DIRECTIVE = re.compile(
+    r"\A\ufeff?%YAML:1\.[0-9][ \t]*(?=\r?\n)"
+)  # first line of OpenCV's files, which is not YAML
 FLAGS = {  # words that yaml-cpp and ROS 2's parser of parameters read as booleans
     **dict.fromkeys(("true", "yes", "on", "y", "1"), True),
     **dict.fromkeys(("false", "no", "off", "n", "0"), False),
@@ -107,11 +110,10 @@ def parse_yaml(text: str, source: str | Path) -> dict[Any, Any]:
         InputError: The text is not a YAML mapping.
     """
     try:
-        document = yaml.load(OPENCV_DIRECTIVE.sub("", text, count=1), Yaml12Loader)  # noqa: S506 - a subclass of SafeLoader
+        text = OPENCV_DIRECTIVE.sub("", text, count=1)
+        document = yaml.load(text, Yaml12Loader)  # noqa: S506 - a subclass of SafeLoader
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = _problem(error)
-        raise InputError(source, f"line {mark.line + 1}" if mark else "", f"cannot be read as YAML: {problem}") from error
+        raise _yaml_error(error, source) from error
     except RecursionError as error:
         raise InputError(source, "", "is nested too deeply") from error
     if document is None:
@@ -121,11 +123,14 @@ def parse_yaml(text: str, source: str | Path) -> dict[Any, Any]:
     return document
 
 
-def _problem(error: yaml.YAMLError) -> str:
-    """What is wrong with a text that is not YAML."""
+def _yaml_error(error: yaml.YAMLError, source: str | Path) -> InputError:
+    """Convert the error of a text that is not YAML, or beyond the limits, into a one-line `InputError`."""
+    mark = getattr(error, "problem_mark", None)
+    problem = (getattr(error, "problem", None) or "it cannot be parsed")[:MAX_REASON_CHARACTERS]
     if isinstance(error, yaml.reader.ReaderError):
-        return f"the character {error.character!r} is not permitted"
-    return (getattr(error, "problem", None) or "it cannot be parsed")[:MAX_REASON_CHARACTERS]
+        problem = f"the character {error.character!r} is not permitted"
+    reason = problem if isinstance(error, DocumentError) else f"is not YAML: {problem}"
+    return InputError(source, f"line {mark.line + 1}" if mark else "", reason)
 
 
 def load_json(path: str | Path, model: type[_Model], *, max_bytes: int) -> _Model:

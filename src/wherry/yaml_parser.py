@@ -1,18 +1,17 @@
 """YAML 1.2 as ROS's parser yaml-cpp reads it, for files that are written by hand.
 
 PyYAML follows YAML 1.1, for which 5e-2 is a word, yes is true, 010 is 8 and 1:30 is 90; it refuses a tab after a colon,
-and of a repeated key it keeps the last value. ruamel.yaml follows YAML 1.2 but shares the tabs and takes .05E1 for a word.
-`Yaml12Loader` corrects these points in PyYAML's safe loader.
+and of a repeated key it keeps the last value. ruamel.yaml follows YAML 1.2 but refuses the tab too and takes .05E1 for
+a word. `Yaml12Loader` corrects these points in PyYAML's safe loader.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from typing import Any
+from typing import Any, cast
 
 import yaml
-from yaml.composer import ComposerError
 from yaml.constructor import ConstructorError
 from yaml.scanner import ScannerError
 
@@ -23,9 +22,7 @@ LINE_BREAKS = "\r\n\x85\u2028\u2029"
 NULL = re.compile(r"~|null|Null|NULL|")
 BOOLEAN = re.compile(r"true|True|TRUE|false|False|FALSE")
 INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
-FLOAT = re.compile(
-    r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
-)
+FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 
 _TAG = "tag:yaml.org,2002:"
 
@@ -43,10 +40,17 @@ def number_of(text: str) -> float | int | None:
     return None
 
 
+class DocumentError(yaml.MarkedYAMLError):
+    """YAML that is ambiguous or beyond a limit; the problem is a predicate that follows the line."""
+
+
+def _document_error(problem: str, place: yaml.Event | yaml.Node) -> DocumentError:
+    """An error that names the line of an event or node."""
+    return DocumentError(problem=problem, problem_mark=cast("yaml.Mark", place.start_mark))
+
+
 class Yaml12Loader(yaml.SafeLoader):
     """Loads YAML 1.2 with the types of its core schema; documents are limited in depth and number of values."""
-
-    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # none of YAML 1.1's
 
     def __init__(self, stream: str) -> None:
         super().__init__(stream)
@@ -62,7 +66,7 @@ class Yaml12Loader(yaml.SafeLoader):
             if self.peek() == "#":
                 while self.peek() not in "\0" + LINE_BREAKS:
                     self.forward()
-            if not self.scan_line_break():
+            if not self.scan_line_break():  # type: ignore[no-untyped-call]
                 return
             if not self.flow_level:
                 self.allow_simple_key = True
@@ -79,38 +83,38 @@ class Yaml12Loader(yaml.SafeLoader):
 
     def get_single_node(self) -> yaml.Node | None:
         """Compose the only document that is not empty."""
-        self.get_event()
+        self.get_event()  # type: ignore[no-untyped-call]
         found: yaml.Node | None = None
         while not self.check_event(yaml.StreamEndEvent):
             node = self.compose_document()
             if node is None or node.tag == f"{_TAG}null":
                 continue
             if found is not None:
-                raise ComposerError(None, None, "it has several documents, of which only one can be meant", node.start_mark)
+                raise _document_error("begins a second document; a file may have only one", node)
             found = node
-        self.get_event()
+        self.get_event()  # type: ignore[no-untyped-call]
         return found
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Compose a node; refuse depth and repetition beyond the limits before the values are constructed."""
-        event = self.peek_event()
+        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
         self._depth += 1
         if self._depth > MAX_DEPTH:
-            raise ComposerError(None, None, f"it is nested deeper than {MAX_DEPTH} levels", event.start_mark)
+            raise _document_error(f"is nested deeper than {MAX_DEPTH} levels", event)
         node = super().compose_node(parent, index)
         self._depth -= 1
         if node is None:
             return None
         if isinstance(event, yaml.AliasEvent):
             if id(node) not in self._sizes:
-                raise ComposerError(None, None, f"the alias {event.anchor!r} contains itself", event.start_mark)
+                raise _document_error(f"has the alias {event.anchor!r} inside its own anchor", event)
         else:
             self._sizes[id(node)] = 1 + sum(self._sizes[id(child)] for child in _children(node))
         if self._sizes[id(node)] > MAX_VALUES or len(self._sizes) > MAX_VALUES:
-            raise ComposerError(None, None, f"it has more than {MAX_VALUES:,} values", event.start_mark)
+            raise _document_error(f"has more than {MAX_VALUES:,} values", event)
         return node
 
-    def compose_mapping_node(self, anchor: dict[Any, yaml.Node] | None) -> yaml.MappingNode:
+    def compose_mapping_node(self, anchor: dict[Any, yaml.Node]) -> yaml.MappingNode:
         """Compose a mapping; refuse a repeated key."""
         node = super().compose_mapping_node(anchor)
         seen = set()
@@ -118,7 +122,7 @@ class Yaml12Loader(yaml.SafeLoader):
             if not isinstance(key, yaml.ScalarNode):
                 continue
             if (key.tag, key.value) in seen:
-                raise ComposerError(None, None, f"the key {key.value!r} is repeated", key.start_mark)
+                raise _document_error(f"repeats the key {key.value[:40]!r}", key)
             seen.add((key.tag, key.value))
         return node
 
@@ -151,6 +155,7 @@ def _children(node: yaml.Node) -> list[yaml.Node]:
     return list(node.value) if isinstance(node, yaml.SequenceNode) else []
 
 
+Yaml12Loader.yaml_implicit_resolvers = {}
 Yaml12Loader.yaml_constructors = {
     tag: constructor
     for tag, constructor in yaml.SafeLoader.yaml_constructors.items()
