@@ -64,7 +64,7 @@ PUBLIC_API = {
             PoseEstimate PoseMode Relocalization Relocalizer ScanAgreement load_parameters
         """,
         "wherry.logs": """
-            LidarLog increasing_times read_log read_odometry read_rows
+            LidarLog ReadingOptions increasing_times read_log read_odometry read_rows
         """,
         "wherry.mapping": """
             GraphSlam GraphSlamSettings GraphSnapshot LoopClosure ParticleSlam ParticleSlamSettings

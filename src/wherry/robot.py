@@ -5,13 +5,13 @@ The simulator and a ROS robot both implement `Robot`; mapping, localization and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.space.pose import Pose
+from wherry.space.pose import Pose, wrap
 
 BOX_HEIGHT = 0.30  # m, of a box to deliver
 LOAD_RADIUS_RATIO = 1.5  # `Body.load_radius` ÷ radius of a box; a box in the fork may be off-centre
@@ -22,13 +22,17 @@ class Scan:
     """A scan of a 2D lidar (sensor_msgs/LaserScan).
 
     Attributes:
-        time: Time of the scan, s, robot's clock.
-        ranges: [R] ranges, m, counter-clockwise; beam i points along ``angle_min + i * angle_increment`` in the lidar
-            frame. ``inf`` means no return within ``range_max``; NaN and values outside the limits are invalid.
+        time: Time of the first beam that was measured, s, robot's clock.
+        ranges: [R] ranges, m, counter-clockwise; beam i points along ``angles[i]`` in the lidar frame. ``inf`` means no
+            return within ``range_max``; NaN and values outside the limits are invalid.
         angle_min: Direction of beam 0, rad, lidar frame.
         angle_increment: Angle from one beam to the next, rad.
         range_min: Shortest valid range, m.
         range_max: Longest valid range, m.
+        time_increment: Time from one beam to the next, s; negative if the last beam was measured first, 0 if all were
+            measured at once.
+        beam_angles: [R] directions of the beams, rad, lidar frame, if they are not evenly spaced, as in a scan that was
+            corrected for the robot's motion; otherwise None.
     """
 
     time: float
@@ -37,10 +41,14 @@ class Scan:
     angle_increment: float
     range_min: float
     range_max: float
+    time_increment: float = 0.0
+    beam_angles: NDArray[np.float64] | None = None
 
     @property
     def angles(self) -> NDArray[np.float64]:
         """[R] directions of the beams, rad, lidar frame."""
+        if self.beam_angles is not None:
+            return self.beam_angles
         return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
 
     @property
@@ -53,6 +61,52 @@ class Scan:
         valid = self.valid
         ranges, angles = self.ranges[valid], self.angles[valid]
         return np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
+
+    @property
+    def duration(self) -> float:
+        """Time from the first beam that was measured to the last one, s."""
+        return abs(self.time_increment) * (len(self.ranges) - 1)
+
+    def mirrored(self) -> Scan:
+        """The scan in the frame of the lidar turned upside down about its x axis: every direction changes its sign."""
+        return replace(
+            self,
+            ranges=self.ranges[::-1].copy(),
+            angle_min=-(self.angle_min + self.angle_increment * (len(self.ranges) - 1)),
+            time_increment=-self.time_increment,
+            beam_angles=None if self.beam_angles is None else -self.beam_angles[::-1],
+        )
+
+    def deskewed(self, lidar: Pose, motion: Pose) -> Scan:
+        """The scan as if all beams had been measured at its time, from the lidar's pose at that time.
+
+        The robot is taken to move steadily. Beams without a valid range only change their direction.
+
+        Args:
+            lidar: The lidar in the base_link frame.
+            motion: base_link at the last beam that was measured, in its frame at the first one.
+        """
+        if self.time_increment == 0.0 or len(self.ranges) < 2:
+            return self
+        share = np.linspace(0.0, 1.0, len(self.ranges))  # of the motion, at each beam
+        if self.time_increment < 0.0:
+            share = share[::-1]
+        turned, angles = share * wrap(motion.theta), self.angles
+        directions = angles + turned
+        bearings = directions + lidar.theta
+        start = lidar.as_array()[:2]
+        cos, sin = np.cos(turned), np.sin(turned)
+        # Displacement of the lidar since the first beam, in the base_link frame of that beam.
+        shift_x = share * motion.x + cos * start[0] - sin * start[1] - start[0]
+        shift_y = share * motion.y + sin * start[0] + cos * start[1] - start[1]
+        valid = self.valid
+        x = shift_x[valid] + self.ranges[valid] * np.cos(bearings[valid])
+        y = shift_y[valid] + self.ranges[valid] * np.sin(bearings[valid])
+        ranges = self.ranges.copy()
+        ranges[valid] = np.clip(np.hypot(x, y), self.range_min, self.range_max)
+        seen = np.arctan2(y, x) - bearings[valid]
+        directions[valid] += np.arctan2(np.sin(seen), np.cos(seen))
+        return replace(self, ranges=ranges, time_increment=0.0, beam_angles=directions)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from wherry.experiments.mapping.drifting_odometry import (
     drifting_odometry,
     map_building,
 )
+from wherry.logs.options import ReadingOptions
 from wherry.logs.reading import read_log
 from wherry.logs.tables import read_odometry
 from wherry.mapping.graph_slam import GraphSlam
@@ -48,7 +49,7 @@ def test_drifting_odometry_is_corrected(name: str, largest: float) -> None:
 
 def test_a_short_range_lidar_closes_loops_after_large_errors() -> None:
     """The front end's errors exceed its covariances, so search windows are too narrow at first."""
-    log = read_log(shared_data("radish/fhw-corrected.log.gz"), lenient=True)
+    log = read_log(shared_data("radish/fhw-corrected.log.gz"), ReadingOptions(lenient=True))
     reference = np.array([odometry.pose.as_array() for odometry in log.scan_odometry if odometry is not None])
     odometry = drifting_odometry(reference, np.random.default_rng(2))
     slam = GraphSlam(log.lidar, GraphSlamSettings(range_limit=12.0, empty_range=0.0))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from wherry.errors import InputError
+from wherry.logs.options import ReadingOptions
 from wherry.logs.reading import read_log
 from wherry.logs.tables import read_odometry
 from wherry.space.pose import Pose
@@ -163,7 +164,7 @@ def test_a_malformed_line_is_named_or_left_out(tmp_path: Path, broken: str) -> N
     with pytest.raises(InputError) as caught:
         read_log(path)
     assert caught.value.field == "line 2"
-    log = read_log(path, lenient=True)
+    log = read_log(path, ReadingOptions(lenient=True))
     assert [scan.time for scan in log.scans] == [1.0, 3.0]
     assert len(log.skipped) == 1
     assert log.skipped[0].startswith("line 2:")
@@ -209,7 +210,7 @@ def test_a_gzip_bomb_is_rejected_at_its_first_line(tmp_path: Path) -> None:
     packed.write_bytes(gzip.compress(b"0" * 50_000_000))
     assert packed.stat().st_size < 100_000
     with pytest.raises(InputError, match="line 1: is longer"):
-        read_log(packed, lenient=True)
+        read_log(packed, ReadingOptions(lenient=True))
 
 
 def test_a_gzip_bomb_of_short_lines_is_rejected_at_the_size_limit(
@@ -219,14 +220,14 @@ def test_a_gzip_bomb_of_short_lines_is_rejected_at_the_size_limit(
     packed = tmp_path / "bomb.log.gz"
     packed.write_bytes(gzip.compress(b"# nothing\n" * 1_000_000))
     with pytest.raises(InputError, match="larger than 1,000,000 bytes"):
-        read_log(packed, lenient=True)
+        read_log(packed, ReadingOptions(lenient=True))
 
 
 def test_a_gzip_bomb_of_short_lines_is_rejected_at_the_compression_limit(tmp_path: Path) -> None:
     packed = tmp_path / "bomb.log.gz"
     packed.write_bytes(gzip.compress(b"# nothing\n" * 2_000_000))
     with pytest.raises(InputError, match="unpacks to over 100 times"):
-        read_log(packed, lenient=True)
+        read_log(packed, ReadingOptions(lenient=True))
 
 
 def test_tables_of_odometry_are_checked(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from wherry.errors import InputError
+from wherry.logs.options import ReadingOptions
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.bags.reading import read_bag
@@ -124,7 +125,7 @@ def test_broken_scans_are_rejected_for_the_same_reason(path: Path, case: str) ->
         read_bag(path)
     assert str(caught.value).startswith(f"{path}: /scan, message 1: ")
     assert_same_reason(caught.value.reason, str(live.value))
-    log = read_bag(path, lenient=True)
+    log = read_bag(path, ReadingOptions(lenient=True))
     assert [scan.time for scan in log.scans] == [9.0]
     assert [line.partition(": ")[0] for line in log.skipped] == ["/scan, message 1"]
 
@@ -142,7 +143,7 @@ def test_broken_odometry_is_rejected_for_the_same_reason(path: Path, case: str) 
     with pytest.raises(InputError) as caught:
         read_bag(path)
     assert str(caught.value) == f"{path}: /odom, message 2: {live.value}"
-    assert read_bag(path, lenient=True).skipped == (f"/odom, message 2: {live.value}",)
+    assert read_bag(path, ReadingOptions(lenient=True)).skipped == (f"/odom, message 2: {live.value}",)
 
 
 def test_a_mount_is_the_same_transform(path: Path) -> None:
@@ -156,12 +157,12 @@ def test_a_broken_mount_is_never_replaced_by_a_guess(path: Path, case: str, leni
         decode_transform(BROKEN_MOUNTS[case])
     record(path, BROKEN_MOUNTS[case], SCAN)
     with pytest.raises(InputError) as caught:
-        read_bag(path, lenient=lenient)
+        read_bag(path, ReadingOptions(lenient=lenient))
     assert str(caught.value) == f"{path}: /tf_static, message 1: {live.value}"
 
 
 def test_a_lenient_reader_takes_the_next_usable_mount(path: Path) -> None:
-    log = read_bag(record(path, BROKEN_MOUNTS["zero quaternion"], MOUNT, SCAN), lenient=True)
+    log = read_bag(record(path, BROKEN_MOUNTS["zero quaternion"], MOUNT, SCAN), ReadingOptions(lenient=True))
     assert log.lidar == decode_transform(MOUNT).pose
     assert len(log.skipped) == 1
 
@@ -178,7 +179,7 @@ def test_broken_odometry_transforms_are_rejected(path: Path) -> None:
         bag.write(TOPICS.scan, SCAN, 1.0)
     with pytest.raises(InputError, match=r"/tf, message 1: has the orientation \(0, 0, 0, 0\), which is not a unit"):
         read_bag(path)
-    assert len(read_bag(path, lenient=True).skipped) == 1
+    assert len(read_bag(path, ReadingOptions(lenient=True)).skipped) == 1
 
 
 def test_scans_of_two_frames_on_one_topic_are_rejected(path: Path) -> None:

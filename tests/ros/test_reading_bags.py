@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from wherry.errors import InputError
+from wherry.logs.options import ReadingOptions
 from wherry.ros.bags.reading import is_bag, read_bag
 
 rosbags = pytest.importorskip("rosbags.typesys", reason="the rosbags package is not installed")
@@ -102,7 +103,7 @@ def test_a_broken_message_is_named_or_skipped(tmp_path: Path) -> None:
     path = write(tmp_path, "ros1", [*GOOD, (5.0, [1.0]), (6.0, GOOD[1][1])])
     with pytest.raises(InputError, match="/scan, message 3: has 1 beams"):
         read_bag(path)
-    log = read_bag(path, lenient=True)
+    log = read_bag(path, ReadingOptions(lenient=True))
     assert [scan.time for scan in log.scans] == [2.0, 4.0, 6.0]
     assert log.skipped == ("/scan, message 3: has 1 beams where the scans before have 5",)
 
@@ -166,7 +167,7 @@ def test_the_error_of_a_bag_with_only_broken_scans_names_the_first(tmp_path: Pat
     with pytest.raises(InputError, match="/scan, message 1: has 0 beams"):
         read_bag(path)
     with pytest.raises(InputError, match="1 skipped, the first: /scan, message 1: has 0 beams"):
-        read_bag(path, lenient=True)
+        read_bag(path, ReadingOptions(lenient=True))
 
 
 def test_more_scans_than_fit_into_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 from .lidar_log import LidarLog
+from .options import ReadingOptions
 from .reading import read_log
 from .tables import read_odometry, read_rows
 from .timestamps import increasing_times
 
-__all__ = ["LidarLog", "increasing_times", "read_log", "read_odometry", "read_rows"]
+__all__ = ["LidarLog", "ReadingOptions", "increasing_times", "read_log", "read_odometry", "read_rows"]

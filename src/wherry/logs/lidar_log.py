@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from wherry.robot import Odometry, Scan
-from wherry.space.pose import Pose
+from wherry.space.pose import Pose, relative
 from wherry.space.trajectory import Trajectory
 
 MAX_BEAMS = 20_000  # beams per scan
@@ -17,11 +19,12 @@ class LidarLog:
     """Scans and odometry of a recording.
 
     Attributes:
-        scans: All scans in the order of their times, N.
-        scan_odometry: Odometry at the time of each scan, [N]; None where the log has none.
+        scans: All scans in the order of their times, N, as the lidar sent them.
+        scan_odometry: Odometry at the time of each scan, [N]; None where odometry does not cover the scan.
         odometry: All odometry of the log in the order of its times, including that of the scans.
         lidar: Pose of the lidar in the base_link frame.
         skipped: Lines or messages that were left out, as ``line 12: reason``.
+        notes: What was decided, assumed or left out while reading, as sentences for the user.
     """
 
     scans: tuple[Scan, ...]
@@ -29,3 +32,12 @@ class LidarLog:
     odometry: Trajectory
     lidar: Pose
     skipped: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    def deskewed(self, index: int) -> Scan:
+        """A scan corrected for the robot's motion during it by odometry; unchanged without odometry or beam times."""
+        scan = self.scans[index]
+        if scan.time_increment == 0.0 or self.scan_odometry[index] is None or len(self.odometry.times) < 2:
+            return scan
+        first, last = self.odometry.at(np.array([scan.time, scan.time + scan.duration]))
+        return scan.deskewed(self.lidar, Pose.from_array(relative(last, first)))

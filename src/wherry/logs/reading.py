@@ -8,23 +8,24 @@ from wherry.logs.carmen import CARMEN_PARSERS, ignore_message
 from wherry.logs.collector import LogCollector
 from wherry.logs.lidar_log import LidarLog
 from wherry.logs.log_lines import MalformedLineError, numbered_lines
+from wherry.logs.options import DEFAULT_READING, ReadingOptions
 from wherry.logs.wean_hall import WEAN_HALL_PARSERS
 
 PARSERS = {**CARMEN_PARSERS, **WEAN_HALL_PARSERS}
 
 
-def read_log(path: str | Path, *, lenient: bool = False) -> LidarLog:
+def read_log(path: str | Path, options: ReadingOptions = DEFAULT_READING) -> LidarLog:
     """Read a log of CARMEN messages (FLASER, ROBOTLASER1, ODOM, PARAM) or of Wean Hall's O and L lines.
 
     Args:
         path: The file; gzipped if its name ends in .gz.
-        lenient: Whether malformed lines are left out; otherwise the first one raises an error.
+        options: How to read; topics are of bags only.
 
     Raises:
         InputError: The file cannot be read, is too large, has no scans, or (unless lenient) has a malformed line, which
             the error names.
     """
-    collector = LogCollector(str(path), lenient)
+    collector = LogCollector(str(path), options.lenient)
     for number, line in numbered_lines(Path(path)):
         words = line.split()
         if not words or words[0].startswith("#"):

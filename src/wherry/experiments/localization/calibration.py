@@ -21,6 +21,7 @@ from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.lost import EvidenceModel, LostCalibration, LostDetector
 from wherry.localization.parameters import KNOWN_START_COVARIANCE, LOG_PARAMETERS
 from wherry.logs.lidar_log import LidarLog
+from wherry.logs.options import ReadingOptions
 from wherry.logs.reading import read_log
 from wherry.space.mapper import GridMapper
 from wherry.space.occupancy import OccupancyGrid
@@ -140,7 +141,7 @@ def label_building(log_file: Path, seed: int) -> LabelledScans:
         InputError: The log cannot be read.
     """
     rng = np.random.default_rng(seed)
-    log = read_log(log_file, lenient=True)
+    log = read_log(log_file, ReadingOptions(lenient=True))
     poses = np.array([odometry.pose.as_array() for odometry in log.scan_odometry if odometry is not None])
     odometry = [Pose.from_array(pose) for pose in drifting_odometry(poses, rng)]
     odd = GroundTruthLog(log.scans[1::2], tuple(odometry[1::2]), poses[1::2])

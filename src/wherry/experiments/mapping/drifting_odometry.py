@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.evaluation import absolute_trajectory_error
+from wherry.logs.options import ReadingOptions
 from wherry.logs.reading import read_log
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.loop_closure import LoopClosure
@@ -81,7 +82,7 @@ def map_building(log_file: Path, name: str, seed: int) -> BuildingResult:
     Raises:
         InputError: The log cannot be used.
     """
-    log = read_log(log_file, lenient=True)
+    log = read_log(log_file, ReadingOptions(lenient=True))
     reference = np.array([odometry.pose.as_array() for odometry in log.scan_odometry if odometry is not None])
     odometry = drifting_odometry(reference, np.random.default_rng(seed))
     slam = GraphSlam(log.lidar, GraphSlamSettings(empty_range=0.0))

@@ -22,13 +22,13 @@ from wherry.localization.parameters import (
     LOST_PROBABILITY_THRESHOLD,
 )
 from wherry.logs.lidar_log import LidarLog
-from wherry.logs.reading import read_log
+from wherry.logs.options import ReadingOptions
 from wherry.logs.tables import read_odometry
 from wherry.logs.timestamps import increasing_times
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph
+from wherry.pipelines.logs.reading import read_recording
 from wherry.robot import Odometry
-from wherry.ros.bags.reading import is_bag, read_bag
 from wherry.space.map_files import load_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
@@ -133,8 +133,7 @@ def prepare(settings: LocalizationSettings, log: LidarLog | None = None) -> Loca
     parameters = defaults if loaded is None else loaded.parameters
     grid = load_any_map(settings.map_file)
     if log is None:
-        read = read_bag if is_bag(settings.log) else read_log
-        log = read(settings.log, lenient=settings.lenient)
+        log = read_recording(settings.log, ReadingOptions(settings.lenient))
     odometry = odometry_of_scans(log, settings.log)
     reference = None if settings.reference is None else read_odometry(settings.reference)
     if settings.is_global:

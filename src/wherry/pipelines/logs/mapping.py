@@ -14,7 +14,7 @@ from wherry.errors import InputError
 from wherry.evaluation import RelationErrors, Relations, load_relations, relation_errors
 from wherry.files import ensure_writable_folder, write_atomically
 from wherry.logs.lidar_log import LidarLog
-from wherry.logs.reading import read_log
+from wherry.logs.options import ReadingOptions
 from wherry.logs.tables import read_odometry
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.loop_closure import LoopClosure
@@ -23,10 +23,10 @@ from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.mapping.scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
 from wherry.mapping.settings import SlamSettings
 from wherry.mapping.slam import Slam
+from wherry.pipelines.logs.reading import read_recording
 from wherry.pipelines.logs.trace import NO_PARTICLES
 from wherry.robot import Odometry, Scan
 from wherry.ros.bags.log_recorder import LogRecorder
-from wherry.ros.bags.reading import is_bag, read_bag
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
@@ -124,8 +124,7 @@ def prepare(settings: MappingSettings) -> MappingRun:
             located on the map of the graph.
     """
     _check(settings)
-    read = read_bag if is_bag(settings.log) else read_log
-    log = read(settings.log, lenient=settings.lenient)
+    log = read_recording(settings.log, ReadingOptions(settings.lenient))
     relations = None if settings.relations is None else _covered_relations(settings.relations, log)
     odometry = log.odometry
     if settings.odometry is not None:
@@ -247,7 +246,8 @@ class MappingRun:
         After 0 is yielded, all kernels are loaded, or compiled on first use, which takes up to half a minute.
         """
         yield 0
-        measurements = list(zip(self.log.scans, self.log.scan_odometry, strict=True))
+        scans = (self.log.deskewed(index) for index in range(self.scans))
+        measurements = list(zip(scans, self.log.scan_odometry, strict=True))
         SLAM_METHODS[self.settings.backend].compile_kernels(self.log.lidar, measurements[:WARM_UP_SCANS])
         taken = np.zeros(self.scans)
         for number, (scan, odometry) in enumerate(measurements):

@@ -12,6 +12,7 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.logs.lidar_log import MAX_JUMP, LidarLog
+from wherry.logs.options import DEFAULT_READING, ReadingOptions
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros.decoding import MessageError, decode_laser_scan, decode_odometry, decode_transform, frames_of
 from wherry.ros.message_protocols import OdometryLike, TransformStampedLike
@@ -36,7 +37,7 @@ def is_bag(path: str | Path) -> bool:
     return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
-def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
+def read_bag(path: str | Path, options: ReadingOptions = DEFAULT_READING) -> LidarLog:
     """Read the first LaserScan topic (``/scan`` if there is one) and the first Odometry topic (``/odom``) of a bag.
 
     Messages are decoded and checked as those of a live robot (`wherry.ros.decoding`). A bag without Odometry messages
@@ -46,7 +47,7 @@ def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
 
     Args:
         path: A ROS 1 bag, the folder of a ROS 2 bag, or one of its .mcap or .db3 files.
-        lenient: Whether to skip and count invalid messages instead of refusing the bag.
+        options: How to read.
 
     Raises:
         InputError: The rosbags package is missing, the bag cannot be read or has no scans, all transforms to the lidar
@@ -69,7 +70,7 @@ def read_bag(path: str | Path, *, lenient: bool = False) -> LidarLog:
     except Exception as error:  # rosbags raises errors of many types on damaged bags, here and below
         raise InputError(path, "", f"is not a bag that can be read: {_first_line(error)}") from error
     try:
-        return _read_log(_OpenBag(path, reader), _Rejections(path, lenient))
+        return _read_log(_OpenBag(path, reader), _Rejections(path, options.lenient))
     finally:
         reader.close()
 
