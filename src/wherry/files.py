@@ -11,6 +11,8 @@ from pathlib import Path
 
 from wherry.errors import InputError
 
+BLOCK_SIZE = 1_000_000  # bytes that are read at once
+
 
 def read_bytes(path: str | Path, *, max_bytes: int) -> bytes:
     """Read a whole file of at most ``max_bytes`` bytes.
@@ -23,12 +25,15 @@ def read_bytes(path: str | Path, *, max_bytes: int) -> bytes:
         if path.exists() and not path.is_file() and not path.is_dir():
             raise InputError(path, "", "is not a file")  # a pipe or a device may never end
         with path.open("rb") as file:
-            data = file.read(max_bytes + 1)
+            blocks, size = [], 0
+            while size <= max_bytes and (block := file.read(BLOCK_SIZE)):  # read(max_bytes) would reserve max_bytes
+                blocks.append(block)
+                size += len(block)
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         raise InputError(path, "", getattr(error, "strerror", None) or str(error)) from error
-    if len(data) > max_bytes:
+    if size > max_bytes:
         raise InputError(path, "", f"is larger than {max_bytes:,} bytes")
-    return data
+    return b"".join(blocks)
 
 
 def read_text(path: str | Path, *, max_bytes: int) -> str:

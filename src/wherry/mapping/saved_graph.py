@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -33,7 +34,11 @@ from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Floats, Pose
 
 FORMAT_VERSION = 1  # value of the key wherry-graph in the head
-MAX_FILE_SIZE = 4_000_000_000  # bytes, both packed and unpacked
+MAX_FILE_SIZE = 300_000_000  # bytes, packed
+MAX_UNPACKED_SIZE = 600_000_000  # bytes, unpacked: scans of 1,081 beams at 69,000 keyframes
+MAX_COORDINATE = 1e9  # m and rad, of a pose
+EIGENVALUE_TOLERANCE = 1e-9  # negative eigenvalue that rounding explains, per largest entry
+MAX_SCAN_ANGLE = 4.0 * math.pi  # rad, between the first and the last beam of a scan
 POSE, COVARIANCE = (3,), (3, 3)  # shapes of an entry
 # Every array of a file: its dtype kind, and the shape of one entry.
 ARRAYS: Mapping[str, tuple[str, tuple[int, ...]]] = {
@@ -289,13 +294,15 @@ def _read(path: Path) -> tuple[Mapping[str, Any], Arrays]:
     data = io.BytesIO(read_bytes(path, max_bytes=MAX_FILE_SIZE))
     try:
         with zipfile.ZipFile(data) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > MAX_FILE_SIZE:
-                raise InputError(path, "", f"is larger than {MAX_FILE_SIZE:,} bytes, unpacked")
-        with np.load(data, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        head = json.loads(arrays.pop("head").tobytes())
-    except (zipfile.BadZipFile, ValueError, KeyError, EOFError, OSError) as error:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size <= MAX_UNPACKED_SIZE:
+            with np.load(data, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            head = json.loads(arrays.pop("head").tobytes())
+    except Exception as error:  # zipfile, zlib and numpy raise many kinds on damaged files
         raise InputError(path, "", "is not a saved pose graph") from error
+    if size > MAX_UNPACKED_SIZE:
+        raise InputError(path, "", f"is larger than {MAX_UNPACKED_SIZE:,} bytes, unpacked")
     _check(path, head, arrays)
     return head, arrays
 
@@ -305,11 +312,7 @@ def _check(path: Path, head: object, arrays: Arrays) -> None:
     if not isinstance(head, dict) or head.get("wherry-graph") != FORMAT_VERSION:
         raise InputError(path, "wherry-graph", f"must be version {FORMAT_VERSION}")
     for name, (kind, shape) in ARRAYS.items():
-        array = arrays.get(name)
-        if array is None or array.dtype.kind != kind or array.shape[1:] != shape or array.ndim != len(shape) + 1:
-            raise InputError(path, name, "is missing or has the wrong shape")
-        if kind == "f" and name != "scan_ranges" and not np.isfinite(array).all():
-            raise InputError(path, name, "has a number that is not finite")
+        _check_array(path, name, arrays.get(name), kind, shape)
     for names in SAME_LENGTH:
         if len({len(arrays[name]) for name in names}) > 1:
             raise InputError(path, names[0], f"is not as long as {', '.join(names[1:])}")
@@ -319,8 +322,36 @@ def _check(path: Path, head: object, arrays: Arrays) -> None:
     for name, limit in limits.items():
         if ((arrays[name] < 0) | (arrays[name] >= limit)).any():
             raise InputError(path, name, "has the index of a node or submap that does not exist")
-    if arrays["scan_fields"][:, 5].sum() != len(arrays["scan_ranges"]):
+    _check_scans(path, arrays["scan_fields"], arrays["scan_ranges"])
+
+
+def _check_array(path: Path, name: str, array: NDArray[Any] | None, kind: str, shape: tuple[int, ...]) -> None:
+    """Raise an `InputError` unless an array has its dtype kind, the shape of its entries, and possible values."""
+    if array is None or array.dtype.kind != kind or array.shape[1:] != shape or array.ndim != len(shape) + 1:
+        raise InputError(path, name, "is missing or has the wrong shape")
+    if kind == "f" and name != "scan_ranges" and not np.isfinite(array).all():
+        raise InputError(path, name, "has a number that is not finite")
+    if shape == POSE and (np.abs(array) > MAX_COORDINATE).any():
+        raise InputError(path, name, f"has a pose beyond {MAX_COORDINATE:g} m")
+    if shape == COVARIANCE and not _are_positive(array):
+        raise InputError(path, name, "has a matrix with a negative eigenvalue")
+
+
+def _are_positive(matrices: Floats) -> bool:
+    """Whether symmetric matrices, [N, 3, 3], have no negative eigenvalue up to rounding."""
+    largest = np.abs(matrices).max(axis=(1, 2), initial=0.0)
+    return bool((np.linalg.eigvalsh(matrices) >= -EIGENVALUE_TOLERANCE * largest[:, None]).all())
+
+
+def _check_scans(path: Path, fields: Floats, ranges: Floats) -> None:
+    """Raise an `InputError` unless the scans' fields, [K, 6], and all their ranges are possible."""
+    _, _, increment, _, range_max, beams = fields.T
+    if (beams < 0).any() or (beams % 1.0 != 0).any() or beams.sum() != len(ranges):
         raise InputError(path, "scan_ranges", "is not as long as the scans")
+    if (ranges < 0.0).any():
+        raise InputError(path, "scan_ranges", "has a negative range")
+    if (range_max <= 0.0).any() or (np.abs(increment * beams) > MAX_SCAN_ANGLE).any():
+        raise InputError(path, "scan_fields", "has an impossible longest range or angle between beams")
 
 
 def _shaped(value: Any, kind: str, shape: tuple[int, ...]) -> NDArray[Any]:
