@@ -68,9 +68,10 @@ PUBLIC_API = {
             with_odometry_file
         """,
         "wherry.mapping": """
-            GraphSlam GraphSlamSettings GraphSnapshot LoopClosure ParticleSlam ParticleSlamSettings
-            PoseGraph Rejection SLAM_METHODS ScanMatchingLocalizer Slam SlamMethod SlamSettings
-            load_graph locate_on_map optimized save_graph
+            ContradictionKind GraphSlam GraphSlamSettings GraphSnapshot LoopClosure
+            OdometryContradiction ParticleSlam ParticleSlamSettings PoseGraph Rejection SLAM_METHODS
+            ScanMatchingLocalizer Slam SlamMethod SlamSettings describe_contradictions load_graph
+            locate_on_map optimized save_graph
         """,
         "wherry.navigation": """
             Costmap Viewpoint clear_distance drive_line follow_path frontier_cells go_to
