@@ -203,6 +203,14 @@ def test_unix_times_in_small_units_are_converted(tmp_path: Path, unit: float, na
     assert len(log.odometry.times) == 40
 
 
+def test_an_impossible_time_is_named(tmp_path: Path) -> None:
+    lines = [flaser(n, pose, pose) for n, pose in enumerate(poses())]
+    lines[7] = lines[7].replace(" 7 host", " 1e19 host")
+    with pytest.raises(InputError, match=r"line 8: has a time beyond 1e\+12 s"):
+        read_log(write(tmp_path, lines))
+    assert len(read_log(write(tmp_path, lines), ReadingOptions(lenient=True)).scans) == 19
+
+
 @pytest.mark.parametrize(("unit", "name"), [(1e6, "microseconds"), (1e9, "nanoseconds")])
 def test_counted_small_units_are_told_by_their_steps(tmp_path: Path, unit: float, name: str) -> None:
     lines = [flaser(n, p, p).replace(f" {n} host", f" {int(0.1 * n * unit)} host") for n, p in enumerate(poses())]

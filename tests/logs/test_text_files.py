@@ -45,6 +45,7 @@ OTHERS = {
     "is a ROS 1 bag": b"#ROSBAG V2.0\n" + bytes(100),
     r"ends in .mcap": b"\x89MCAP0\r\n" + bytes(100),
     r"ends in .db3": b"SQLite format 3\x00" + bytes(100),
+    "lines that end in a carriage return only": TEXT.replace("\n", "\r").encode(),
     "compressed by xz": lzma.compress(TEXT.encode()),
     "compressed by bzip2": bz2.compress(TEXT.encode()),
     "gzipped twice": gzip.compress(gzip.compress(TEXT.encode())),

@@ -20,6 +20,7 @@ from wherry.logs.log_lines import (
     parse_numbers,
     parse_pose,
     parse_ranges,
+    parse_stamp,
 )
 from wherry.robot import Scan
 
@@ -34,7 +35,7 @@ def _old_laser(collector: LogCollector, words: list[str]) -> None:
         raise MalformedLineError(f"has {len(words)} words, where {count} beams need {count + 11}")
     ranges = parse_ranges(words[2 : 2 + count], collector.range_max)
     poses = parse_numbers(words[2 + count : 8 + count])
-    (time,) = parse_numbers(words[8 + count : 9 + count])
+    time = parse_stamp(words[8 + count])
     angles = unstated_angles(count, collector.front_field_of_view, collector.front_resolution)
     collector.note_of(words[0], angles.note)
     scan = Scan(time, ranges, angles.start, angles.increment, RANGE_MIN, collector.range_max)
@@ -50,7 +51,7 @@ def _robot_laser(collector: LogCollector, words: list[str]) -> None:
     if len(words) != first + 14:
         raise MalformedLineError(f"has {len(words)} words, where {len(scan.ranges)} beams need {first + 14}")
     poses = parse_numbers(words[first : first + 6])
-    (time,) = parse_numbers(words[first + 11 : first + 12])
+    time = parse_stamp(words[first + 11])
     robot, lidar = parse_pose(poses[3:]), parse_pose(poses[:3])
     collector.add_scan(words[0], replace(scan, time=time), robot, lidar, _logger_time(words))
 
@@ -60,7 +61,7 @@ def _raw_laser(collector: LogCollector, words: list[str]) -> None:
     scan, first = _laser(collector, words)
     if len(words) != first + 3:
         raise MalformedLineError(f"has {len(words)} words, where {len(scan.ranges)} beams need {first + 3}")
-    (time,) = parse_numbers(words[first : first + 1])
+    time = parse_stamp(words[first])
     collector.add_scan(words[0], replace(scan, time=time), None, None, _logger_time(words))
 
 
@@ -86,18 +87,17 @@ def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
 def _logger_time(words: list[str]) -> float | None:
     """Time at which the logger received a message, s since it began, its last word; None if that is no number."""
     try:
-        (time,) = parse_numbers(words[-1:])
+        return parse_stamp(words[-1])
     except MalformedLineError:
         return None
-    return time
 
 
 def _odom(collector: LogCollector, words: list[str]) -> None:
     """``ODOM x y θ tv rv accel time host logger_time``."""
     if len(words) != 10:
         raise MalformedLineError(f"has {len(words)} words, not 10")
-    values = parse_numbers(words[1:8])
-    collector.add_odometry(values[6], parse_pose(values[:3]), _logger_time(words))
+    values = parse_numbers(words[1:7])
+    collector.add_odometry(parse_stamp(words[7]), parse_pose(values[:3]), _logger_time(words))
 
 
 def _param(collector: LogCollector, words: list[str]) -> None:

@@ -15,9 +15,9 @@ from wherry.logs.mounts import find_mount
 from wherry.logs.options import ReadingOptions
 from wherry.logs.recorded import Recorded, RecordedOdometry, RecordedScan
 from wherry.logs.rejections import Rejections, without_numbers
-from wherry.logs.timestamps import unit_of
+from wherry.logs.timestamps import MAX_TIME, unit_of
 from wherry.robot import Scan
-from wherry.space.pose import Pose
+from wherry.space.pose import Floats, Pose
 
 SICK_RANGE_MAX = 80.0  # m, longest valid range if a log gives none; without a return, SICK lidars read 81.83 or 81.91
 MAX_RANGES = 50_000_000  # total of all scans of a log, 0.4 GB
@@ -162,14 +162,18 @@ class LogCollector:
             pairs = self.lidars.get(message, [])
             mount, mount_note = find_mount(self.source, pairs, self._stated_mount(message), self.options.lidar)
             self.notes += [*self.scan_notes.get(message, {}).values(), *([mount_note] if mount_note else [])]
+        times = np.array([recorded.scan.time for recorded in scans])
+        odometry_times = np.array([reading.time for reading in self.odometry])
+        timed = self._in_seconds(scans, times, "scans")
         return assemble_log(
             self.source,
-            self._in_seconds(scans, np.array([recorded.scan.time for recorded in scans]), "scans"),
-            self._in_seconds(self.odometry, np.array([reading.time for reading in self.odometry]), "odometry"),
+            timed,
+            self._in_seconds(self.odometry, odometry_times, "odometry"),
             mount,
             self.options,
             skipped=self.rejections.entries,
             notes=self.notes,
+            skipped_scans=len(scans) - len(timed),
         )
 
     @property
@@ -210,10 +214,15 @@ class LogCollector:
             np.array([values[0] or 0.0, values[1] or 0.0, default_angle if values[2] is None else values[2]])
         )
 
-    def _in_seconds(self, recorded: Sequence[Recorded], times: np.ndarray, name: str) -> list[Recorded]:
-        """What was recorded with its stamps, [N], in seconds."""
+    def _in_seconds(self, recorded: Sequence[Recorded], times: Floats, name: str) -> list[Recorded]:
+        """What was recorded with its stamps, [N], in seconds, without impossible ones."""
         unit, unit_name = unit_of(times)
-        if unit == 1.0:
-            return list(recorded)
-        self.notes.append(f"the times of the {name} are in {unit_name}: they are converted to seconds")
-        return [entry.at(float(time * unit)) for entry, time in zip(recorded, times, strict=True)]
+        if unit != 1.0:
+            self.notes.append(f"the times of the {name} are in {unit_name}: they are converted to seconds")
+        kept: list[Recorded] = []
+        for entry, time in zip(recorded, times.tolist(), strict=True):
+            if abs(time * unit) > MAX_TIME:
+                self.rejections.reject(entry.name, f"has a time beyond {MAX_TIME:g} s")
+            else:
+                kept.append(entry if unit == 1.0 else entry.at(time * unit))
+        return kept

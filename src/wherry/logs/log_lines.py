@@ -11,7 +11,8 @@ from wherry.logs.lidar_log import MAX_BEAMS
 from wherry.robot import mark_no_return
 from wherry.space.pose import Floats, Pose
 
-MAX_NUMBER = 1e20  # largest absolute value of a number in a log
+MAX_NUMBER = 1e18  # largest absolute value of a number in a log
+MAX_STAMP = 1e20  # largest absolute value of a stamp; Unix times in nanoseconds are above 1e18
 MAX_RANGE = 1000.0  # m, longest range of any lidar
 MAX_COORDINATE = 1e9  # m
 MAX_WORD_LENGTH = 40  # characters of a word shown in a message
@@ -23,8 +24,21 @@ class MalformedLineError(Exception):
     """A line that cannot be used; the message is the reason."""
 
 
-def parse_numbers(words: list[str]) -> list[float]:
+def parse_stamp(word: str) -> float:
+    """A stamp, in any unit.
+
+    Raises:
+        MalformedLineError: It is no finite number, or too large.
+    """
+    return parse_numbers([word], MAX_STAMP)[0]
+
+
+def parse_numbers(words: list[str], largest: float = MAX_NUMBER) -> list[float]:
     """The words as finite numbers.
+
+    Args:
+        words: Numbers as text.
+        largest: Largest possible absolute value.
 
     Raises:
         MalformedLineError: A word is no finite number, or too large.
@@ -41,8 +55,8 @@ def parse_numbers(words: list[str]) -> list[float]:
         raise MalformedLineError("has an underscore in a number")
     if not all(math.isfinite(value) for value in values):
         raise MalformedLineError("has a number that is not finite")
-    if any(abs(value) > MAX_NUMBER for value in values):
-        raise MalformedLineError(f"has a number beyond {MAX_NUMBER:g}")
+    if any(abs(value) > largest for value in values):
+        raise MalformedLineError(f"has a number beyond {largest:g}")
     return values
 
 

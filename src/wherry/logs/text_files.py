@@ -87,5 +87,7 @@ def _check_kind(path: Path, head: bytes) -> None:
     for first_bytes, reason in OTHER_KINDS:
         if head.startswith(first_bytes):
             raise InputError(path, "", reason)
+    if b"\r" in head.rstrip(b"\r") and b"\n" not in head:
+        raise InputError(path, "", "has lines that end in a carriage return only: convert it, as by tr '\\r' '\\n'")
     if len(head) - len(head.translate(None, CONTROL_CHARACTERS)) > MAX_CONTROL_SHARE * len(head):
         raise InputError(path, "", "is a binary file, not text")
