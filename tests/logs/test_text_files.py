@@ -39,7 +39,7 @@ def test_variants_of_text_are_read_whatever_the_name(tmp_path: Path, content: by
 
 
 OTHERS = {
-    "is empty": b"",
+    "has no (scans|numbers) in it": b"",
     "is text in UTF-16: convert it to UTF-8": TEXT.encode("utf-16"),
     "is a binary file, not text": TEXT.encode("utf-16-le"),
     "is a ROS 1 bag": b"#ROSBAG V2.0\n" + bytes(100),
