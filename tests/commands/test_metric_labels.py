@@ -39,7 +39,7 @@ def field_names(result: type) -> set[str]:
 @pytest.mark.parametrize(
     ("names", "labels"),
     [
-        (field_names(MappingResult) - {"log", "notes", "is_doubtful"}, MAPPING_METRICS),
+        (field_names(MappingResult) - {"log", "notes", "verdict", "is_doubtful"}, MAPPING_METRICS),
         (field_names(LocalizationResult) - {"verdict", "fits_map", "reference_verdict"}, LOCALIZATION_METRICS),
         (field_names(DriveSummary) - {"notes"}, DRIVE_METRICS),
         (field_names(LearningResult) - {"settings", "runs"} | {"learner", "seed"}, LEARNING_METRICS),

@@ -91,11 +91,10 @@ def _print_result(console: Console, bag: Path, run: ReplayRun) -> None:
     """Print verdicts, notes and metrics of both stages."""
     from wherry.views.metrics_tables import MAP_METRICS
     from wherry.views.terminal import print_metrics
-    from wherry.views.verdicts import mapping_verdict
 
     if run.mapping is not None:
         metrics = asdict(run.mapping)
-        say(console, mapping_verdict(metrics))
+        say(console, run.mapping.verdict)
         say_notes(console, [note for note in run.mapping.notes if note not in run.drive.notes])
         print_metrics(console, f"Map of {bag.name}", metrics, MAP_METRICS)
     print_localization(console, f"{bag.name} on {run.map_file.name}", run.localization, run.drive)

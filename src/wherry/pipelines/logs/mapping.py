@@ -24,8 +24,8 @@ from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.mapping.scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
 from wherry.mapping.settings import SlamSettings
 from wherry.mapping.slam import Slam
-from wherry.pipelines.logs.consistency import own_fit
 from wherry.pipelines.logs.files import check_trajectory_format, save_trajectories
+from wherry.pipelines.logs.map_quality import MapQuality
 from wherry.pipelines.logs.pictures import draw_map
 from wherry.pipelines.logs.reading import read_recording
 from wherry.pipelines.logs.summary import DriveSummary, MapExtent, as_sentences
@@ -36,6 +36,7 @@ from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.trajectory import Trajectory, merge_odometry
+from wherry.views.verdicts import doubtful_map, finished_map
 
 WARM_UP_SCANS = 30  # scans that are mapped beforehand, so that all kernels are compiled
 RELATION_MARGIN = 1.0  # s by which a relation may be outside of a log's time
@@ -81,6 +82,7 @@ class MappingResult:
     """Metrics of a mapped log; the errors are None without relations.
 
     Attributes:
+        verdict: What came out of it, in a sentence.
         translational_error_m: Mean translational error of the relations, m.
         translational_sd_m: Standard deviation of the translational error, m.
         rotational_error_deg: Mean absolute rotational error of the relations, degrees.
@@ -103,10 +105,11 @@ class MappingResult:
         distance_m: Length of the robot's way, m.
         duration_s: Time from the first scan to the last, s.
         fit: How well the scans fit the map that was made of them, 0 to 1; see `localization.fit.MapFit`.
-        is_doubtful: Whether the scans do not fit the map that was made of them.
+        is_doubtful: Whether the map is probably wrong, see `MapQuality`.
         notes: What was decided, assumed or left out, and what the map cannot show, as sentences for people.
     """
 
+    verdict: str
     translational_error_m: float | None
     translational_sd_m: float | None
     rotational_error_deg: float | None
@@ -307,10 +310,14 @@ class MappingRun:
         if self._relations is not None:
             errors = relation_errors(self.slam.trajectory, self._relations, self._odometry)
         far = errors.far_translational_error_m if errors and math.isfinite(errors.far_translational_error_m) else None
-        accepted = sum(closure.is_accepted for closure in self.slam.loop_closures)
+        closures = self.slam.loop_closures
+        accepted = sum(closure.is_accepted for closure in closures)
         extent, drive = MapExtent.of(self.grid), DriveSummary.of(self.log, self.poses)
-        fit = own_fit(self.grid, self.log, self.poses)
+        quality = MapQuality.of(self.grid, self.log, self.poses)
         return MappingResult(
+            verdict=doubtful_map(quality.doubt)
+            if quality.is_doubtful
+            else finished_map(extent.size, extent.free_area, self.scans, drive.distance_m, drive.duration_s, accepted),
             translational_error_m=errors.translational_error_m if errors else None,
             translational_sd_m=errors.translational_sd_m if errors else None,
             rotational_error_deg=errors.rotational_error_deg if errors else None,
@@ -321,7 +328,7 @@ class MappingRun:
             ms_per_scan_p99=float(np.percentile(milliseconds, 99)),
             seconds=seconds,
             closures_accepted=accepted,
-            closures_refused=len(self.slam.loop_closures) - accepted,
+            closures_refused=len(closures) - accepted,
             scans=self.scans,
             skipped=len(self.log.skipped),
             backend=self.settings.backend,
@@ -331,9 +338,9 @@ class MappingRun:
             resolution_m=extent.resolution,
             distance_m=drive.distance_m,
             duration_s=drive.duration_s,
-            fit=fit.value,
-            is_doubtful=not fit.is_fitting,
-            notes=(*drive.notes, *as_sentences(self._contradictions())),
+            fit=quality.fit,
+            is_doubtful=quality.is_doubtful,
+            notes=(*drive.notes, *as_sentences((*quality.notes, *self._contradictions()))),
         )
 
     def _contradictions(self) -> Iterator[str]:
