@@ -95,10 +95,8 @@ class Scan:
     @property
     def beam_times(self) -> Floats:
         """[R] times at which the beams were measured, s since the first one."""
-        count = len(self.ranges)
-        order = np.arange(count) if self.time_increment >= 0.0 else np.arange(count)[::-1]
-        times: Floats = abs(self.time_increment) * order
-        return times
+        order = np.arange(len(self.ranges), dtype=np.float64)
+        return abs(self.time_increment) * (order if self.time_increment >= 0.0 else order[::-1])
 
     def moved_back(self, lidar: Pose, motions: Floats) -> Scan:
         """The scan as if all beams had been measured at its time, given the robot's motion up to each beam.

@@ -15,7 +15,7 @@ from wherry.localization.lost import LostDetector
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.refinement import match_scan
 from wherry.localization.relocalization import Hypothesis, Relocalizer
-from wherry.localization.rivals import SWITCH_LOG_ODDS, Rival, Rivals
+from wherry.localization.rivals import Rival, Rivals
 from wherry.localization.scan_window import ScanWindow, WindowScan
 from wherry.localization.sensor import Beams, valid_beams
 from wherry.robot import Odometry, Scan
@@ -28,6 +28,7 @@ AGREEMENT_BEAMS = 180  # beams of a scan that are compared with the map
 WINDOW_MIN_LOST_PROBABILITY = 0.02  # probability of being lost below which the window of scans is cleared
 RELOCALIZATION_MIN_LOST_PROBABILITY = 0.1  # probability of being lost above which the whole map is searched
 RELOCALIZATION_MIN_SCANS = 3  # scans that the window must hold before the whole map is searched
+DIVERGED_MIN_SCANS = 8  # independent scans after which a filter with several modes should have settled on one
 MAX_SEARCH_INTERVAL = 8  # scans of the window from one search of the whole map to the next, after searches in vain
 LOST_SUSTAINED_PROBABILITY = 0.9  # sustained probability of being lost above which the robot is certainly lost
 LOST_WINDOW_PROBABILITY = 0.5  # probability of being lost that makes it certain if exceeded throughout a full window
@@ -163,7 +164,7 @@ class Localizer:
                 estimate, agreement, hypotheses = self._switch_to_rival(estimate, agreement, odometry.pose)
             self.fit = self.fit.with_scan(agreement)
         rivals = self._rivals.at(odometry.pose)
-        at_estimate = estimate.weight * (1.0 - lost) * (1.0 - self._rivals.probability)
+        at_estimate = min(estimate.weight, 1.0 - self._rivals.probability) * (1.0 - lost)
         return Localization(estimate, min(max(1.0 - at_estimate, 0.0), 1.0), agreement, hypotheses, rivals)
 
     def _restart(self, *, is_global: bool) -> None:
@@ -236,10 +237,10 @@ class Localizer:
         self, estimate: PoseEstimate, agreement: ScanAgreement, odometry: Pose
     ) -> tuple[PoseEstimate, ScanAgreement, tuple[Hypothesis, ...]]:
         """Replace the estimate by a rival that is almost certain, and redraw the particles around it."""
-        best = next(iter(self._rivals.at(odometry)), None)
-        if best is None or best.log_odds < SWITCH_LOG_ODDS or not self._is_inlier(best.agreement):
+        best = self._rivals.successor(odometry)
+        if best is None or not self._is_inlier(best.agreement):
             return estimate, agreement, ()
-        probability = self._rivals.probability
+        probability = self._rivals.probability_of(best)
         hypothesis = Hypothesis(best.pose, best.covariance, probability, best.agreement)
         self.amcl.initialize_modes(_modes((hypothesis,)), prior_weight=1.0 - probability)
         self._rivals.swap(best, estimate.pose, estimate.covariance, odometry, agreement)
@@ -254,10 +255,13 @@ class Localizer:
         """Add a scan to the window while the robot is suspected of being lost; returns whether it was added.
 
         Otherwise the window is cleared, also while the posterior is multi-modal, which the filter resolves by itself
-        unless the scan contradicts its main mode.
+        unless the scans contradict its main mode after many of them.
         """
-        is_resolved_by_filter = not is_unimodal and self._detector.probability < LOST_WINDOW_PROBABILITY
-        if self._max_lost_probability < WINDOW_MIN_LOST_PROBABILITY or is_resolved_by_filter:
+        is_diverged = (
+            self._detector.probability > LOST_WINDOW_PROBABILITY
+            and self._rivals.independent_scans >= DIVERGED_MIN_SCANS
+        )
+        if self._max_lost_probability < WINDOW_MIN_LOST_PROBABILITY or not (is_unimodal or is_diverged):
             self._window.clear()
             self._schedule = SearchSchedule()
             return False

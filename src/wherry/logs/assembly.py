@@ -3,62 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TypeVar
-
-import numpy as np
 
 from wherry.errors import InputError
 from wherry.logs.beam_times import with_usable_beam_times
-from wherry.logs.coverage import clock_difference, covered, hole_lengths
+from wherry.logs.clocks import of_same_clock, with_usable_stamps
 from wherry.logs.lidar_log import LidarLog
+from wherry.logs.majority import kept_odometry, kept_scans, without_repetitions
 from wherry.logs.max_range_readings import mark_beams_without_return
+from wherry.logs.odometry_at_scans import odometry_at_scans
 from wherry.logs.options import ReadingOptions
-from wherry.logs.outliers import Outliers, beam_count_outliers, jumps, stamp_outliers
+from wherry.logs.recorded import RecordedOdometry, RecordedScan
 from wherry.logs.rejections import Rejections, joined
-from wherry.logs.timestamps import ASSUMED_SCAN_PERIOD, has_constant_stamps
-from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Pose
-from wherry.space.trajectory import Trajectory
 
-MIN_CLOCK_READINGS = 3  # scans, and readings of odometry, from which two clocks are compared
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedScan:
-    """A scan as it stands in a recording.
-
-    Attributes:
-        name: Where it stands, for messages, such as ``line 12`` or ``/scan, message 3``.
-        scan: The scan.
-        pose: base_link in the odom frame at the scan, if it was recorded with the scan; otherwise None.
-        received: Time at which the recorder received it, s, recorder's clock; None if it was not recorded.
-    """
-
-    name: str
-    scan: Scan
-    pose: Pose | None = None
-    received: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedOdometry:
-    """A reading of odometry as it stands in a recording.
-
-    Attributes:
-        name: Where it stands, for messages.
-        time: Time of the reading, s, robot's clock.
-        pose: base_link in the odom frame.
-        received: Time at which the recorder received it, s, recorder's clock; None if it was not recorded.
-    """
-
-    name: str
-    time: float
-    pose: Pose
-    received: float | None = None
-
-
-Recorded = TypeVar("Recorded", RecordedScan, RecordedOdometry)
+__all__ = ["RecordedOdometry", "RecordedScan", "assemble_log"]
 
 
 def assemble_log(
@@ -92,14 +50,14 @@ def assemble_log(
         left_out = f" ({len(skipped):,} left out, the first: {skipped[0]})" if skipped else ""
         raise InputError(source, "", "has no scans in it" + left_out)
     total = len(scans) + len(odometry) + len(skipped)
-    timed, clock_note = _with_usable_stamps(_without_repetitions(scans))
-    kept, scan_jumps_note = _kept_scans(timed, rejections)
+    timed, timed_odometry, clock_note = with_usable_stamps(without_repetitions(scans), odometry)
+    kept, scan_jumps_note = kept_scans(timed, rejections)
     rejections.check_share(len(timed) - len(kept) + skipped_scans, len(timed) + skipped_scans, "scans")
-    readings, odometry_jumps_note = _kept_odometry(odometry, rejections)
+    readings, odometry_jumps_note = kept_odometry(kept, timed_odometry, rejections)
     rejections.check_share(len(rejections.entries), total, "lines or messages")
-    readings, difference_note = _same_clock(kept, readings)
-    at_scans, trajectory, coverage_note = _odometry_at_scans(kept, readings)
-    marked, marking_note = mark_beams_without_return([recorded.scan for recorded in kept], trajectory)
+    readings, difference_note = of_same_clock(kept, readings)
+    at_scans, trajectory, coverage_note = odometry_at_scans(kept, readings)
+    marked, marking_note = mark_beams_without_return([recorded.scan for recorded in kept], at_scans)
     final, beam_times_note = with_usable_beam_times(marked)
     all_notes = joined(
         (
@@ -107,159 +65,10 @@ def assemble_log(
             rejections.note(total),
             clock_note,
             scan_jumps_note or odometry_jumps_note,
-            difference_note or coverage_note,
+            difference_note,
+            coverage_note if readings or not odometry else "",  # another note says why odometry was left out
             marking_note,
             beam_times_note,
         )
     )
     return LidarLog(final, at_scans, trajectory, lidar, tuple(rejections.entries), all_notes)
-
-
-def _without_repetitions(scans: Sequence[RecordedScan]) -> list[RecordedScan]:
-    """The scans without those that repeat the stamp and the ranges of the one before."""
-    kept = list(scans[:1])
-    for recorded in scans[1:]:
-        last = kept[-1].scan
-        if recorded.scan.time != last.time or not np.array_equal(recorded.scan.ranges, last.ranges, equal_nan=True):
-            kept.append(recorded)
-    return kept
-
-
-def _with_usable_stamps(scans: list[RecordedScan]) -> tuple[list[RecordedScan], str]:
-    """The scans with other stamps if theirs do not tell the time, and a note that says so."""
-    stamps = np.array([recorded.scan.time for recorded in scans])
-    if not has_constant_stamps(stamps):
-        return scans, ""
-    received = np.array([np.nan if recorded.received is None else recorded.received for recorded in scans])
-    reason = f"the scans are stamped with a constant time, {float(np.median(stamps)):.6f} s"
-    if np.isfinite(received).all() and not has_constant_stamps(received):
-        times, note = received, f"{reason}: the times at which the recorder received them are used"
-    else:
-        times = stamps[0] + ASSUMED_SCAN_PERIOD * np.arange(len(scans))
-        note = f"{reason}: a scan every {ASSUMED_SCAN_PERIOD:.0f} s is assumed"
-    return [
-        replace(recorded, scan=replace(recorded.scan, time=float(time)))
-        for recorded, time in zip(scans, times, strict=True)
-    ], note
-
-
-def _kept_scans(scans: list[RecordedScan], rejections: Rejections) -> tuple[list[RecordedScan], str]:
-    """The scans without outliers, in the order of time, and a note on lasting jumps of their poses."""
-    scans = _kept(scans, stamp_outliers(np.array([recorded.scan.time for recorded in scans])), rejections)
-    scans = _kept(scans, beam_count_outliers([len(recorded.scan.ranges) for recorded in scans]), rejections)
-    poses = [recorded.pose for recorded in scans if recorded.pose is not None]
-    if len(poses) < len(scans):
-        return scans, ""
-    outliers, changes = jumps(poses)
-    continued = _continued(poses, changes)
-    moved = [replace(recorded, pose=pose) for recorded, pose in zip(scans, continued, strict=True)]
-    return _kept(moved, outliers, rejections), _jumps_note([scans[index].name for index in changes])
-
-
-def _kept_odometry(odometry: Sequence[RecordedOdometry], rejections: Rejections) -> tuple[list[RecordedOdometry], str]:
-    """The readings of odometry without outliers, in the order of time, and a note on lasting jumps."""
-    readings = _kept(odometry, stamp_outliers(np.array([reading.time for reading in odometry])), rejections)
-    poses = [reading.pose for reading in readings]
-    outliers, changes = jumps(poses)
-    continued = _continued(poses, changes)
-    moved = [replace(reading, pose=pose) for reading, pose in zip(readings, continued, strict=True)]
-    return _kept(moved, outliers, rejections), _jumps_note([readings[index].name for index in changes])
-
-
-def _kept(recorded: Sequence[Recorded], outliers: Outliers, rejections: Rejections) -> list[Recorded]:
-    """What was recorded without outliers, which are rejected."""
-    for index, reason in outliers.items():
-        rejections.reject(recorded[index].name, reason)
-    return [entry for index, entry in enumerate(recorded) if index not in outliers]
-
-
-def _continued(poses: Sequence[Pose], changes: Sequence[int]) -> list[Pose]:
-    """Poses without their lasting jumps: the robot is taken to stand still where odometry changes its frame."""
-    continued = list(poses)
-    for change in changes:
-        correction = continued[change - 1] @ continued[change].inverse
-        continued[change:] = [correction @ pose for pose in continued[change:]]
-    return continued
-
-
-def _jumps_note(names: Sequence[str]) -> str:
-    """A note on lasting jumps of odometry at the named readings; empty if there are none."""
-    if not names:
-        return ""
-    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-    return f"odometry jumps to another frame at {names[0]}{more}: it is continued from the pose before the jump"
-
-
-def _same_clock(scans: Sequence[RecordedScan], odometry: list[RecordedOdometry]) -> tuple[list[RecordedOdometry], str]:
-    """The odometry if it is stamped by the scans' clock, otherwise none and a note that says so."""
-    if not odometry:
-        return odometry, ""
-    difference = clock_difference(
-        [(recorded.scan.time, recorded.received) for recorded in scans if recorded.received is not None],
-        [(reading.time, reading.received) for reading in odometry if reading.received is not None],
-    )
-    first, last = scans[0].scan.time, scans[-1].scan.time
-    poses = "the poses recorded with the scans are used alone" if scans[0].pose else "the scans have no odometry"
-    if min(len(scans), len(odometry)) >= MIN_CLOCK_READINGS and difference is not None:
-        side = "ahead of" if difference > 0.0 else "behind"
-        clock = f"odometry is stamped by another clock, {abs(difference):,.3f} s {side} that of the scans"
-        return [], f"{clock}: {poses}"
-    if odometry[-1].time < first or odometry[0].time > last:
-        times = f"{odometry[0].time:.3f} to {odometry[-1].time:.3f} s, scans from {first:.3f} to {last:.3f} s"
-        return [], f"odometry is of another clock or of another drive than the scans, from {times}: {poses}"
-    return odometry, ""
-
-
-def _odometry_at_scans(
-    scans: Sequence[RecordedScan], readings: Sequence[RecordedOdometry]
-) -> tuple[tuple[Odometry | None, ...], Trajectory, str]:
-    """Odometry at each scan or None, all odometry, and a note on scans that odometry does not cover."""
-    trajectory = _trajectory([(reading.time, reading.pose) for reading in readings])
-    times = np.array([recorded.scan.time for recorded in scans])
-    covers = covered(trajectory, times)
-    poses: list[Pose | None] = [recorded.pose for recorded in scans]
-    if covers.any():
-        interpolated = [Pose.from_array(pose) for pose in trajectory.along_arcs(times)]
-        poses = [
-            pose or (between if covers[index] else None)
-            for index, (pose, between) in enumerate(zip(poses, interpolated, strict=True))
-        ]
-    at_scans = tuple(
-        None if pose is None else Odometry(recorded.scan.time, pose, Velocity())
-        for recorded, pose in zip(scans, poses, strict=True)
-    )
-    own = [(recorded.scan.time, recorded.pose) for recorded in scans if recorded.pose is not None]
-    whole = _trajectory([(reading.time, reading.pose) for reading in readings] + own)
-    return at_scans, whole, _coverage_note(times, np.array([pose is None for pose in poses]), trajectory)
-
-
-def _trajectory(poses: Sequence[tuple[float, Pose]]) -> Trajectory:
-    """Poses in the order of time; of several at the same time, the last one counts."""
-    by_time = dict(poses)
-    times = sorted(by_time)
-    return Trajectory(np.array(times), np.array([by_time[time].as_array() for time in times]).reshape(-1, 3))
-
-
-def _coverage_note(times: np.ndarray, missing: np.ndarray, odometry: Trajectory) -> str:
-    """A note on scans without odometry; empty if there are none, or if there is no odometry at all.
-
-    Args:
-        times: Times of the scans, [N] s.
-        missing: Whether each scan has no odometry, [N].
-        odometry: All odometry.
-    """
-    if not missing.any() or len(odometry.times) < 2:
-        return "the recording has no odometry" if missing.all() else ""
-    early = int((missing & (times < odometry.times[0])).sum())
-    late = int((missing & (times > odometry.times[-1])).sum())
-    holes = hole_lengths(odometry)
-    reasons = joined(
-        (
-            f"it begins {odometry.times[0] - times[0]:,.1f} s after the first ({early:,} scans)" if early else "",
-            f"it ends {times[-1] - odometry.times[-1]:,.1f} s before the last ({late:,} scans)" if late else "",
-            f"it has {len(holes)} holes of up to {holes.max():,.1f} s ({missing.sum() - early - late:,} scans)"
-            if missing.sum() > early + late
-            else "",
-        )
-    )
-    return f"{missing.sum():,} of {len(times):,} scans have no odometry: {', '.join(reasons)}"

@@ -16,6 +16,7 @@ MIN_HOLE = 1.0  # s, longest step between readings of odometry that is always in
 HOLE_PERIODS = 10.0  # median steps between readings of odometry above which a longer step is a hole
 END_PERIODS = 2.0  # median steps between readings by which odometry is extrapolated
 MIN_END, MAX_END = 0.1, 0.5  # s, limits of that time
+SAME_DISTANCE, SAME_ANGLE = 0.1, 0.05  # m and rad, median differences of two records of the same odometry
 STANDSTILL_DISTANCE, STANDSTILL_ANGLE = 0.01, 0.01  # m and rad, motion over a hole below which the robot stood still
 
 
@@ -36,6 +37,13 @@ def clock_difference(scans: Sequence[tuple[float, float]], odometry: Sequence[tu
     difference = float(np.median(differences))
     spread = float(np.median(np.abs(differences - difference)))
     return difference if abs(difference) > CLOCK_TOLERANCE + CLOCK_SPREADS * spread else None
+
+
+def agree(own: Floats, other: Floats) -> bool:
+    """Whether poses, [N, 3] m, m, rad, differ by no more than two records of the same odometry do."""
+    differences = relative(other, own)
+    distance = float(np.median(np.hypot(differences[:, 0], differences[:, 1])))
+    return distance <= SAME_DISTANCE and float(np.median(np.abs(differences[:, 2]))) <= SAME_ANGLE
 
 
 def odometry_period(times: Floats) -> float:

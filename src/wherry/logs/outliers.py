@@ -11,10 +11,13 @@ import numpy as np
 from wherry.logs.lidar_log import MAX_JUMP
 from wherry.space.pose import Floats, Pose
 
-BEAM_COUNT_TOLERANCE = 0.2  # share of the median number of beams by which the beams of a scan may differ from it
+BEAM_COUNT_TOLERANCE = 0.2  # share of a number of beams by which similar scans have more or fewer
+MIN_SIMILAR_SCANS, MIN_SIMILAR_SHARE = 2, 0.1  # scans, and share of all, that make another number of beams usual
 MIN_SEPARATION = 600.0  # s of silence beside which a few stamps at the beginning or at the end are no part of the drive
 SEPARATION_STEPS = 100.0  # median steps between stamps that such a silence lasts at least
 MAX_SEPARATED_SHARE = 0.01  # share of the stamps, at least one, that may be separated in this way
+CLOCK_SETTING = 86400.0  # s of silence from which the clock was set meanwhile, as by NTP after a start
+MAX_UNSET_SHARE = 0.25  # share of the stamps that may be of a clock that was not set
 MAX_OUTLIER_RUN = 3  # consecutive poses that count as outliers if odometry returns afterwards
 
 Outliers = Mapping[int, str]
@@ -58,13 +61,15 @@ def _longest_non_decreasing(times: Floats) -> list[int]:
 
 def _not_separated(times: Floats) -> slice:
     """The part of non-decreasing stamps, [N] s, without a few at either end that a long silence separates."""
-    count, few = len(times), max(1, int(MAX_SEPARATED_SHARE * len(times)))
+    count = len(times)
     steps = np.diff(times)
     if len(steps) < 2:
         return slice(0, count)
     long = max(MIN_SEPARATION, SEPARATION_STEPS * float(np.sort(steps)[(len(steps) - 1) // 2]))
     first, last = 0, count
     for index in np.flatnonzero(steps > long).tolist():
+        share = MAX_UNSET_SHARE if steps[index] > CLOCK_SETTING else MAX_SEPARATED_SHARE
+        few = max(1, int(share * count))
         before, after = index + 1, count - index - 1
         if before <= few and before < after and steps[index] > times[count - 1 - few] - times[index + 1]:
             first = before
@@ -88,13 +93,26 @@ def _stamp_reason(times: Floats, kept: Sequence[int], index: int) -> str:
 
 
 def beam_count_outliers(counts: Sequence[int]) -> Outliers:
-    """Scans whose number of beams is not near the median; a few more or less occur with many lidars."""
-    median = float(np.median(counts)) if len(counts) else 0.0
+    """Scans whose number of beams is neither near the median nor near that of other scans.
+
+    A few beams more or less occur with many lidars, and a lidar may change its resolution.
+    """
+    ordered = np.sort(counts)
+    median = int(ordered[(len(ordered) - 1) // 2]) if len(ordered) else 0
+    lower, upper = (1.0 - BEAM_COUNT_TOLERANCE) * median, (1.0 + BEAM_COUNT_TOLERANCE) * median
+    needed = max(MIN_SIMILAR_SCANS, MIN_SIMILAR_SHARE * len(ordered))
     return {
-        index: f"has {count} beams where the log's scans have {median:.0f}"
+        index: f"has {count} beams where the log's scans have {median}"
         for index, count in enumerate(counts)
-        if abs(count - median) >= BEAM_COUNT_TOLERANCE * median and abs(count - median) > 0.0
+        if not lower < count < upper and _similar(ordered, count) < needed
     }
+
+
+def _similar(ordered: Floats, count: int) -> int:
+    """How many of the numbers of beams, in increasing order, are near one."""
+    first = np.searchsorted(ordered, (1.0 - BEAM_COUNT_TOLERANCE) * count, side="right")
+    last = np.searchsorted(ordered, (1.0 + BEAM_COUNT_TOLERANCE) * count, side="left")
+    return int(last - first)
 
 
 def jumps(poses: Sequence[Pose]) -> tuple[Outliers, tuple[int, ...]]:

@@ -11,8 +11,8 @@ from wherry.errors import InputError
 
 MAX_REJECTED_SHARE = 0.25  # share of the lines or messages above which a recording is refused even if lenient
 MIN_REJECTED = 4  # lines or messages below which the share is not checked, as in files of a few lines
-REPORTED_REASONS = 3  # reasons named in a note, the most frequent ones
-MAX_EXAMPLE_LENGTH = 120  # characters of an example in a note
+REPORTED_REASONS = 2  # reasons named in a note, the most frequent ones
+MAX_EXAMPLE_LENGTH = 100  # characters of an example in a note
 NUMBER = re.compile(r"[-+]?\d[\d,]*\.?\d*(e[-+]?\d+)?")
 
 
@@ -55,7 +55,7 @@ class Rejections:
         Raises:
             InputError: The share is above `MAX_REJECTED_SHARE`; the error gives it and the most frequent reason.
         """
-        if rejected < MIN_REJECTED or rejected <= MAX_REJECTED_SHARE * total:
+        if not are_too_many(rejected, total):
             return
         limit = f"more than the {MAX_REJECTED_SHARE:.0%} that --lenient leaves out"
         frequent = f"; most frequent: {self._groups()[0]}" if self.entries else ""
@@ -75,7 +75,12 @@ class Rejections:
         """Numbers of entries of the same kind, the most frequent ones first, each with the first entry of the kind."""
         kinds = [_kind(entry) for entry in self.entries]
         first = dict(zip(reversed(kinds), reversed(self.entries), strict=True))
-        return [f"{count:,} like {_shortened(first[kind])!r}" for kind, count in Counter(kinds).most_common()]
+        return [f'{count:,} like "{_shortened(first[kind])}"' for kind, count in Counter(kinds).most_common()]
+
+
+def are_too_many(rejected: int, total: int) -> bool:
+    """Whether more of all were rejected than may be left out."""
+    return rejected >= MIN_REJECTED and rejected > MAX_REJECTED_SHARE * total
 
 
 def _kind(entry: str) -> str:

@@ -126,14 +126,12 @@ class FrontEnd:
         self, tracking: TrackingState, time: float, odometry: Odometry | None, placement: Placement
     ) -> TrackingState:
         """The state after odometry since the last scan was compared with the placement of a scan."""
-        measured = tracking.odometry_motion(odometry)
-        if measured is None:
+        if tracking.odometry_motion(odometry) is None:
             return tracking.without_keyframe_odometry()
-        motion = placement.pose.relative_to(tracking.pose)
-        is_implausible = placement.match is None and not is_plausible(measured, time - tracking.scan_time)
-        if not is_implausible and not _contradicts(placement, measured, motion):
+        contradiction = find_contradiction(tracking, time, odometry, placement)
+        if contradiction is None:
             return tracking
-        self._contradictions.append(OdometryContradiction(time, tracking.scan_time, measured, motion))
+        self._contradictions.append(contradiction)
         return tracking.contradicted()
 
     def _constrain(
@@ -157,7 +155,7 @@ class FrontEnd:
     def _keyframe_odometry(
         self, tracking: TrackingState, time: float, odometry: Odometry | None, placement: Placement
     ) -> tuple[TrackingState, Pose | None]:
-        """The state after odometry since the last keyframe was compared with the match, and the motion that it measures.
+        """The state after odometry since the last keyframe was checked, and its motion.
 
         The motion is None if odometry is missing, contradicted or not trusted.
         """
@@ -187,6 +185,27 @@ def _stands_still(tracking: TrackingState, placement: Placement, prediction: Pre
     if not is_within(prediction.motion, STILL_DISTANCE, STILL_ANGLE) or placement.prediction is not prediction:
         return False
     return is_within(placement.pose.relative_to(tracking.pose), STILL_MATCH_DISTANCE, STILL_MATCH_ANGLE)
+
+
+def find_contradiction(
+    tracking: TrackingState, time: float, odometry: Odometry | None, placement: Placement
+) -> OdometryContradiction | None:
+    """The contradiction between odometry since the last scan and the placement of a scan; None if there is none.
+
+    Args:
+        tracking: The state after the last scan.
+        time: Time of the scan, s.
+        odometry: Odometry at the scan; None without odometry.
+        placement: The scan on the grid that is tracked.
+    """
+    measured = tracking.odometry_motion(odometry)
+    if measured is None:
+        return None
+    motion = placement.pose.relative_to(tracking.pose)
+    is_implausible = placement.match is None and not is_plausible(measured, time - tracking.scan_time)
+    if is_implausible or _contradicts(placement, measured, motion):
+        return OdometryContradiction(time, tracking.scan_time, measured, motion)
+    return None
 
 
 def _contradicts(placement: Placement, measured: Pose, motion: Pose) -> bool:

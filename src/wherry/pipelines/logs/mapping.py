@@ -14,8 +14,8 @@ from wherry.errors import InputError
 from wherry.evaluation import RelationErrors, Relations, load_relations, relation_errors
 from wherry.files import ensure_writable_folder, write_atomically
 from wherry.logs.lidar_log import LidarLog
+from wherry.logs.odometry_files import with_odometry_file
 from wherry.logs.options import DEFAULT_READING, ReadingOptions
-from wherry.logs.tables import read_odometry
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.methods import SLAM_METHODS
@@ -35,7 +35,7 @@ from wherry.ros.bags.log_recorder import LogRecorder
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
-from wherry.space.trajectory import Trajectory, merge_odometry
+from wherry.space.trajectory import Trajectory
 from wherry.views.verdicts import doubtful_map, finished_map
 
 WARM_UP_SCANS = 30  # scans that are mapped beforehand, so that all kernels are compiled
@@ -148,13 +148,12 @@ def prepare(settings: MappingSettings) -> MappingRun:
     _check(settings)
     log = read_recording(settings.log, settings.reading)
     relations = None if settings.relations is None else _covered_relations(settings.relations, log)
-    odometry = log.odometry
     if settings.odometry is not None:
-        odometry = merge_odometry(log.odometry, read_odometry(settings.odometry))
+        log = with_odometry_file(log, settings.odometry)
     slam, add_first = _create_slam(settings, log)
     if settings.out is not None:
         ensure_writable_folder(settings.out)
-    return MappingRun(settings, log, relations, odometry, slam, add_first)
+    return MappingRun(settings, log, relations, log.odometry, slam, add_first)
 
 
 def _check(settings: MappingSettings) -> None:
