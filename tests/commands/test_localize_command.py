@@ -49,7 +49,9 @@ def test_the_verdict_comes_before_the_numbers(run_command: RunCommand, folder: P
     assert metrics["duration_s"] == 23.0
     x, y, _ = metrics["final_pose"]
     assert f"x {x:.2f} m, y {y:.2f} m, heading " in err
+    assert "position error to the reference (rms)" in err
     assert "final_pose" not in err
+    assert "Not measured" not in err
     assert OFF_THE_MAP not in err
     for note in metrics["notes"]:
         assert err.count(f"Note: {note}\n") == 1
@@ -62,6 +64,7 @@ def test_results_are_saved_to_a_folder_of_their_own(run_command: RunCommand, fol
         assert status == 0
         results = Path("runs") / name
         files = ("trajectory.tum", "trajectory.kitti", "localization.csv", "localization.png")
+        assert "reference" not in out
         assert out.endswith("Written: " + ", ".join(str(results / file) for file in files) + "\n")
         assert {path.name for path in results.iterdir()} == {*files, "result.json", "trace.wherry"}
         np.testing.assert_allclose(read_odometry(results / "trajectory.tum").poses, POSES, atol=0.2)

@@ -79,14 +79,15 @@ def localize(
 
 def print_localization(console: Console, title: str, result: LocalizationResult, drive: DriveSummary) -> None:
     """Print verdicts, notes and metrics of a localization run and of its drive."""
-    from wherry.views.metrics_tables import DRIVE_METRICS, LOCALIZATION_METRICS
+    from wherry.views.metrics_tables import DRIVE_METRICS, LOCALIZATION_METRICS, REFERENCE_METRICS
     from wherry.views.terminal import print_metrics
 
     for line in (result.verdict, result.reference_verdict):
         if line is not None:
             say(console, line)
     say_notes(console, drive.notes)
-    print_metrics(console, title, result.as_dict() | asdict(drive), {**DRIVE_METRICS, **LOCALIZATION_METRICS})
+    labels = {**DRIVE_METRICS, **LOCALIZATION_METRICS, **(REFERENCE_METRICS if result.reference_scans else {})}
+    print_metrics(console, title, result.as_dict() | asdict(drive), labels)
 
 
 def _localize_scans(run: LocalizationRun, trace: LogTrace, record: Path | None, console: Console) -> None:

@@ -76,8 +76,13 @@ class DriveSummary:
 
 
 def as_sentences(notes: Iterable[str]) -> tuple[str, ...]:
-    """The notes, each once, with a capital letter and a full stop."""
-    return tuple(dict.fromkeys(f"{note[:1].upper()}{note[1:].removesuffix('.')}." for note in notes))
+    """The notes, each once, with a full stop and, unless they begin with the name of a field, a capital letter."""
+    return tuple(dict.fromkeys(_as_sentence(note) for note in notes))
+
+
+def _as_sentence(note: str) -> str:
+    begins_with_word = note.partition(" ")[0].isalpha()
+    return f"{note[:1].upper() if begins_with_word else note[:1]}{note[1:].removesuffix('.')}."
 
 
 def _scope_notes(log: LidarLog, poses: Floats) -> Iterator[str]:
