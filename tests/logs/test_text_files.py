@@ -91,3 +91,15 @@ def test_more_malformed_lines_than_a_share_are_refused(tmp_path: Path) -> None:
     path.write_text(TEXT + "\n".join(f"FLASER 4 1.0 {n}" for n in range(4)))
     with pytest.raises(InputError, match=r"4 of 12 .* cannot be used, more than the 25% that --lenient leaves out"):
         read_log(path, ReadingOptions(lenient=True))
+
+
+def test_logs_that_do_not_fit_into_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "some.log"
+    path.write_text(TEXT)
+    monkeypatch.setattr("wherry.logs.collector.MAX_MESSAGES", 5)
+    with pytest.raises(InputError, match="line 6: exceeds the 5 messages and"):
+        read_log(path)
+    monkeypatch.setattr("wherry.logs.rejections.MAX_REJECTED", 3)
+    path.write_text("FLASER 4 1.0\n" * 1000)
+    with pytest.raises(InputError, match="line 4: is the last of over 3 that cannot be used: has 3 words"):
+        read_log(path, ReadingOptions(lenient=True))

@@ -5,16 +5,17 @@ Source: http://carmen.sourceforge.net/logger_playback.html, the header that CARM
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 from wherry.logs.carmen_angles import stated_angles, unstated_angles
-from wherry.logs.collector import LogCollector
+from wherry.logs.collector import RANGE_PARAMETER, LogCollector
 from wherry.logs.log_lines import (
     RANGE_MIN,
     MalformedLineError,
+    check_range_max,
     parse_count,
     parse_numbers,
     parse_pose,
@@ -51,7 +52,7 @@ def _robot_laser(collector: LogCollector, words: list[str]) -> None:
     poses = parse_numbers(words[first : first + 6])
     (time,) = parse_numbers(words[first + 11 : first + 12])
     robot, lidar = parse_pose(poses[3:]), parse_pose(poses[:3])
-    collector.add_scan(words[0], _at(scan, time), robot, lidar, _logger_time(words))
+    collector.add_scan(words[0], replace(scan, time=time), robot, lidar, _logger_time(words))
 
 
 def _raw_laser(collector: LogCollector, words: list[str]) -> None:
@@ -60,7 +61,7 @@ def _raw_laser(collector: LogCollector, words: list[str]) -> None:
     if len(words) != first + 3:
         raise MalformedLineError(f"has {len(words)} words, where {len(scan.ranges)} beams need {first + 3}")
     (time,) = parse_numbers(words[first : first + 1])
-    collector.add_scan(words[0], _at(scan, time), None, None, _logger_time(words))
+    collector.add_scan(words[0], replace(scan, time=time), None, None, _logger_time(words))
 
 
 def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
@@ -71,8 +72,7 @@ def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
     count = parse_count(words, 8)
     if len(words) <= 9 + count:
         raise MalformedLineError(f"has {len(words)} words, too few for {count} beams")
-    if range_max <= 0.0:
-        raise MalformedLineError("the longest range must be above 0")
+    check_range_max(range_max)
     angles = stated_angles(count, start, field_of_view, resolution)
     collector.note_of(words[0], angles.note)
     ranges = parse_ranges(words[9 : 9 + count], range_max)
@@ -83,18 +83,13 @@ def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
     return Scan(0.0, ranges, angles.start, angles.increment, RANGE_MIN, range_max), 10 + count + remissions
 
 
-def _at(scan: Scan, time: float) -> Scan:
-    """A scan with its time, s."""
-    return Scan(time, scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
-
-
 def _logger_time(words: list[str]) -> float | None:
     """Time at which the logger received a message, s since it began, its last word; None if that is no number."""
     try:
-        time = float(words[-1])
-    except ValueError:
+        (time,) = parse_numbers(words[-1:])
+    except MalformedLineError:
         return None
-    return time if math.isfinite(time) else None
+    return time
 
 
 def _odom(collector: LogCollector, words: list[str]) -> None:
@@ -109,6 +104,8 @@ def _param(collector: LogCollector, words: list[str]) -> None:
     """``PARAM name value …``, of which those of the lidars are used."""
     if len(words) >= 3 and words[1] in collector.parameters:
         (value,) = parse_numbers(words[2:3])
+        if words[1] == RANGE_PARAMETER and value > 0.0:
+            check_range_max(value)
         collector.parameters[words[1]] = value
 
 

@@ -12,6 +12,7 @@ from wherry.robot import mark_no_return
 from wherry.space.pose import Floats, Pose
 
 MAX_NUMBER = 1e20  # largest absolute value of a number in a log
+MAX_RANGE = 1000.0  # m, longest range of any lidar
 MAX_COORDINATE = 1e9  # m
 MAX_WORD_LENGTH = 40  # characters of a word shown in a message
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
@@ -67,6 +68,16 @@ def parse_count(words: list[str], index: int, minimum: int = 1) -> int:
     if not minimum <= count <= MAX_BEAMS:
         raise MalformedLineError(f"has {count} beams; {minimum} to {MAX_BEAMS:,} are possible")
     return count
+
+
+def check_range_max(range_max: float) -> None:
+    """Check the longest range that a log states for its lidar, m.
+
+    Raises:
+        MalformedLineError: No lidar has it.
+    """
+    if not 0.0 < range_max <= MAX_RANGE:
+        raise MalformedLineError(f"the longest range is {range_max:g}, not above 0 and up to {MAX_RANGE:g} m")
 
 
 def parse_ranges(words: list[str], range_max: float, unit: float = 1.0) -> Floats:

@@ -19,7 +19,7 @@ from wherry.space.trajectory import Trajectory
 
 POSE_WIDTH, TUM_WIDTH, KITTI_WIDTH = 4, 8, 12  # numbers in a line
 FORMATS = "t x y θ or TUM's t x y z qx qy qz qw"
-MAX_ROWS = 10_000_000
+MAX_ROWS = 2_000_000  # eleven hours at 50 Hz
 NORM_TOLERANCE = 0.1  # deviation of a quaternion's norm from 1 that is corrected
 MAX_TILT = 0.35  # rad, between the z axes of base_link and of the map
 HEADER_WORD = re.compile(r"[^\W\d_]\w*")
