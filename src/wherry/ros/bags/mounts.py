@@ -8,15 +8,8 @@ from wherry.errors import InputError
 from wherry.ros.bags.recorded_transforms import RecordedTransforms, TransformTable
 from wherry.ros.bags.rejections import Rejections
 from wherry.ros.decoding import MessageError
-from wherry.ros.transforms import (
-    Mount,
-    MountError,
-    is_base_frame,
-    is_odometry_frame,
-    is_world_frame,
-    listed_frames,
-    resolve_frame,
-)
+from wherry.ros.frame_names import is_base_frame, is_odometry_frame, is_world_frame, listed_frames, resolve_frame, shown
+from wherry.ros.transforms import Mount, MountError
 from wherry.space.pose import Pose, wrap
 
 STATED = "--lidar x,y,theta states it (m, m, degrees)"
@@ -113,9 +106,9 @@ class MountFinder:
         frames, path = self.frames, self.rejections.path
         *_, table = self._transforms.tables(frames.prefix, static_only=False)
         known = listed_frames(frame for frame in table.tree.frames if not frames.is_world(frame))
-        base = frames.base or "base_link"
+        base = shown(frames.base or "base_link")
         reason = f"where the lidar sits on {base} is unknown (frames of the transforms: {known}); {STATED}"
-        return InputError(path, f"frame {frames.laser!r}", reason)
+        return InputError(path, f"frame {shown(frames.laser)!r}", reason)
 
     def _mount_in(self, table: TransformTable, bases: list[str]) -> Mount | None:
         """The mount by one table of transforms."""
@@ -128,8 +121,8 @@ class MountFinder:
                     self._report(table, base, laser)
                     return Mount.from_transform(transform)
             except MountError as error:
-                reason = f"where the lidar sits on {base} cannot be used: {error}; {STATED}"
-                raise InputError(self.rejections.path, f"frame {frames.laser!r}", reason) from error
+                reason = f"where the lidar sits on {shown(base)} cannot be used: {error}; {STATED}"
+                raise InputError(self.rejections.path, f"frame {shown(frames.laser)!r}", reason) from error
         return None
 
     def _report(self, table: TransformTable, base: str, laser: str) -> None:
@@ -142,9 +135,11 @@ class MountFinder:
             self.rejections.add(name, MessageError(reason))
         for found, named in ((laser, self.frames.laser), (base, self.frames.base)):
             if named and found != named:
-                self.notes.append(f"the frame {named!r} of the messages is taken for {found!r} of the transforms")
+                self.notes.append(
+                    f"the frame {shown(named)!r} of the messages is taken for {shown(found)!r} of the transforms"
+                )
         if self.frames.has_odometry and not self.frames.base:
-            self.notes.append(f"odometry does not name the robot's frame; {base!r} is taken for it")
+            self.notes.append(f"odometry does not name the robot's frame; {shown(base)!r} is taken for it")
 
     def _bases(self, table: TransformTable) -> list[str]:
         """Candidates for the base frame: that of odometry; without its name, what the transforms have in odom."""

@@ -13,6 +13,7 @@ from wherry.robot import Scan
 from wherry.ros.bags.rejections import Rejections
 from wherry.ros.bags.storage import BagTopic, OpenBag
 from wherry.ros.decoding import MessageError, decode_laser_scan
+from wherry.ros.frame_names import shown
 
 MAX_RANGES = 200_000_000  # total of all scans, 1.6 GB
 MAX_FRAMES_NAMED = 3  # frames of scans that a note lists
@@ -57,16 +58,18 @@ def read_scans(bag: OpenBag, topic: BagTopic, rejections: Rejections) -> ScanSer
             raise InputError(bag.path, message.name, f"exceeds the {MAX_RANGES:,} ranges that fit into memory")
         found.append((content.header.frame_id.strip("/"), RecordedScan(message.name, scan, None, message.received)))
     if not found:
-        raise InputError(bag.path, topic.name, _unusable_reason(topic, rejections))
-    notes = [f"{topic.name}: {remark} ({count} of {topic.count} scans)" for remark, count in sorted(remarks.items())]
+        raise InputError(bag.path, shown(topic.name), _unusable_reason(topic, rejections))
+    notes = [
+        f"{shown(topic.name)}: {remark} ({count} of {topic.count} scans)" for remark, count in sorted(remarks.items())
+    ]
     counts = Counter(frame for frame, _ in found)
     frame = counts.most_common(1)[0][0]
     if len(counts) > 1:
-        listed = ", ".join(f"{name!r} ({count})" for name, count in counts.most_common(MAX_FRAMES_NAMED))
-        notes.append(f"{topic.name} has scans in the frames {listed}; those in {frame!r} are used")
+        listed = ", ".join(f"{shown(name)!r} ({count})" for name, count in counts.most_common(MAX_FRAMES_NAMED))
+        notes.append(f"{shown(topic.name)} has scans in the frames {listed}; those in {shown(frame)!r} are used")
     scans = [recorded for name, recorded in found if name == frame]
     for correct in (_without_impossible_times, _without_nearest_readings):
-        scans, note = correct(topic.name, scans)
+        scans, note = correct(shown(topic.name), scans)
         notes += [note] if note else []
     return ScanSeries(tuple(scans), frame, tuple(notes))
 
