@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import islice
-from os.path import commonprefix
+from itertools import islice, takewhile
 
 from wherry.errors import InputError
 from wherry.ros.bags.storage import ODOMETRY, SCAN, TRANSFORMS, BagTopic, OpenBag
@@ -89,7 +88,8 @@ def transform_topics(bag: OpenBag) -> list[BagTopic]:
 
 def _odometry_rank(topic: BagTopic, scans: BagTopic) -> tuple[object, ...]:
     """Order in which topics of odometry are preferred."""
-    shared = len(commonprefix([topic.namespace, scans.namespace]))
+    pairs = zip(topic.namespace, scans.namespace, strict=False)
+    shared = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
     return (-shared, topic.last != "odom", "odom" not in topic.name, len(topic.namespace), -topic.count, topic.name)
 
 
