@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from wherry.errors import InputError
 from wherry.logs.assembly import RecordedOdometry
+from wherry.logs.rejections import Rejections
 from wherry.ros.bags.recorded_transforms import RecordedTransforms, TransformTable
-from wherry.ros.bags.rejections import Rejections
 from wherry.ros.bags.storage import BagTopic, OpenBag
 from wherry.ros.decoding import MessageError, decode_odometry, decode_transform, frames_of
 from wherry.ros.frame_names import arrow, is_base_frame, is_odometry_frame, is_world_frame, resolve_frame, shown
@@ -44,7 +44,7 @@ def read_odometry_messages(bag: OpenBag, topic: BagTopic, rejections: Rejections
             content = message.decode()
             odometry = decode_odometry(content)
         except MessageError as error:
-            rejections.add(message.name, error)
+            rejections.reject(message.name, str(error))
             continue
         pair = content.header.frame_id.strip("/"), content.child_frame_id.strip("/")
         found.append((pair, RecordedOdometry(message.name, odometry.time, odometry.pose, message.received)))
@@ -94,7 +94,7 @@ def read_odometry_transforms(
     readings = [reading for topic in topics for reading in _readings(bag, topic, pairs[0], rejections)]
     if not readings:
         raise InputError(
-            bag.path, f"{arrow(odom, base)}", f"no transform can be used (the first: {rejections.skipped[0]})"
+            bag.path, f"{arrow(odom, base)}", f"no transform can be used (the first: {rejections.entries[0]})"
         )
     notes = [f"odometry is taken from the transforms {arrow(odom, base)}"]
     if len(pairs) > 1:
@@ -129,7 +129,7 @@ def _readings(bag: OpenBag, topic: BagTopic, pair: Pair, rejections: Rejections)
             try:
                 transform = decode_transform(link)
             except MessageError as error:
-                rejections.add(message.name, error)
+                rejections.reject(message.name, str(error))
             else:
                 readings.append(RecordedOdometry(message.name, transform.time, transform.pose, message.received))
     return readings
@@ -137,5 +137,5 @@ def _readings(bag: OpenBag, topic: BagTopic, pair: Pair, rejections: Rejections)
 
 def unusable_reason(topic: BagTopic, rejections: Rejections, option: str) -> str:
     """Why nothing of a topic can be used."""
-    first = next((line for line in rejections.skipped if line.startswith(f"{shown(topic.name)}, ")), "")
+    first = next((line for line in rejections.entries if line.startswith(f"{shown(topic.name)}, ")), "")
     return f"none of its {topic.count} messages can be used (the first: {first}); {option} chooses another topic"

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from wherry.ros.bags.rejections import Rejections
+from wherry.logs.rejections import Rejections
 from wherry.ros.bags.storage import BagTopic, OpenBag
 from wherry.ros.bags.topics import STATIC_NAME, transform_topics
 from wherry.ros.decoding import MessageError, decode_rigid_transform, frames_of
@@ -89,7 +89,7 @@ def _read_table(bag: OpenBag, topic: BagTopic, rejections: Rejections) -> Transf
         try:
             transforms: Sequence[TransformStampedLike] = message.decode().transforms
         except MessageError as error:
-            rejections.add(message.name, error)
+            rejections.reject(message.name, str(error))
             continue
         for transform in transforms:
             pair = frames_of(transform)
