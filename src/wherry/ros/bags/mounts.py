@@ -106,7 +106,7 @@ class MountFinder:
         *_, table = self._transforms.tables(frames.prefix, static_only=False)
         known = listed_frames(frame for frame in table.tree.frames if not frames.is_world(frame))
         base = shown(frames.base or "base_link")
-        reason = f"where the lidar sits on {base} is unknown (frames of the transforms: {known}); {STATED}"
+        reason = f"where the lidar sits on {base} is unknown; {STATED}; frames of the transforms: {known}"
         return InputError(self.rejections.source, f"frame {shown(frames.laser)!r}", reason)
 
     def _mount_in(self, table: TransformTable, bases: list[str]) -> Mount | None:
