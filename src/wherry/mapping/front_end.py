@@ -169,7 +169,7 @@ class FrontEnd:
         motion = placement.pose.relative_to(tracking.keyframe_pose)
         is_informative = placement.match is not None and is_determined(placement.match)
         if is_informative:
-            tracking = tracking.with_odometry_error(normalized_error(measured, motion))
+            tracking = tracking.with_odometry_error(normalized_error(measured, motion), motion)
         if _contradicts(placement, measured, motion) or np.linalg.norm(tracking.odometry_bias) > MAX_BIAS:
             since = self._graph.keyframes[tracking.keyframe].scan.time
             self._contradictions.append(OdometryContradiction(time, since, measured, motion))

@@ -22,6 +22,7 @@ from wherry.space.pose import Floats, Pose, wrap
 MAX_DISAGREEMENT = 4.5  # standard deviations; 99.99 % of the χ distribution with three degrees of freedom lie below
 MAX_BIAS = 1.5  # standard deviations of the mean error beyond which odometry has a wrong scale or sign
 BIAS_GAIN = 1.0 / 8.0  # weight of a new error in the moving average, which spans about 8 keyframes
+TELLING_DISTANCE, TELLING_ANGLE = 0.2, math.radians(10.0)  # m and rad, motions that show a scale in full
 MAX_LINEAR_SPEED = 5.0  # m/s, faster than indoor robots drive
 MAX_ANGULAR_SPEED = math.tau  # rad/s, faster than indoor robots turn
 MIN_STEP_TIME = 0.1  # s, shortest time that a speed is computed over, since time stamps jitter

@@ -14,6 +14,8 @@ from wherry.mapping.odometry_check import (
     CONTRADICTION_COST,
     FULL_CREDIT,
     MAX_DISAGREEMENT,
+    TELLING_ANGLE,
+    TELLING_DISTANCE,
     TRUSTED_CREDIT,
     is_plausible,
 )
@@ -141,10 +143,20 @@ class TrackingState:
         credit = max(self.odometry_credit - CONTRADICTION_COST, 0)
         return replace(self, odometry_credit=credit, keyframe_odometry=None)
 
-    def with_odometry_error(self, error: Floats) -> TrackingState:
-        """The state after a normalized error of odometry since the last keyframe, [3] standard deviations."""
+    def with_odometry_error(self, error: Floats, motion: Pose) -> TrackingState:
+        """The state after an error of odometry since the last keyframe.
+
+        A turn on the spot tells nothing about distances, and a straight drive nothing about angles.
+
+        Args:
+            error: The error, [3] standard deviations.
+            motion: The matched motion.
+        """
+        distance = min(math.hypot(motion.x, motion.y) / TELLING_DISTANCE, 1.0)
+        angle = min(abs(motion.theta) / TELLING_ANGLE, 1.0)
         clipped = np.clip(error, -MAX_DISAGREEMENT, MAX_DISAGREEMENT)
-        return replace(self, odometry_bias=self.odometry_bias + BIAS_GAIN * (clipped - self.odometry_bias))
+        gain = BIAS_GAIN * np.array([distance, distance, angle])
+        return replace(self, odometry_bias=self.odometry_bias + gain * (clipped - self.odometry_bias))
 
     def agreed(self) -> TrackingState:
         """The state after a motion on which odometry and scan matching agree."""
