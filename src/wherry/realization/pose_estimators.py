@@ -19,6 +19,7 @@ from wherry.space.pose import Pose
 
 LOCALIZED_THRESHOLD = 0.1  # lost probability below which an unreliable pose becomes reliable again
 FIT_MIN_SCANS = 200  # scans from which their fit decides whether a given map is the right one
+FIT_DECAY = 1.0 - 1.0 / 600  # factor of the earlier scans' weights in the fit, of which a minute's count
 LOCALIZED_MIN_SCANS = 10  # consecutive scans below LOCALIZED_THRESHOLD that end global localization
 
 
@@ -116,6 +117,7 @@ class MapPoseEstimator:
         self._localizer = localizer
         self._is_map_given = is_map_given
         self._is_lost = False
+        self._fit = MapFit()
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
         """As `PoseEstimator.update`.
@@ -127,7 +129,8 @@ class MapPoseEstimator:
         threshold = LOCALIZED_THRESHOLD if self._is_lost else LOST_PROBABILITY_THRESHOLD
         self._is_lost = estimate.tracking_lost_probability > threshold
         if self._is_map_given:
-            check_fit(self._localizer.fit)
+            self._fit = self._fit.with_scan(estimate.agreement, decay=FIT_DECAY)
+            check_fit(self._fit)
         return estimate.pose
 
     @property
