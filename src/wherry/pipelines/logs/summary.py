@@ -34,9 +34,9 @@ class MapExtent:
     @classmethod
     def of(cls, grid: OccupancyGrid) -> MapExtent:
         """The extent of a map; unknown cells around the known ones do not count."""
-        rows, columns = np.nonzero(~grid.unknown)
-        size = (_span(columns) * grid.resolution, _span(rows) * grid.resolution)
-        return cls(size, float(grid.free.sum()) * grid.resolution**2, grid.resolution)
+        known = ~grid.unknown
+        width, height = (_span(np.flatnonzero(known.any(axis=axis))) * grid.resolution for axis in (0, 1))
+        return cls((width, height), float(grid.free.sum()) * grid.resolution**2, grid.resolution)
 
 
 def _span(indices: NDArray[np.int64]) -> int:
