@@ -17,6 +17,7 @@ from wherry.logs.lidar_log import LidarLog
 from wherry.logs.odometry_files import with_odometry_file
 from wherry.logs.options import DEFAULT_READING, ReadingOptions
 from wherry.mapping.graph_slam import GraphSlam
+from wherry.mapping.graph_snapshot import GraphSnapshot
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.methods import SLAM_METHODS
 from wherry.mapping.odometry_check import describe_contradictions
@@ -40,6 +41,8 @@ from wherry.views.verdicts import doubtful_map, finished_map
 
 WARM_UP_SCANS = 30  # scans that are mapped beforehand, so that all kernels are compiled
 RELATION_MARGIN = 1.0  # s by which a relation may be outside of a log's time
+DEFAULT_RESOLUTION = 0.05  # m, side of a grid cell
+EQUAL_DISTANCE, EQUAL_ANGLE = 0.005, math.radians(0.5)  # m and rad, difference up to which two mounts are the same
 MIN_RESOLUTION, MAX_RESOLUTION = 0.005, 1.0  # m, sides of a grid cell
 
 
@@ -69,7 +72,7 @@ class MappingSettings:
     backend: str = "graph"
     out: Path | None = None
     seed: int = 0
-    resolution: float = 0.05
+    resolution: float = DEFAULT_RESOLUTION
     reading: ReadingOptions = DEFAULT_READING
     trajectory_format: str = "tum"
     graph: Path | None = None
@@ -197,6 +200,7 @@ def _continued_slam(path: Path, settings: MappingSettings, log: LidarLog) -> tup
     if snapshot.tracking is not None and scan.time <= snapshot.tracking.time:
         times = f"taken at {scan.time:.3f} s, but the graph ends at {snapshot.tracking.time:.3f} s"
         raise InputError(settings.log, "first scan", f"time runs backwards: {times}")
+    _check_continued(snapshot, settings, log)
     slam = GraphSlam.from_snapshot(snapshot)
     start = slam.pose if settings.start is None else settings.start
     first = locate_on_map(slam, scan, start)
@@ -208,6 +212,23 @@ def _continued_slam(path: Path, settings: MappingSettings, log: LidarLog) -> tup
         localizer = ScanMatchingLocalizer(slam, first)
         return localizer, localizer.add
     return slam, lambda scan, odometry: slam.resume(scan, odometry, first)
+
+
+def _check_continued(snapshot: GraphSnapshot, settings: MappingSettings, log: LidarLog) -> None:
+    """Raise an `InputError` if the log's lidar or the resolution differs from that of a saved graph, which is used."""
+    difference = log.lidar.relative_to(snapshot.lidar)
+    if math.hypot(difference.x, difference.y) > EQUAL_DISTANCE or abs(difference.theta) > EQUAL_ANGLE:
+        reason = f"has the lidar at {_mount(log.lidar)}, but the graph at {_mount(snapshot.lidar)}"
+        raise InputError(settings.log, "lidar", f"{reason}; --lidar X,Y,θ states it")
+    resolution = snapshot.settings.resolution
+    if settings.resolution not in (DEFAULT_RESOLUTION, resolution):
+        reason = f"cannot be changed by --continue: the graph's is {resolution:g} m"
+        raise InputError("--resolution", str(settings.resolution), reason)
+
+
+def _mount(lidar: Pose) -> str:
+    """The pose of a lidar in the units of the option."""
+    return f"({lidar.x:.3f} m, {lidar.y:.3f} m, {math.degrees(lidar.theta):.1f}°)"
 
 
 class MappingRun:
