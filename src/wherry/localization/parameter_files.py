@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import ConfigDict, create_model
 
-from wherry.documents import Document, read_yaml, validate
+from wherry.documents import Document, Flag, Integer, Number, read_yaml, validate
 from wherry.errors import InputError
 from wherry.localization.parameter_sections import NodeParameters, node_parameters
 from wherry.localization.parameters import AmclParameters
@@ -105,25 +105,25 @@ class InitialPose(Document):
 
     model_config = ConfigDict(extra="ignore")
 
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
+    x: Number = 0.0
+    y: Number = 0.0
+    yaw: Number = 0.0
 
 
-_FILTER_TYPES: MappingProxyType[str, type] = MappingProxyType(
+_FILTER_TYPES: MappingProxyType[str, Any] = MappingProxyType(
     {
-        field.name: {"float": float, "int": int, "bool": bool, "str": str}[str(field.type)]
+        field.name: {"float": Number, "int": Integer, "bool": Flag, "str": str}[str(field.type)]
         for field in fields(AmclParameters)
         if field.name not in ("initial_pose", "initial_covariance")
     }
 )
-_KEY_TYPES: MappingProxyType[str, type] = MappingProxyType(
+_KEY_TYPES: MappingProxyType[str, Any] = MappingProxyType(
     {
         **_FILTER_TYPES,
         **{key: _FILTER_TYPES[name] for key, name in ROS1_NAMES.items()},
-        **dict.fromkeys([*INITIAL_POSE, *INITIAL_COVARIANCE], float),
+        **dict.fromkeys([*INITIAL_POSE, *INITIAL_COVARIANCE], Number),
         "initial_pose": InitialPose,
-        "do_beamskip": bool,
+        "do_beamskip": Flag,
     }
 )
 _OPTIONAL_FIELDS: dict[str, Any] = {key: (kind, None) for key, kind in _KEY_TYPES.items()}

@@ -12,6 +12,7 @@ from wherry.space.pose import IDENTITY, Pose
 
 ROBOT_MODELS = ("differential", "omnidirectional")
 LASER_MODELS = ("likelihood_field", "likelihood_field_prob", "beam")
+MAX_COORDINATE = 1e9  # m and rad, of the initial pose
 MAX_PARTICLES_LIMIT = 10_000_000  # upper limit of max_particles, about 1 GB of memory
 LOST_PROBABILITY_THRESHOLD = 0.5  # probability of being lost above which a robot is reported as lost
 GLOBAL_MAX_PARTICLES = 50_000  # particles at a global start, of which KLD sampling soon drops most
@@ -178,7 +179,11 @@ class AmclParameters:
             ("resample_interval", self.resample_interval >= 1, "is fewer than 1"),
             ("robot_model_type", self.robot_model_type in ROBOT_MODELS, f"is none of {', '.join(ROBOT_MODELS)}"),
             ("laser_model_type", self.laser_model_type in LASER_MODELS, f"is none of {', '.join(LASER_MODELS)}"),
-            ("initial_pose", all(map(math.isfinite, self.initial_pose.as_array())), "is not finite"),
+            (
+                "initial_pose",
+                all(abs(value) <= MAX_COORDINATE for value in self.initial_pose.as_array()),
+                f"is not finite, or beyond {MAX_COORDINATE:g} m",
+            ),
             ("initial_covariance", all(0.0 <= v < math.inf for v in self.initial_covariance), "must not be negative"),
         ]
 

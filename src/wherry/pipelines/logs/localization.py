@@ -27,6 +27,8 @@ from wherry.logs.options import DEFAULT_READING, ReadingOptions
 from wherry.logs.timestamps import increasing_times
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph
+from wherry.pipelines.logs.files import check_trajectory_format, save_trajectories
+from wherry.pipelines.logs.pictures import draw_localization
 from wherry.pipelines.logs.reading import read_recording
 from wherry.pipelines.logs.reference import Reference, ReferenceErrors, read_reference
 from wherry.pipelines.logs.start_poses import Start, choose_start
@@ -35,13 +37,9 @@ from wherry.robot import Odometry
 from wherry.space.map_files import load_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats
-from wherry.space.trajectory import Trajectory, save_tum
+from wherry.space.trajectory import Trajectory
 from wherry.space.wean_map import load_wean_map
-from wherry.views.map_picture import MapPicture
 
-TRAJECTORY_COLOUR = (30, 150, 60)
-LOST_COLOUR = (230, 60, 60)
-PARTICLE_COLOUR = (220, 40, 40)
 MIN_ODOMETRY_SHARE = 0.1  # fraction of the scans that must have odometry
 CSV_HEADER = "time,x,y,theta,lost_probability,fit"
 
@@ -59,6 +57,7 @@ class LocalizationSettings:
         is_global: Whether the robot starts without an initial pose; otherwise see `start_poses.choose_start`.
         seed: Seed of all randomness.
         reading: How the log is read.
+        trajectory_format: Format of a trajectory file in addition to trajectory.tum, a key of `TRAJECTORY_FORMATS`.
     """
 
     log: Path
@@ -68,6 +67,7 @@ class LocalizationSettings:
     is_global: bool = False
     seed: int = 0
     reading: ReadingOptions = DEFAULT_READING
+    trajectory_format: str = "tum"
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +138,7 @@ def prepare(settings: LocalizationSettings, log: LidarLog | None = None) -> Loca
     Raises:
         InputError: Log, map, parameters or reference cannot be used, or hardly any scan has odometry.
     """
+    check_trajectory_format(settings.trajectory_format)
     loaded = None if settings.params is None else load_parameters(settings.params)
     grid = load_any_map(settings.map_file)
     if log is None:
@@ -324,23 +325,18 @@ class LocalizationRun:
         return "\n".join(rows) + "\n"
 
     def save(self, folder: Path) -> list[Path]:
-        """Write trajectory.tum, localization.csv and localization.png.
+        """Write the trajectory, localization.csv and localization.png.
 
         Raises:
             InputError: The folder cannot be written to.
         """
         ensure_writable_folder(folder)
-        save_tum(self.trajectory, folder / "trajectory.tum")
+        trajectories = save_trajectories(self.trajectory, folder, self._settings.trajectory_format)
         write_atomically(folder / "localization.csv", self.as_csv())
         write_atomically(folder / "localization.png", self.picture())
-        return [folder / name for name in ("trajectory.tum", "localization.csv", "localization.png")]
+        return [*trajectories, folder / "localization.csv", folder / "localization.png"]
 
     def picture(self) -> bytes:
         """A PNG of the map, the last particles, and the trajectory, which is red where the robot was reported lost."""
-        picture = MapPicture(self.grid)
-        picture.points(self.localizer.particles[:, :2], PARTICLE_COLOUR)
-        path = self.trajectory.poses[:, :2]
-        for index, scan in enumerate(self.localized[1:]):
-            is_lost = scan.localization.lost_probability > LOST_PROBABILITY_THRESHOLD
-            picture.line(path[index : index + 2], LOST_COLOUR if is_lost else TRAJECTORY_COLOUR, width=2)
-        return picture.png()
+        is_lost = (self.lost_probabilities > LOST_PROBABILITY_THRESHOLD).tolist()
+        return draw_localization(self.grid, self.trajectory.poses, is_lost, self.localizer.particles)
