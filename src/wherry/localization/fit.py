@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from wherry.localization.agreement import ScanAgreement
 from wherry.localization.lost import EvidenceModel
 
-MIN_FIT = 0.7  # fit below which the map is of another place; MAPFITNUMBERS
+# Measured on nine recorded buildings and every pair of them: 0.82 to 0.97 on maps of the same log or of its even scans,
+# 0.80 with a third of the walls removed, 0.85 with people in half of the beams, 0.25 to 0.65 on other buildings' maps,
+# 0.34 to 0.54 on maps at 0.5, 1.2 and 2 times the scale, 0.43 on a mirrored map.
+MIN_FIT = 0.7  # fit below which the map is of another place
 MIN_COVERAGE = 0.5  # fraction of the beams that end where the map is known, below which it lacks most of the place
 
 
