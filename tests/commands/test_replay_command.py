@@ -56,16 +56,17 @@ def test_verdicts_and_notes_of_both_stages_are_printed_once(
         assert out.count(f"Note: {note}\n") == 1
 
 
+@pytest.mark.parametrize(("world", "fits"), [("rooms", False), ("offices", True)])  # the latter only in part
 def test_a_map_of_another_building_ends_with_status_1(
-    run_command: RunCommand, drive: RecordedDrive, tmp_path: Path
+    run_command: RunCommand, drive: RecordedDrive, tmp_path: Path, world: str, fits: bool
 ) -> None:
-    foreign = true_map(find_world("offices"))
-    map_file = save_map(foreign, tmp_path / "map.yaml")
+    map_file = save_map(true_map(find_world(world)), tmp_path / "map.yaml")
     status, out, _ = run_command("replay", drive.ros1, "--map", map_file, "--global", "--out", tmp_path / "out", "-q")
     assert (status, out) == (1, "")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert result["localization"]["fits_map"] is False
-    assert result["localization"]["verdict"].startswith("These scans do not fit this map")
+    assert result["localization"]["fits_map"] is fits
+    verdict = "The scans fit the map only in part" if fits else "These scans do not fit this map"
+    assert result["localization"]["verdict"].startswith(verdict)
 
 
 def test_a_refused_replay_leaves_no_folder(run_command: RunCommand, drive: RecordedDrive, tmp_path: Path) -> None:
