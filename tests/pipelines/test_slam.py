@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from wherry.errors import InputError
+from wherry.logs.options import ReadingOptions
 from wherry.logs.reading import read_log
 from wherry.logs.tables import read_odometry
 from wherry.mapping.graph_slam import GraphSlam
@@ -134,7 +135,7 @@ def test_localizing_does_not_change_the_map(log: Path, mapped: Path, next_day: P
 
 
 def test_options_that_cannot_continue_a_graph_are_named(log: Path, mapped: Path, next_day: Path) -> None:
-    graph = mapped / "graph.npz"
+    graph, mount = mapped / "graph.npz", ReadingOptions(lidar=Pose(0.1))
     for settings, source, reason in (
         (MappingSettings(next_day, localize=True), "--localize", "--continue"),
         (MappingSettings(next_day, start=Pose()), "--start", "--continue"),
@@ -143,6 +144,12 @@ def test_options_that_cannot_continue_a_graph_are_named(log: Path, mapped: Path,
         (MappingSettings(log, graph=graph), "room.clf", "time runs backwards"),
         (MappingSettings(next_day, graph=graph, start=Pose(50.0)), "next.clf", "matches the map at no pose"),
         (MappingSettings(next_day, graph=log), "room.clf", "not a saved pose graph"),
+        (
+            MappingSettings(next_day, graph=graph, reading=mount),
+            "next.clf",
+            r"the lidar at \(0.1.*graph at \(0.0.*--lidar",
+        ),
+        (MappingSettings(next_day, graph=graph, resolution=0.1), "--resolution", "cannot be changed by --continue"),
     ):
         with pytest.raises(InputError, match=reason) as caught:
             prepare(settings)

@@ -7,6 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from wherry.errors import InputError
+from wherry.localization.fit import MIN_FIT, MapFit
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD
 from wherry.mapping.graph_slam import GraphSlam
@@ -16,6 +18,8 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
 LOCALIZED_THRESHOLD = 0.1  # lost probability below which an unreliable pose becomes reliable again
+FIT_MIN_SCANS = 200  # scans from which their fit decides whether a given map is the right one
+FIT_DECAY = 1.0 - 1.0 / 600  # factor of the earlier scans' weights in the fit, of which a minute's count
 LOCALIZED_MIN_SCANS = 10  # consecutive scans below LOCALIZED_THRESHOLD that end global localization
 
 
@@ -86,18 +90,47 @@ class SlamMapper:
         self._pose_estimator.resume(pose)
 
 
-class MapPoseEstimator:
-    """Estimates the pose on a finished map, with hysteresis between lost and localized."""
+def check_fit(fit: MapFit) -> None:
+    """Give up on a map that the scans do not fit.
 
-    def __init__(self, localizer: Localizer) -> None:
+    Raises:
+        InputError: Enough scans were compared with the map, and they do not fit it.
+    """
+    if fit.scans >= FIT_MIN_SCANS and not fit.is_fitting:
+        raise InputError(
+            "map", "", f"does not fit what the lidar sees (fit {fit.value:.2f}, on the right map {MIN_FIT:g})"
+        )
+
+
+class MapPoseEstimator:
+    """Estimates the pose on a finished map, with hysteresis between lost and localized.
+
+    In a building whose wings look the same the pose stays reliable in its own wing; which wing it is does not matter
+    for driving.
+
+    Args:
+        localizer: The localizer, already initialized.
+        is_map_given: Whether somebody else made the map, so that it may be of another building.
+    """
+
+    def __init__(self, localizer: Localizer, *, is_map_given: bool = False) -> None:
         self._localizer = localizer
+        self._is_map_given = is_map_given
         self._is_lost = False
+        self._fit = MapFit()
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
-        """As `PoseEstimator.update`."""
+        """As `PoseEstimator.update`.
+
+        Raises:
+            InputError: The map was given, and the scans do not fit it.
+        """
         estimate = self._localizer.update(odometry, scan)
         threshold = LOCALIZED_THRESHOLD if self._is_lost else LOST_PROBABILITY_THRESHOLD
-        self._is_lost = estimate.lost_probability > threshold
+        self._is_lost = estimate.tracking_lost_probability > threshold
+        if self._is_map_given:
+            self._fit = self._fit.with_scan(estimate.agreement, decay=FIT_DECAY)
+            check_fit(self._fit)
         return estimate.pose
 
     @property
@@ -123,6 +156,7 @@ class GlobalPoseEstimator(SinglePoseEstimator):
     def __init__(self, localizer: Localizer) -> None:
         self._localizer = localizer
         self._localized_scans = 0
+        self._tracked_scans = 0
         self.map_pose = Pose()
 
     @property
@@ -130,9 +164,21 @@ class GlobalPoseEstimator(SinglePoseEstimator):
         """Whether the lost probability was below `LOCALIZED_THRESHOLD` in the last `LOCALIZED_MIN_SCANS` scans."""
         return self._localized_scans >= LOCALIZED_MIN_SCANS
 
+    @property
+    def is_localized_up_to_symmetry(self) -> bool:
+        """As `is_localized`, but other poses that agree as well with all scans are disregarded."""
+        return self._tracked_scans >= LOCALIZED_MIN_SCANS
+
+    @property
+    def fit(self) -> MapFit:
+        """How well all scans fit the map."""
+        return self._localizer.fit
+
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
         """Return base_link in the odom frame, and update `map_pose`."""
         estimate = self._localizer.update(odometry, scan)
         self._localized_scans = self._localized_scans + 1 if estimate.lost_probability < LOCALIZED_THRESHOLD else 0
+        is_tracked = estimate.tracking_lost_probability < LOCALIZED_THRESHOLD
+        self._tracked_scans = self._tracked_scans + 1 if is_tracked else 0
         self.map_pose = estimate.pose
         return odometry.pose

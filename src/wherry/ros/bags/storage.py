@@ -21,6 +21,7 @@ from wherry.ros.bags.files import COMPRESSED, ROS1_SUFFIX, RecordingFiles, stora
 from wherry.ros.bags.formats import TF2_MESSAGE
 from wherry.ros.decoding import MessageError
 from wherry.ros.encoding import NANOSECONDS
+from wherry.ros.frame_names import shown
 
 SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")  # the second one is of the old tf of ROS 1
@@ -117,12 +118,12 @@ class OpenBag:
         try:
             parts = [self._part(reader, topic) for reader in self.readers]
             for number, (received, raw) in enumerate(merge(*parts, key=lambda item: item[0]), start=1):
-                name = f"{topic.name}, message {number}"
+                name = f"{shown(topic.name)}, message {number}"
                 yield BagMessage(name, received / NANOSECONDS, partial(self._deserialize, raw, topic.type))
         except InputError:
             raise
         except Exception as error:  # rosbags raises errors of many types on damaged bags
-            name = f"{topic.name}, message {number + 1}"
+            name = f"{shown(topic.name)}, message {number + 1}"
             raise InputError(self.path, name, f"the bag is damaged here: {first_line(error)}") from error
 
     def _part(self, reader: Any, topic: BagTopic) -> Iterator[tuple[int, bytes]]:
@@ -151,7 +152,7 @@ class OpenBag:
             same = same and (not is_hash or connection.digest == self.types.hash_rihs01(connection.msgtype))
         if not same:
             reason = f"its {connection.msgtype} is defined otherwise than that of ROS"
-            raise InputError(self.path, connection.topic, reason)
+            raise InputError(self.path, shown(connection.topic), reason)
 
     def _deserialize(self, raw: bytes, kind: str) -> Any:
         try:
