@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from heapq import merge
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -104,6 +104,8 @@ class OpenBag:
         counts: Counter[tuple[str, str]] = Counter()
         for reader in self.readers:
             for entry in reader.connections:
+                if not isinstance(entry.topic, str) or not isinstance(entry.msgtype, str):
+                    raise InputError(self.path, "", "is damaged: a topic has no name or no type")
                 counts[entry.topic, entry.msgtype] += entry.msgcount
         topics = tuple(BagTopic(name, kind, count) for (name, kind), count in sorted(counts.items()))
         object.__setattr__(self, "topics", topics)
@@ -174,7 +176,7 @@ def open_bag(path: Path, files: Sequence[Path]) -> Iterator[OpenBag]:
         files: As `RecordingFiles.files`.
 
     Raises:
-        InputError: rosbags is not installed, or a file cannot be read.
+        InputError: rosbags is not installed, or a file cannot be read or is damaged.
     """
     try:
         from rosbags import rosbag1, rosbag2  # noqa: PLC0415 - optional
@@ -214,6 +216,7 @@ def first_line(error: Exception) -> str:
     return (lines[0] if lines else type(error).__name__)[:MAX_REASON_LENGTH]
 
 
+@cache
 def _typestore(*, is_ros1: bool) -> Any:
     """ROS's own message definitions."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - optional
