@@ -1,7 +1,8 @@
 """YAML and JSON documents, validated with pydantic models; an invalid one raises `InputError`.
 
 A subclass of `Document` describes a document. Bounds of numbers are annotated with `pydantic.Field`, as in
-``Annotated[float, Field(gt=0, le=10)]``; the error then names file, field, value and bound.
+``Annotated[Number, Field(gt=0, le=10)]``; the error then names file, field, value and bound. Fields of YAML files are
+`Number`, `Integer` and `Flag`, which accept what ROS accepts.
 """
 
 from __future__ import annotations
@@ -9,20 +10,60 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from wherry.errors import InputError
 from wherry.files import read_text
+from wherry.yaml_parser import DocumentError, Yaml12Loader, number_of
 
 MAX_YAML_BYTES = 64_000  # size of a file that is written by hand
 MAX_VALUE_CHARACTERS = 40  # length of an invalid value as quoted in an error
 MAX_REASON_CHARACTERS = 200  # length of an error's reason; with file and field the line stays below 300
 
+# First line of OpenCV's files, which is not YAML
+OPENCV_DIRECTIVE = re.compile(
+    r"\A\ufeff?%YAML:1\.[0-9][ \t]*(?=\r?\n)"
+)  # first line of OpenCV's files, which is not YAML
+FLAGS = {  # words that yaml-cpp and ROS 2's parser of parameters read as booleans
+    **dict.fromkeys(("true", "yes", "on", "y", "1"), True),
+    **dict.fromkeys(("false", "no", "off", "n", "0"), False),
+}
+
 _Model = TypeVar("_Model", bound=BaseModel)
+
+
+def _read_number(value: object) -> object:
+    """A quoted number as a number; any other value as it is."""
+    if not isinstance(value, str):
+        return value
+    try:
+        number = number_of(value.strip())
+    except ValueError:
+        return value
+    return value if number is None else number
+
+
+def _read_integer(value: object) -> object:
+    """A quoted number, or a whole number written as 1e3 or 1.0, as an integer; any other value as it is."""
+    number = _read_number(value)
+    return int(number) if isinstance(number, float) and number.is_integer() else number
+
+
+def _read_flag(value: object) -> object:
+    """A boolean from its words in ROS, or from 0 or 1; any other value as it is."""
+    if isinstance(value, bool) or not isinstance(value, str | int):
+        return value
+    return FLAGS.get(str(value).strip().lower(), value)
+
+
+# Types of fields in YAML files. As in ROS, numbers and booleans may be quoted; a word is never a number.
+Number = Annotated[float, BeforeValidator(_read_number)]
+Integer = Annotated[int, BeforeValidator(_read_integer)]
+Flag = Annotated[bool, BeforeValidator(_read_flag)]
 
 
 class Document(BaseModel):
@@ -69,11 +110,10 @@ def parse_yaml(text: str, source: str | Path) -> dict[Any, Any]:
         InputError: The text is not a YAML mapping.
     """
     try:
-        document = yaml.load(text, _Loader)  # noqa: S506 - a subclass of SafeLoader
+        text = OPENCV_DIRECTIVE.sub("", text, count=1)
+        document = yaml.load(text, Yaml12Loader)  # noqa: S506 - a subclass of SafeLoader
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or "it cannot be parsed"
-        raise InputError(source, f"line {mark.line + 1}" if mark else "", f"is not YAML: {problem}") from error
+        raise _yaml_error(error, source) from error
     except RecursionError as error:
         raise InputError(source, "", "is nested too deeply") from error
     if document is None:
@@ -81,6 +121,16 @@ def parse_yaml(text: str, source: str | Path) -> dict[Any, Any]:
     if not isinstance(document, dict):
         raise InputError(source, "", "is not a mapping of fields to values")
     return document
+
+
+def _yaml_error(error: yaml.YAMLError, source: str | Path) -> InputError:
+    """Convert the error of a text that is not YAML, or beyond the limits, into a one-line `InputError`."""
+    mark = getattr(error, "problem_mark", None)
+    problem = (getattr(error, "problem", None) or "it cannot be parsed")[:MAX_REASON_CHARACTERS]
+    if isinstance(error, yaml.reader.ReaderError):
+        problem = f"the character {error.character!r} is not permitted"
+    reason = problem if isinstance(error, DocumentError) else f"is not YAML: {problem}"
+    return InputError(source, f"line {mark.line + 1}" if mark else "", reason)
 
 
 def load_json(path: str | Path, model: type[_Model], *, max_bytes: int) -> _Model:
@@ -143,12 +193,3 @@ def _quoted(value: object) -> str:
     """The value as Python writes it, shortened to `MAX_VALUE_CHARACTERS`."""
     text = repr(value)
     return text if len(text) <= MAX_VALUE_CHARACTERS else f"{text[: MAX_VALUE_CHARACTERS - 1]}…"
-
-
-class _Loader(yaml.SafeLoader):
-    """A safe loader that parses 1e-3 as a number, like YAML 1.2 and ROS but unlike YAML 1.1."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
-)

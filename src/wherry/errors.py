@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+MAX_FIELD_CHARACTERS, MAX_REASON_CHARACTERS = 60, 240  # of a field and a reason, which may quote a damaged file
+
 
 class InputError(Exception):
     """Invalid input from a user; the command line prints it as one line and exits with status 2.
@@ -16,6 +18,17 @@ class InputError(Exception):
 
     def __init__(self, source: str | Path, field: str, reason: str) -> None:
         self.source = str(source)
-        self.field = field
-        self.reason = reason
-        super().__init__(f"{self.source}: {field}: {reason}" if field else f"{self.source}: {reason}")
+        self.field = _shortened(field, MAX_FIELD_CHARACTERS)
+        self.reason = _shortened(reason, MAX_REASON_CHARACTERS)
+        text = f"{self.source}: {self.field}: {self.reason}" if field else f"{self.source}: {self.reason}"
+        super().__init__(_on_one_line(text))
+
+
+def _shortened(text: str, length: int) -> str:
+    """The text, or its beginning with an ellipsis."""
+    return text if len(text) <= length else f"{text[: length - 1]}…"
+
+
+def _on_one_line(text: str) -> str:
+    """The text with its control characters, which a damaged file may contain, as escapes."""
+    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 
 from wherry.errors import InputError
+
+MAX_NUMBERED_FOLDERS = 1000  # folders of one name that are tried
+BLOCK_SIZE = 1_000_000  # bytes that are read at once
 
 
 def read_bytes(path: str | Path, *, max_bytes: int) -> bytes:
@@ -19,23 +24,31 @@ def read_bytes(path: str | Path, *, max_bytes: int) -> bytes:
     """
     path = Path(path)
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise InputError(path, "", "is not a file")  # a pipe or a device may never end
         with path.open("rb") as file:
-            data = file.read(max_bytes + 1)
-    except OSError as error:
-        raise InputError(path, "", error.strerror or str(error)) from error
-    if len(data) > max_bytes:
+            blocks, size = [], 0
+            while size <= max_bytes and (block := file.read(BLOCK_SIZE)):  # read(max_bytes) would reserve max_bytes
+                blocks.append(block)
+                size += len(block)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        raise InputError(path, "", getattr(error, "strerror", None) or str(error)) from error
+    if size > max_bytes:
         raise InputError(path, "", f"is larger than {max_bytes:,} bytes")
-    return data
+    return b"".join(blocks)
 
 
 def read_text(path: str | Path, *, max_bytes: int) -> str:
-    """Read a whole UTF-8 file of at most ``max_bytes`` bytes.
+    """Read a whole UTF-8 file of at most ``max_bytes`` bytes; a byte order mark is left out.
 
     Raises:
         InputError: The file cannot be read, is larger than ``max_bytes``, or is not UTF-8 text.
     """
+    data = read_bytes(path, max_bytes=max_bytes)
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise InputError(path, "", "is UTF-16 text; save it as UTF-8")
     try:
-        return read_bytes(path, max_bytes=max_bytes).decode("utf-8")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(path, f"byte {error.start}", "is not UTF-8 text") from error
 
@@ -81,6 +94,27 @@ def ensure_writable_folder(folder: str | Path) -> None:
     probe = folder / ".probe"
     write_atomically(probe, "")
     probe.unlink()
+
+
+def create_unused_folder(folder: str | Path) -> Path:
+    """Create a folder; if there is one already, with the first number from 2 appended for which there is none.
+
+    Two processes that do so at the same time get two folders.
+
+    Raises:
+        InputError: The folder cannot be created, or there are `MAX_NUMBERED_FOLDERS` of its name.
+    """
+    folder = Path(folder)
+    numbered = (folder.with_name(f"{folder.name}-{number}") for number in range(2, MAX_NUMBERED_FOLDERS + 1))
+    for candidate in chain([folder], numbered):
+        try:
+            candidate.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InputError(candidate, "", f"cannot be created: {error.strerror or error}") from error
+        return candidate
+    raise InputError(folder, "", f"exists {MAX_NUMBERED_FOLDERS:,} times; --out chooses another folder")
 
 
 @contextmanager

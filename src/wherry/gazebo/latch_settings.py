@@ -10,7 +10,7 @@ from typing import Annotated
 import yaml
 from pydantic import Field, field_validator
 
-from wherry.documents import Document, load_yaml
+from wherry.documents import Document, Integer, Number, load_yaml
 from wherry.floorplan.plan import Cell
 from wherry.space.pose import Pose
 
@@ -18,7 +18,7 @@ FORMAT_VERSION = 1
 MAX_LENGTH = 10.0  # m
 MAX_BOXES = 1000
 
-Length = Annotated[float, Field(gt=0, le=MAX_LENGTH)]
+Length = Annotated[Number, Field(gt=0, le=MAX_LENGTH)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +43,11 @@ class GazeboLatchSettings:
 
 
 class _LatchFile(Document):
-    version: int = Field(alias="wherry-latch")
-    boxes: Annotated[int, Field(ge=0, le=MAX_BOXES)]
+    version: Integer = Field(alias="wherry-latch")
+    boxes: Annotated[Integer, Field(ge=0, le=MAX_BOXES)]
     reach: Length
     cell_size: Length
-    warehouse: list[Annotated[list[int], Field(min_length=2, max_length=2)]]
+    warehouse: list[Annotated[list[Integer], Field(min_length=2, max_length=2)]]
 
     @field_validator("version")
     @classmethod

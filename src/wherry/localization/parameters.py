@@ -12,6 +12,7 @@ from wherry.space.pose import IDENTITY, Pose
 
 ROBOT_MODELS = ("differential", "omnidirectional")
 LASER_MODELS = ("likelihood_field", "likelihood_field_prob", "beam")
+MAX_COORDINATE = 1e9  # m and rad, of the initial pose
 MAX_PARTICLES_LIMIT = 10_000_000  # upper limit of max_particles, about 1 GB of memory
 LOST_PROBABILITY_THRESHOLD = 0.5  # probability of being lost above which a robot is reported as lost
 GLOBAL_MAX_PARTICLES = 50_000  # particles at a global start, of which KLD sampling soon drops most
@@ -44,7 +45,6 @@ NON_NEGATIVE = (
 POSITIVE = (
     "sigma_hit",
     "laser_likelihood_max_dist",
-    "laser_max_range",
     "pf_err",
     "pf_z",
     "refine_sigma",
@@ -68,7 +68,8 @@ class AmclParameters:
         laser_model_type: One of LASER_MODELS, the keys of `sensor.SENSOR_MODELS`.
         max_beams: Number of evenly spaced beams of a scan in the measurement model.
         laser_min_range: Lower limit of the ranges that are used, m; the scan's own limit applies where it is larger.
-        laser_max_range: Upper limit of the ranges that are used, m; the scan's own limit applies where it is smaller.
+        laser_max_range: Upper limit of the ranges that are used, m; the scan's own limit applies where it is smaller,
+            and alone if this one is not positive.
         laser_likelihood_max_dist: Distance at which the likelihood field is truncated, m.
         z_hit: Mixture weight of readings of mapped obstacles.
         z_short: Mixture weight of readings cut short by unmapped obstacles (beam model).
@@ -163,6 +164,8 @@ class AmclParameters:
             *((name, 0.0 <= getattr(self, name) <= 1.0, "is not between 0 and 1") for name in FRACTIONS),
             *((name, 0.0 <= getattr(self, name) < math.inf, "must not be negative") for name in NON_NEGATIVE),
             *((name, 0.0 < getattr(self, name) < math.inf, "must be positive") for name in POSITIVE),
+            ("laser_min_range", math.isfinite(self.laser_min_range), "is not finite"),
+            ("laser_max_range", math.isfinite(self.laser_max_range), "is not finite"),
             ("z_hit", self.z_hit > 0.0, "must be positive"),
             (
                 "z_rand",
@@ -176,7 +179,11 @@ class AmclParameters:
             ("resample_interval", self.resample_interval >= 1, "is fewer than 1"),
             ("robot_model_type", self.robot_model_type in ROBOT_MODELS, f"is none of {', '.join(ROBOT_MODELS)}"),
             ("laser_model_type", self.laser_model_type in LASER_MODELS, f"is none of {', '.join(LASER_MODELS)}"),
-            ("initial_pose", all(map(math.isfinite, self.initial_pose.as_array())), "is not finite"),
+            (
+                "initial_pose",
+                all(abs(value) <= MAX_COORDINATE for value in self.initial_pose.as_array()),
+                f"is not finite, or beyond {MAX_COORDINATE:g} m",
+            ),
             ("initial_covariance", all(0.0 <= v < math.inf for v in self.initial_covariance), "must not be negative"),
         ]
 

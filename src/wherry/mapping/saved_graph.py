@@ -36,8 +36,12 @@ from wherry.space.pose import Floats, Pose
 
 FORMAT_VERSION = 2  # value of the key wherry-graph in the head
 FIRST_VERSION = 1  # oldest version that is read; it has neither beam angles nor contradictions of odometry
-MAX_FILE_SIZE = 4_000_000_000  # bytes, both packed and unpacked
 NO_ANGLES = np.zeros(0)  # beam angles of a scan whose beams are evenly spaced
+MAX_FILE_SIZE = 300_000_000  # bytes, packed
+MAX_UNPACKED_SIZE = 600_000_000  # bytes, unpacked: scans of 1,081 beams at 69,000 keyframes
+MAX_COORDINATE = 1e9  # m and rad, of a pose
+EIGENVALUE_TOLERANCE = 1e-9  # negative eigenvalue that rounding explains, per largest entry
+MAX_SCAN_ANGLE = 4.0 * math.pi  # rad, between the first and the last beam of a scan
 POSE, COVARIANCE = (3,), (3, 3)  # shapes of an entry
 # Every array of a file: its dtype kind, and the shape of one entry.
 ARRAYS: Mapping[str, tuple[str, tuple[int, ...]]] = {
@@ -354,13 +358,15 @@ def _read(path: Path) -> tuple[Mapping[str, Any], Arrays]:
     data = io.BytesIO(read_bytes(path, max_bytes=MAX_FILE_SIZE))
     try:
         with zipfile.ZipFile(data) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > MAX_FILE_SIZE:
-                raise InputError(path, "", f"is larger than {MAX_FILE_SIZE:,} bytes, unpacked")
-        with np.load(data, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        head = json.loads(arrays.pop("head").tobytes())
-    except (zipfile.BadZipFile, ValueError, KeyError, EOFError, OSError) as error:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size <= MAX_UNPACKED_SIZE:
+            with np.load(data, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            head = json.loads(arrays.pop("head").tobytes())
+    except Exception as error:  # zipfile, zlib and numpy raise many kinds on damaged files
         raise InputError(path, "", "is not a saved pose graph") from error
+    if size > MAX_UNPACKED_SIZE:
+        raise InputError(path, "", f"is larger than {MAX_UNPACKED_SIZE:,} bytes, unpacked")
     if isinstance(head, dict) and head.get("wherry-graph") == FIRST_VERSION:
         head, completed = _completed(head, arrays)
         arrays = dict(completed)
@@ -390,11 +396,7 @@ def _check(path: Path, head: object, arrays: Arrays) -> None:
     if not isinstance(head, dict) or head.get("wherry-graph") != FORMAT_VERSION:
         raise InputError(path, "wherry-graph", f"must be version {FIRST_VERSION} to {FORMAT_VERSION}")
     for name, (kind, shape) in ARRAYS.items():
-        array = arrays.get(name)
-        if array is None or array.dtype.kind != kind or array.shape[1:] != shape or array.ndim != len(shape) + 1:
-            raise InputError(path, name, "is missing or has the wrong shape")
-        if kind == "f" and name != "scan_ranges" and not np.isfinite(array).all():
-            raise InputError(path, name, "has a number that is not finite")
+        _check_array(path, name, arrays.get(name), kind, shape)
     for names in SAME_LENGTH:
         if len({len(arrays[name]) for name in names}) > 1:
             raise InputError(path, names[0], f"is not as long as {', '.join(names[1:])}")
@@ -404,15 +406,42 @@ def _check(path: Path, head: object, arrays: Arrays) -> None:
     for name, limit in limits.items():
         if ((arrays[name] < 0) | (arrays[name] >= limit)).any():
             raise InputError(path, name, "has the index of a node or submap that does not exist")
-    _check_beams(path, arrays)
+    _check_scans(path, arrays["scan_fields"], arrays["scan_ranges"])
+    _check_beam_angles(path, arrays)
 
 
-def _check_beams(path: Path, arrays: Arrays) -> None:
-    """Raise an `InputError` unless every scan has all of its ranges, and all of its beam angles or none."""
-    beams = arrays["scan_fields"][:, 5]
-    if (beams < 0).any() or (beams % 1.0 != 0.0).any() or beams.sum() != len(arrays["scan_ranges"]):
+def _check_array(path: Path, name: str, array: NDArray[Any] | None, kind: str, shape: tuple[int, ...]) -> None:
+    """Raise an `InputError` unless an array has its dtype kind, the shape of its entries, and possible values."""
+    if array is None or array.dtype.kind != kind or array.shape[1:] != shape or array.ndim != len(shape) + 1:
+        raise InputError(path, name, "is missing or has the wrong shape")
+    if kind == "f" and name != "scan_ranges" and not np.isfinite(array).all():
+        raise InputError(path, name, "has a number that is not finite")
+    if shape == POSE and (np.abs(array) > MAX_COORDINATE).any():
+        raise InputError(path, name, f"has a pose beyond {MAX_COORDINATE:g} m")
+    if shape == COVARIANCE and not _are_positive(array):
+        raise InputError(path, name, "has a matrix with a negative eigenvalue")
+
+
+def _are_positive(matrices: Floats) -> bool:
+    """Whether symmetric matrices, [N, 3, 3], have no negative eigenvalue up to rounding."""
+    largest = np.abs(matrices).max(axis=(1, 2), initial=0.0)
+    return bool((np.linalg.eigvalsh(matrices) >= -EIGENVALUE_TOLERANCE * largest[:, None]).all())
+
+
+def _check_scans(path: Path, fields: Floats, ranges: Floats) -> None:
+    """Raise an `InputError` unless the scans' fields, [K, 6], and all their ranges are possible."""
+    _, _, increment, _, range_max, beams = fields.T
+    if (beams < 0).any() or (beams % 1.0 != 0).any() or beams.sum() != len(ranges):
         raise InputError(path, "scan_ranges", "is not as long as the scans")
-    counts = arrays["scan_angle_count"]
+    if (ranges < 0.0).any():
+        raise InputError(path, "scan_ranges", "has a negative range")
+    if (range_max <= 0.0).any() or (np.abs(increment * beams) > MAX_SCAN_ANGLE).any():
+        raise InputError(path, "scan_fields", "has an impossible longest range or angle between beams")
+
+
+def _check_beam_angles(path: Path, arrays: Arrays) -> None:
+    """Raise an `InputError` unless every scan has all of its beam angles or none."""
+    beams, counts = arrays["scan_fields"][:, 5], arrays["scan_angle_count"]
     if not ((counts == 0) | (counts == beams)).all() or counts.sum() != len(arrays["scan_angles"]):
         raise InputError(path, "scan_angles", "is not as long as the scans")
 

@@ -9,14 +9,14 @@ from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from wherry.documents import Document, load_yaml, parse_yaml, validate
+from wherry.documents import Document, Number, load_yaml, parse_yaml, validate
 from wherry.robot import Body
 from wherry.space.pose import Pose
 
 MAX_VALUE = 100.0  # in the unit of each number in the file
 
-Positive = Annotated[float, Field(gt=0.0, le=MAX_VALUE)]
-Coordinate = Annotated[float, Field(ge=-MAX_VALUE, le=MAX_VALUE)]
+Positive = Annotated[Number, Field(gt=0.0, le=MAX_VALUE)]
+Coordinate = Annotated[Number, Field(ge=-MAX_VALUE, le=MAX_VALUE)]
 
 
 @dataclass(frozen=True, slots=True)

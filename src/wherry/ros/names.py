@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from wherry.documents import Document, load_yaml, validate
+from wherry.documents import Document, Number, load_yaml, validate
 from wherry.errors import InputError
 from wherry.ros import messages as ros
 from wherry.ros.topics import QosProfile, Topic
@@ -125,7 +125,7 @@ class _NamesFile(Document):
     frame_prefix: Annotated[str, AfterValidator(partial(_check_name, FRAME_PREFIX))] = ""
     topics: dict[str, TopicName] | None = None
     frames: dict[str, FrameName] | None = None
-    rates: dict[str, Annotated[float, Field(gt=0.0, le=MAX_RATE)]] | None = None
+    rates: dict[str, Annotated[Number, Field(gt=0.0, le=MAX_RATE)]] | None = None
 
 
 def load_names(

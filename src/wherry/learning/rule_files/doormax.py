@@ -168,6 +168,8 @@ def _add_type(learner: Doormax, entry: TypeEntry, reader: KnowledgeReader, field
     if entry.type not in learner.effect_rules.models[subject]:
         raise reader.refusal(f"{field}.type", f"{entry.type!r} is no effect type of {entry.attribute}")
     if entry.removed is not None:
+        if entry.rules:
+            raise reader.refusal(f"{field}.rules", "must be empty, as the effect type was removed")
         learner.effect_rules.remove(subject, entry.type, entry.removed)
     for rule in entry.rules:
         effect = effect_of(entry.type, rule.argument)
