@@ -78,6 +78,21 @@ def test_the_same_seed_gives_the_same_bytes(log: Path, tmp_path: Path, backend: 
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
 
 
+@pytest.mark.parametrize(("backend", "tolerance"), [("graph", 0.05), ("particles", 0.1)])
+def test_odometry_that_never_changes_does_not_keep_the_robot_in_place(
+    log: Path, tmp_path: Path, backend: str, tolerance: float
+) -> None:
+    constant = tmp_path / "constant.clf"
+    lines = [line.split() for line in log.read_text().splitlines()]
+    constant.write_text("".join(f"{' '.join([*words[:183], *['0'] * 6, *words[189:]])}\n" for words in lines))
+    mapping = prepare(MappingSettings(constant, relations=log.parent / "room.relations", backend=backend))
+    for _ in mapping.steps():
+        pass
+    assert mapping.result.translational_error_m is not None
+    assert mapping.result.translational_error_m < tolerance
+    assert mapping.slam.odometry_contradictions
+
+
 def test_without_relations_and_folder_nothing_is_scored_or_written(log: Path) -> None:
     result = run(MappingSettings(log))
     assert result.translational_error_m is None
