@@ -287,13 +287,15 @@ def test_a_reference_is_not_interpolated_over_its_gaps(files: LocalizationSettin
     assert result.reference_scans == 30
 
 
-def test_a_reference_in_nanoseconds_is_refused_by_name(files: LocalizationSettings, tmp_path: Path) -> None:
+def test_a_reference_in_nanoseconds_is_compared(files: LocalizationSettings, tmp_path: Path) -> None:
     assert files.reference is not None
     rows = np.loadtxt(files.reference)[1:]
     rows[:, 0] *= 1e9
     np.savetxt(tmp_path / "ns.txt", rows)
-    with pytest.raises(InputError, match=r"ns\.txt: has no pose .*; its times are nanoseconds"):
-        prepare(LocalizationSettings(files.log, files.map_file, reference=tmp_path / "ns.txt"))
+    result = result_of(LocalizationSettings(files.log, files.map_file, reference=tmp_path / "ns.txt"))
+    assert result.reference_scans == 59
+    assert result.rmse_m is not None
+    assert result.rmse_m < 0.05
 
 
 @pytest.mark.parametrize("missing", [range(10), range(50, 60), range(20, 40)], ids=["begin", "end", "hole"])

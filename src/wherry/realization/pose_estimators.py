@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.errors import InputError
+from wherry.localization.agreement import ScanAgreement
 from wherry.localization.fit import MIN_FIT, MapFit
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD
@@ -20,6 +21,7 @@ from wherry.space.pose import Pose
 LOCALIZED_THRESHOLD = 0.1  # lost probability below which an unreliable pose becomes reliable again
 FIT_MIN_SCANS = 200  # scans from which their fit decides whether a given map is the right one
 FIT_DECAY = 1.0 - 1.0 / 600  # factor of the earlier scans' weights in the fit, of which a minute's count
+MAX_TIMES_LOST, LOST_PERIOD = 5, 600.0  # times that the robot gets lost in s after which a given map is given up
 LOCALIZED_MIN_SCANS = 10  # consecutive scans below LOCALIZED_THRESHOLD that end global localization
 
 
@@ -118,6 +120,7 @@ class MapPoseEstimator:
         self._is_map_given = is_map_given
         self._is_lost = False
         self._fit = MapFit()
+        self._times_lost: list[float] = []
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
         """As `PoseEstimator.update`.
@@ -127,11 +130,20 @@ class MapPoseEstimator:
         """
         estimate = self._localizer.update(odometry, scan)
         threshold = LOCALIZED_THRESHOLD if self._is_lost else LOST_PROBABILITY_THRESHOLD
-        self._is_lost = estimate.tracking_lost_probability > threshold
+        was_lost, self._is_lost = self._is_lost, estimate.tracking_lost_probability > threshold
         if self._is_map_given:
-            self._fit = self._fit.with_scan(estimate.agreement, decay=FIT_DECAY)
-            check_fit(self._fit)
+            self._check_map(scan.time, estimate.agreement, got_lost=self._is_lost and not was_lost)
         return estimate.pose
+
+    def _check_map(self, time: float, agreement: ScanAgreement, *, got_lost: bool) -> None:
+        """Give up if the last minute's scans do not fit the map, or if the robot gets lost on it again and again."""
+        self._fit = self._fit.with_scan(agreement, decay=FIT_DECAY)
+        check_fit(self._fit)
+        if got_lost:
+            self._times_lost = [*(past for past in self._times_lost if past > time - LOST_PERIOD), time]
+        if len(self._times_lost) >= MAX_TIMES_LOST:
+            reason = f"does not fit what the lidar sees: the robot got lost on it {MAX_TIMES_LOST} times"
+            raise InputError("map", "", f"{reason} in {LOST_PERIOD / 60.0:g} minutes")
 
     @property
     def particles(self) -> NDArray[np.float64]:
