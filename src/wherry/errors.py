@@ -17,11 +17,10 @@ class InputError(Exception):
     """
 
     def __init__(self, source: str | Path, field: str, reason: str) -> None:
-        self.source = str(source)
-        self.field = _shortened(field, MAX_FIELD_CHARACTERS)
-        self.reason = _shortened(reason, MAX_REASON_CHARACTERS)
-        text = f"{self.source}: {self.field}: {self.reason}" if field else f"{self.source}: {self.reason}"
-        super().__init__(_on_one_line(text))
+        self.source = _on_one_line(str(source))
+        self.field = _shortened(_on_one_line(field), MAX_FIELD_CHARACTERS)
+        self.reason = _shortened(_on_one_line(reason), MAX_REASON_CHARACTERS)
+        super().__init__(f"{self.source}: {self.field}: {self.reason}" if field else f"{self.source}: {self.reason}")
 
 
 def _shortened(text: str, length: int) -> str:

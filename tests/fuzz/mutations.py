@@ -234,7 +234,8 @@ def change_yaml(data: bytes, rng: Generator) -> bytes:
     if rng.random() < 0.3 or b"&" in data:  # PyYAML itself would expand the aliases of an earlier mutation
         return _change_notation(data, rng)
     tree = _changed_tree(yaml.safe_load(data), rng)
-    return yaml.dump(tree, sort_keys=False, allow_unicode=True, default_flow_style=[None, True, False][int(rng.integers(3))]).encode()  # fmt: skip
+    flow_style = (None, True, False)[int(rng.integers(3))]
+    return yaml.dump(tree, sort_keys=False, allow_unicode=True, default_flow_style=flow_style).encode()
 
 
 def _change_notation(data: bytes, rng: Generator) -> bytes:

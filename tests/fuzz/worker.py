@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import logging
 import resource
@@ -153,10 +154,8 @@ def _place() -> str:
 
 def _reset_peak_memory() -> None:
     """Begin a new peak of this process's memory."""
-    try:
+    with contextlib.suppress(OSError):  # the peak since the process's start counts where that is not possible
         Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        pass  # the peak of the whole process then counts
 
 
 def peak_memory() -> float:

@@ -325,9 +325,14 @@ def _check(path: Path, head: object, arrays: Arrays) -> None:
     _check_scans(path, arrays["scan_fields"], arrays["scan_ranges"])
 
 
-def _check_array(path: Path, name: str, array: NDArray[Any] | None, kind: str, shape: tuple[int, ...]) -> None:
+def _check_array(path: Path, name: str, array: object, kind: str, shape: tuple[int, ...]) -> None:
     """Raise an `InputError` unless an array has its dtype kind, the shape of its entries, and possible values."""
-    if array is None or array.dtype.kind != kind or array.shape[1:] != shape or array.ndim != len(shape) + 1:
+    if (
+        not isinstance(array, np.ndarray)
+        or array.dtype.kind != kind
+        or array.shape[1:] != shape
+        or array.ndim != len(shape) + 1
+    ):
         raise InputError(path, name, "is missing or has the wrong shape")
     if kind == "f" and name != "scan_ranges" and not np.isfinite(array).all():
         raise InputError(path, name, "has a number that is not finite")
