@@ -7,26 +7,26 @@ loads them, and the check of what it returns.
 from __future__ import annotations
 
 import gzip
-import importlib.util
 import io
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from PIL import Image
 
 from fuzz import invariants
 from fuzz.bag_seeds import write_bag
+from fuzz.loader import Loader
 from fuzz.mutations import (
     BYTES,
     TEXT,
-    Mutation,
     change_json,
     change_npz,
     change_png,
+    change_sqlite,
+    change_trace,
     change_yaml,
     gunzip_and,
     unzip_and,
@@ -55,34 +55,6 @@ from wherry.space.pose import Pose
 from wherry.space.wean_map import load_wean_map
 from wherry.trace.recordings import TraceRecorder, load_trace
 from wherry_testing.runs import short_run
-
-Files = dict[str, bytes]
-
-
-@dataclass(frozen=True)
-class Loader:
-    """A loader of users' files, with what is needed to fuzz it.
-
-    Attributes:
-        name: Name in the table and on the command line.
-        load: Loads the file or folder at a path.
-        check: Raises an `AssertionError` if what was loaded is nonsense.
-        write: Writes valid files into an empty folder and returns the path to load.
-        mutations: Mutations by suffix of the files' names; ``""`` for all others.
-        needs: Package that must be installed.
-    """
-
-    name: str
-    load: Callable[[Path], Any]
-    check: Callable[[Any], None]
-    write: Callable[[Path], Path]
-    mutations: Mapping[str, Sequence[Mutation]] = field(default_factory=lambda: {"": BYTES})
-    needs: str = "wherry"
-
-    @property
-    def is_available(self) -> bool:
-        """Whether the package that it needs is installed."""
-        return importlib.util.find_spec(self.needs) is not None
 
 
 def _writer(name: str, content: str | bytes) -> Callable[[Path], Path]:
@@ -273,7 +245,7 @@ BAG_LOADERS = tuple(
         partial(_read_bag, lenient=lenient),
         invariants.check_log,
         partial(_write_bag, kind=kind, file=file, compressed=compressed),
-        {"": BYTES, ".yaml": YAML[""]},
+        {"": BYTES, ".db3": (*[change_sqlite] * 8, *BYTES), ".yaml": YAML[""]},
         "rosbags",
     )
     for name, kind, file, compressed, lenient in (
@@ -372,5 +344,5 @@ LOADERS: tuple[Loader, ...] = (
         _write_graph,
         {"": (*[change_npz] * 12, unzip_and(*BYTES), unzip_and(*BYTES), *BYTES)},
     ),
-    Loader("trace", load_trace, invariants.check_records, _write_trace, {"": BYTES}),
+    Loader("trace", load_trace, invariants.check_records, _write_trace, {"": (*[change_trace] * 12, *BYTES)}),
 )

@@ -20,7 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzz.loaders import LOADERS, Files, Loader
+from fuzz.faulty_loaders import FAULTY_LOADERS
+from fuzz.loader import Files, Loader
+from fuzz.loaders import LOADERS
 from fuzz.mutations import mutate
 from wherry.errors import InputError
 
@@ -91,7 +93,7 @@ class ValidFiles:
 
 def loader_named(name: str) -> Loader:
     """The loader of a name."""
-    return next(loader for loader in LOADERS if loader.name == name)
+    return next(loader for loader in (*LOADERS, *FAULTY_LOADERS) if loader.name == name)
 
 
 def valid_files(loader: Loader, folder: Path) -> ValidFiles:
