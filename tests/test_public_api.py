@@ -64,12 +64,14 @@ PUBLIC_API = {
             PoseEstimate PoseMode Relocalization Relocalizer ScanAgreement load_parameters
         """,
         "wherry.logs": """
-            LidarLog ReadingOptions increasing_times read_log read_odometry read_rows
+            LidarLog ReadingOptions increasing_times read_log read_odometry read_rows read_trajectory
+            with_odometry_file
         """,
         "wherry.mapping": """
-            GraphSlam GraphSlamSettings GraphSnapshot LoopClosure ParticleSlam ParticleSlamSettings
-            PoseGraph Rejection SLAM_METHODS ScanMatchingLocalizer Slam SlamMethod SlamSettings
-            load_graph locate_on_map optimized save_graph
+            ContradictionKind GraphSlam GraphSlamSettings GraphSnapshot LoopClosure
+            OdometryContradiction ParticleSlam ParticleSlamSettings PoseGraph Rejection SLAM_METHODS
+            ScanMatchingLocalizer Slam SlamMethod SlamSettings describe_contradictions load_graph
+            locate_on_map optimized save_graph
         """,
         "wherry.navigation": """
             Costmap Viewpoint clear_distance drive_line follow_path frontier_cells go_to
@@ -94,7 +96,7 @@ PUBLIC_API = {
             floor_plan_from_map order_from_plan update_tracks
         """,
         "wherry.robot": """
-            Body Odometry Robot Scan Velocity
+            Body Odometry Robot Scan Velocity mark_no_return
         """,
         "wherry.ros": """
             BodyParameters Frames MessageError QosProfile Rates RosNames StampedTransform Topic
@@ -119,8 +121,8 @@ PUBLIC_API = {
         """,
         "wherry.space": """
             CellFrame DistanceField GridMapper IDENTITY OccupancyGrid Pose Trajectory cast_rays
-            compose fit_cell_frame load_map load_wean_map merge_odometry relative save_map save_tum
-            wrap
+            compose fit_cell_frame load_map load_wean_map merge_odometry relative save_csv save_kitti
+            save_map save_trajectory save_tum wrap
         """,
         "wherry.trace": """
             CellLayout LearntModel LearntRule MapUpdate Narration ObjectSnapshot PerceivedState

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wherry.logs.tables import read_rows
 from wherry.space.pose import Floats, Pose, relative
@@ -18,11 +19,14 @@ __all__ = [
     "absolute_trajectory_error",
     "align",
     "load_relations",
+    "matching_times",
     "position_errors",
     "relation_errors",
     "root_mean_square",
 ]
 
+MAX_TIME_DIFFERENCE = 0.01  # s between a pose and the reference's nearest pose up to which they are compared, as in evo
+MAX_INTERPOLATED_GAP = 1.0  # s between two poses of a reference up to which it is interpolated
 FAR_RELATION_TIME = 60.0  # s between the poses of a relation above which it counts as far
 
 
@@ -143,6 +147,21 @@ def position_errors(estimated: Floats, reference: Floats, alignment: Pose) -> Fl
 def root_mean_square(errors: Floats) -> float:
     """Root mean square of errors [N], in their unit."""
     return math.sqrt(float(np.mean(errors**2)))
+
+
+def matching_times(reference: Floats, times: Floats) -> NDArray[np.bool_]:
+    """Whether a reference has a pose for each time: a near one in time, or two around it to interpolate between.
+
+    Args:
+        reference: Times of the reference's poses, [R] s, not decreasing.
+        times: [N] s.
+    """
+    after = np.searchsorted(reference, times)
+    padded = np.concatenate([[-np.inf], reference, [np.inf]])
+    to_previous, to_next = times - padded[after], padded[after + 1] - times
+    is_near = np.minimum(to_previous, to_next) <= MAX_TIME_DIFFERENCE
+    has_pose: NDArray[np.bool_] = is_near | (to_previous + to_next <= MAX_INTERPOLATED_GAP)
+    return has_pose
 
 
 def absolute_trajectory_error(estimated: Floats, reference: Floats) -> float:

@@ -7,10 +7,12 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 
 from wherry.errors import InputError
 
+MAX_NUMBERED_FOLDERS = 1000  # folders of one name that are tried
 BLOCK_SIZE = 1_000_000  # bytes that are read at once
 
 
@@ -92,6 +94,27 @@ def ensure_writable_folder(folder: str | Path) -> None:
     probe = folder / ".probe"
     write_atomically(probe, "")
     probe.unlink()
+
+
+def create_unused_folder(folder: str | Path) -> Path:
+    """Create a folder; if there is one already, with the first number from 2 appended for which there is none.
+
+    Two processes that do so at the same time get two folders.
+
+    Raises:
+        InputError: The folder cannot be created, or there are `MAX_NUMBERED_FOLDERS` of its name.
+    """
+    folder = Path(folder)
+    numbered = (folder.with_name(f"{folder.name}-{number}") for number in range(2, MAX_NUMBERED_FOLDERS + 1))
+    for candidate in chain([folder], numbered):
+        try:
+            candidate.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InputError(candidate, "", f"cannot be created: {error.strerror or error}") from error
+        return candidate
+    raise InputError(folder, "", f"exists {MAX_NUMBERED_FOLDERS:,} times; --out chooses another folder")
 
 
 @contextmanager

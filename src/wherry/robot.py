@@ -11,9 +11,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.space.pose import Pose, wrap
+from wherry.space.pose import Floats, Pose, wrap, wrap_angles
 
 BOX_HEIGHT = 0.30  # m, of a box to deliver
+NO_RETURN_TOLERANCE = 0.01  # m, readings less than this below the longest range of a lidar met nothing
 LOAD_RADIUS_RATIO = 1.5  # `Body.load_radius` ÷ radius of a box; a box in the fork may be off-centre
 
 
@@ -88,25 +89,46 @@ class Scan:
         """
         if self.time_increment == 0.0 or len(self.ranges) < 2:
             return self
-        share = np.linspace(0.0, 1.0, len(self.ranges))  # of the motion, at each beam
-        if self.time_increment < 0.0:
-            share = share[::-1]
-        turned, angles = share * wrap(motion.theta), self.angles
-        directions = angles + turned
+        share = self.beam_times / self.duration
+        return self.moved_back(lidar, share[:, None] * (motion.x, motion.y, wrap(motion.theta)))
+
+    @property
+    def beam_times(self) -> Floats:
+        """[R] times at which the beams were measured, s since the first one."""
+        order = np.arange(len(self.ranges), dtype=np.float64)
+        return abs(self.time_increment) * (order if self.time_increment >= 0.0 else order[::-1])
+
+    def moved_back(self, lidar: Pose, motions: Floats) -> Scan:
+        """The scan as if all beams had been measured at its time, given the robot's motion up to each beam.
+
+        Args:
+            lidar: The lidar in the base_link frame.
+            motions: base_link at each beam in its frame at the scan's time, [R, 3] m, m, rad.
+        """
+        turned = motions[:, 2]
+        directions = self.angles + turned
         bearings = directions + lidar.theta
-        start = lidar.as_array()[:2]
         cos, sin = np.cos(turned), np.sin(turned)
-        # Displacement of the lidar since the first beam, in the base_link frame of that beam.
-        shift_x = share * motion.x + cos * start[0] - sin * start[1] - start[0]
-        shift_y = share * motion.y + sin * start[0] + cos * start[1] - start[1]
+        # Displacement of the lidar since the scan's time, in the base_link frame of that time.
+        shift_x = motions[:, 0] + cos * lidar.x - sin * lidar.y - lidar.x
+        shift_y = motions[:, 1] + sin * lidar.x + cos * lidar.y - lidar.y
         valid = self.valid
         x = shift_x[valid] + self.ranges[valid] * np.cos(bearings[valid])
         y = shift_y[valid] + self.ranges[valid] * np.sin(bearings[valid])
         ranges = self.ranges.copy()
         ranges[valid] = np.clip(np.hypot(x, y), self.range_min, self.range_max)
-        seen = np.arctan2(y, x) - bearings[valid]
-        directions[valid] += np.arctan2(np.sin(seen), np.cos(seen))
+        directions[valid] += wrap_angles(np.arctan2(y, x) - bearings[valid])
         return replace(self, ranges=ranges, time_increment=0.0, beam_angles=directions)
+
+
+def mark_no_return(ranges: Floats, range_max: float) -> Floats:
+    """Ranges, m, of any shape, with infinite ones where a beam met nothing, for which many lidars give range_max.
+
+    Args:
+        ranges: Ranges as sent, m.
+        range_max: Longest range of the lidar, m; slightly smaller readings are infinite too, see `NO_RETURN_TOLERANCE`.
+    """
+    return np.where(ranges > range_max - NO_RETURN_TOLERANCE, np.inf, ranges)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,11 @@ from wherry_testing.command_line import CommandResult, RunCommand
 
 
 @pytest.fixture
-def run_command(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> RunCommand:
-    """A function that runs ``wherry`` with the given arguments."""
+def run_command(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> RunCommand:
+    """A function that runs ``wherry`` with the given arguments, in an empty folder of its own."""
+    monkeypatch.chdir(tmp_path_factory.mktemp("cwd"))
 
     def run(*arguments: object) -> CommandResult:
         monkeypatch.setattr(sys, "argv", ["wherry", *map(str, arguments)])

@@ -1,4 +1,4 @@
-"""wherry localize: table, JSON, and the warning about a start pose outside the free space."""
+"""wherry localize: verdict, notes, metrics, files and exit status."""
 
 from __future__ import annotations
 
@@ -8,47 +8,96 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wherry.logs.tables import read_odometry
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
+from wherry_testing.carmen_logs import drive_poses, write_carmen_log, write_room_map, write_scans
 from wherry_testing.command_line import RunCommand
 
 OFF_THE_MAP = "The map has no free space at the start pose of the log; --global searches the whole map.\n"
+POSES = drive_poses(24)
 
 
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    """Six scans of a robot that stands still in the middle of a room of 4 by 4 m."""
-    angles = np.radians(np.arange(180) - 90.0)
-    ranges = 2.0 / np.maximum(np.abs(np.cos(angles)), np.abs(np.sin(angles)))
-    beams = " ".join(f"{distance:.3f}" for distance in ranges)
-    lines = [f"FLASER 180 {beams} 0 0 0 0 0 0 {time:.1f} here {time:.1f}" for time in np.arange(6) / 2]
-    path = tmp_path / "walk.clf"
-    path.write_text("\n".join(lines) + "\n")
-    return path
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log, a map of its room, the true trajectory, and parameters with the true start pose."""
+    folder = tmp_path_factory.mktemp("room")
+    write_carmen_log(folder / "walk.clf", POSES)
+    write_room_map(folder)
+    truth = "".join(f"{n} {x:.6f} {y:.6f} {theta:.6f}\n" for n, (x, y, theta) in enumerate(POSES))
+    (folder / "truth.txt").write_text(truth)
+    start = "initial_pose_x: 1.0\ninitial_pose_y: 1.0\ninitial_pose_a: 0.0\n"
+    (folder / "amcl.yaml").write_text(start)
+    return folder
 
 
-def map_at(folder: Path, x: float) -> Path:
-    """The map file of the room, with its centre at (x, 0)."""
-    probability = np.full((82, 82), 0.02, np.float32)
-    probability[[0, -1]] = probability[:, [0, -1]] = 0.98
-    return save_map(OccupancyGrid(probability, 0.05, Pose(x - 2.05, -2.05)), folder / "map.yaml")
+def localized(folder: Path, *options: object) -> tuple[object, ...]:
+    return ("localize", folder / "walk.clf", "--map", folder / "map.yaml", *options)
 
 
-def test_the_table_has_labels_and_json_has_field_names(run_command: RunCommand, log: Path, tmp_path: Path) -> None:
-    status, out, err = run_command("localize", log, "--map", map_at(tmp_path, 0.0), "--json")
+def test_the_verdict_comes_before_the_numbers(run_command: RunCommand, folder: Path) -> None:
+    status, out, err = run_command(*localized(folder, "--reference", folder / "truth.txt", "--json"))
     assert status == 0
     metrics = json.loads(out)
-    assert metrics["scans"] == 6
-    assert metrics["rmse_m"] is None
+    assert err.splitlines()[0] == metrics["verdict"]
+    assert metrics["fits_map"] is True
+    assert metrics["fit"] > 0.9
+    assert metrics["rmse_m"] < 0.05
+    assert metrics["scans"] == 24
+    assert metrics["distance_m"] == pytest.approx(23 * np.hypot(0.1, 0.05), abs=0.1)
+    assert metrics["duration_s"] == 23.0
     x, y, _ = metrics["final_pose"]
     assert f"x {x:.2f} m, y {y:.2f} m, heading " in err
-    assert "Not measured: position error to the reference.\n" in err
     assert "final_pose" not in err
     assert OFF_THE_MAP not in err
+    for note in metrics["notes"]:
+        assert err.count(f"Note: {note}\n") == 1
 
 
-def test_a_start_off_the_map_is_reported(run_command: RunCommand, log: Path, tmp_path: Path) -> None:
-    status, out, _ = run_command("localize", log, "--map", map_at(tmp_path, 30.0))
-    assert status == 0
+def test_results_are_saved_to_a_folder_of_their_own(run_command: RunCommand, folder: Path) -> None:
+    for name in ("walk-localize", "walk-localize-2"):
+        options = ("--params", folder / "amcl.yaml", "--trajectory-format", "kitti")
+        status, out, _ = run_command(*localized(folder, *options))
+        assert status == 0
+        results = Path("runs") / name
+        files = ("trajectory.tum", "trajectory.kitti", "localization.csv", "localization.png")
+        assert out.endswith("Written: " + ", ".join(str(results / file) for file in files) + "\n")
+        assert {path.name for path in results.iterdir()} == {*files, "result.json", "trace.wherry"}
+        np.testing.assert_allclose(read_odometry(results / "trajectory.tum").poses, POSES, atol=0.2)
+        assert json.loads((results / "result.json").read_text())["fits_map"] is True
+
+
+def test_scans_that_do_not_fit_the_map_end_with_status_1_and_their_results(
+    run_command: RunCommand, folder: Path, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(0)
+    log = write_scans(tmp_path / "noise.clf", [rng.uniform(0.5, 6.0, 181) for _ in POSES], POSES)
+    status, out, err = run_command("localize", log, "--map", folder / "map.yaml", "--global", "--json")
+    assert status == 1
+    assert err.startswith("These scans do not fit this map")
+    assert json.loads(out)["fits_map"] is False
+    assert Path("runs/noise-localize/trajectory.tum").exists()
+
+
+def test_a_start_off_the_map_is_reported(run_command: RunCommand, folder: Path, tmp_path: Path) -> None:
+    far = save_map(OccupancyGrid(np.full((40, 40), 0.02, np.float32), 0.05, Pose(30.0, 0.0)), tmp_path / "map.yaml")
+    status, out, _ = run_command("localize", folder / "walk.clf", "--map", far)
     assert OFF_THE_MAP in out
+    assert status == 1  # the map covers nothing of what the lidar sees
+
+
+def test_the_mount_of_the_lidar_can_be_stated(run_command: RunCommand, folder: Path, tmp_path: Path) -> None:
+    log = write_carmen_log(tmp_path / "back.clf", POSES, Pose(-0.2, 0.1, np.pi))
+    reference = ("--reference", folder / "truth.txt", "--map", folder / "map.yaml", "--json", "-q")
+    status, out, _ = run_command("localize", log, "--lidar", "-0.2,0.1,180", *reference)
+    assert status == 0
+    assert json.loads(out)["rmse_m"] < 0.05
+
+
+@pytest.mark.parametrize("option", ["--scan-topic", "--odom-topic"])
+def test_topics_of_a_text_log_are_refused(run_command: RunCommand, folder: Path, option: str) -> None:
+    log = folder / "walk.clf"
+    line = f"wherry: {option}: /a: is for bags only; {log} is a text log, which has no topics\n"
+    assert run_command(*localized(folder, option, "/a")) == (2, "", line)
+    assert not Path("runs").exists()

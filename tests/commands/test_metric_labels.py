@@ -1,4 +1,4 @@
-"""Every metric in a command's JSON has a label in the table that the command prints."""
+"""Every number in a command's JSON has a label in the table that the command prints; verdicts and notes are lines."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ import pytest
 from wherry.pipelines.grids.learning import LearningResult
 from wherry.pipelines.logs.localization import LocalizationResult
 from wherry.pipelines.logs.mapping import MappingResult
+from wherry.pipelines.logs.summary import DriveSummary
 from wherry.ros.names import load_names
 from wherry.ros.nodes.monitor import Monitor
 from wherry.ros.transports.protocol import Transport
 from wherry.views.metrics_tables import (
+    DRIVE_METRICS,
     LEARNING_METRICS,
     LOCALIZATION_METRICS,
     MAPPING_METRICS,
@@ -37,12 +39,13 @@ def field_names(result: type) -> set[str]:
 @pytest.mark.parametrize(
     ("names", "labels"),
     [
-        (field_names(MappingResult) - {"log"}, MAPPING_METRICS),
-        (field_names(LocalizationResult), LOCALIZATION_METRICS),
+        (field_names(MappingResult) - {"log", "notes", "is_doubtful"}, MAPPING_METRICS),
+        (field_names(LocalizationResult) - {"verdict", "fits_map", "reference_verdict"}, LOCALIZATION_METRICS),
+        (field_names(DriveSummary) - {"notes"}, DRIVE_METRICS),
         (field_names(LearningResult) - {"settings", "runs"} | {"learner", "seed"}, LEARNING_METRICS),
         (set(Monitor(cast(Transport, SilentTransport()), load_names()).statistics()), ROS_TRAFFIC_METRICS),
     ],
-    ids=["mapping", "localization", "learning", "ROS traffic"],
+    ids=["mapping", "localization", "drive", "learning", "ROS traffic"],
 )
 def test_every_metric_has_a_label(names: set[str], labels: MetricLabels) -> None:
     assert names == set(labels)

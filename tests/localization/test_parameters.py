@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from wherry.errors import InputError
 from wherry.localization.parameter_files import load_parameters
 from wherry.localization.parameters import AmclParameters
+from wherry.localization.sensor import valid_beams
+from wherry.robot import Scan
 from wherry.space.pose import Pose
 
 NAV2 = """
@@ -137,3 +140,127 @@ def test_number_with_an_exponent_and_no_point_is_read_as_by_ros(tmp_path: Path) 
 def test_file_that_contains_itself_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nested too deeply"):
         load_parameters(write(tmp_path, "amcl: &a\n  amcl: *a\n"))
+
+
+AMCL = "ros__parameters: {alpha1: 0.3}"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"/robot1/amcl:\n  {AMCL}\n",
+        f"robot1:\n  amcl:\n    {AMCL}\n",
+        f"robot1/amcl:\n  {AMCL}\n",
+        f"fleet:\n  robot1:\n    amcl:\n      {AMCL}\n",
+        f"/fleet:\n  robot1/amcl:\n    {AMCL}\n",
+        f"/**/amcl:\n  {AMCL}\n",
+        f"/*/amcl:\n  {AMCL}\n",
+        f"/**:\n  {AMCL}\n",
+        f"'**':\n  {AMCL}\n",
+        f"/**:\n  amcl:\n    {AMCL}\n",
+        "robot1: {amcl: {alpha1: 0.3}}\n",
+        "/robot1/amcl: {odom_alpha1: 0.3}\n",
+        f"robot1:\n  amcl:\n    {AMCL}\nrobot2:\n  amcl:\n    {AMCL}\n",
+    ],
+)
+def test_the_node_is_found_below_namespaces_and_wildcards(tmp_path: Path, text: str) -> None:
+    assert load_parameters(write(tmp_path, text)).parameters.alpha1 == 0.3
+
+
+def test_parameters_of_all_nodes_are_merged_with_those_of_amcl(tmp_path: Path) -> None:
+    text = (
+        "/**:\n  ros__parameters: {alpha1: 0.3, z_hit: 0.7, footprint: 2}\n"
+        "amcl:\n  ros__parameters: {alpha1: 0.4}\n"
+        "robot2:\n  /**:\n    ros__parameters: {z_hit: 0.9}\n"
+    )
+    loaded = load_parameters(write(tmp_path, text))
+    assert (loaded.parameters.alpha1, loaded.parameters.z_hit) == (0.4, 0.7)
+    assert loaded.unknown == ()  # another node's parameters below the wildcard are not misspelt ones of amcl
+    assert loaded.notes == ()
+
+
+def test_sections_with_wildcards_alone_are_merged(tmp_path: Path) -> None:
+    text = "/**:\n  ros__parameters: {z_hit: 0.7}\n/**/amcl:\n  ros__parameters: {alpha1: 0.4}\n"
+    parameters = load_parameters(write(tmp_path, text)).parameters
+    assert (parameters.alpha1, parameters.z_hit) == (0.4, 0.7)
+
+
+def test_a_wildcard_after_the_node_overrides_it_as_in_ros_2_and_it_is_said(tmp_path: Path) -> None:
+    text = "amcl:\n  ros__parameters: {alpha1: 0.4}\n/**:\n  ros__parameters: {alpha1: 0.3}\n"
+    loaded = load_parameters(write(tmp_path, text))
+    assert loaded.parameters.alpha1 == 0.3
+    assert "alpha1 of /amcl is that of /**, which comes later in the file" in loaded.notes[0]
+
+
+def test_several_nodes_with_different_parameters_are_refused_by_name(tmp_path: Path) -> None:
+    text = "robot1: {amcl: {alpha1: 0.3}}\nrobot2: {amcl: {alpha1: 0.4}}\n"
+    with pytest.raises(
+        InputError, match="of several nodes, of which only one can be meant: /robot1/amcl, /robot2/amcl"
+    ):
+        load_parameters(write(tmp_path, text))
+
+
+def test_a_file_of_other_nodes_names_them(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no parameters of amcl, only of /planner"):
+        load_parameters(write(tmp_path, "planner:\n  ros__parameters: {tolerance: 0.5}\n"))
+
+
+def test_parameters_with_and_without_ros_2_s_key_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="both with and without ros__parameters"):
+        load_parameters(write(tmp_path, "amcl: {alpha1: 0.4}\n/amcl:\n  ros__parameters: {alpha2: 0.3}\n"))
+
+
+@pytest.mark.parametrize("limit", ["-1", "-1.0", "0.0"])
+def test_range_limits_that_are_not_positive_leave_the_scan_s_own(tmp_path: Path, limit: str) -> None:
+    text = f"amcl: {{laser_max_range: {limit}, laser_min_range: {limit}, alpha1: 0.1}}"
+    parameters = load_parameters(write(tmp_path, text)).parameters
+    scan = Scan(0.0, np.array([0.05, 0.2, 7.9, 8.1]), 0.0, 0.1, 0.1, 8.0)
+    assert valid_beams(scan, Pose(), parameters).ranges.tolist() == [0.2, 7.9]
+
+
+def test_defaults_of_ros_1_hold_for_a_file_with_any_name_of_ros_1(tmp_path: Path) -> None:
+    parameters = load_parameters(
+        write(tmp_path, "amcl: {initial_pose_x: 3, beam_skip_error_threshold_: 0.4}")
+    ).parameters
+    assert (parameters.max_particles, parameters.laser_max_range) == (5000, -1.0)
+    assert parameters.beam_skip_error_threshold == 0.4
+    assert parameters.initial_pose.x == 3.0
+
+
+def test_names_of_ros_1_in_a_file_of_ros_2_are_not_used_as_by_nav2_and_it_is_said(tmp_path: Path) -> None:
+    loaded = load_parameters(write(tmp_path, "amcl:\n  ros__parameters: {kld_err: 0.02, alpha1: 0.1}\n"))
+    assert (loaded.parameters.pf_err, loaded.parameters.max_particles) == (0.05, 2000)
+    assert "names of ROS 1 (nav2's in brackets): kld_err (pf_err)." in loaded.notes[0]
+
+
+def test_two_values_of_one_parameter_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"odom_alpha1: is .*, but alpha1, its name in nav2, is "):
+        load_parameters(write(tmp_path, "amcl: {odom_alpha1: 0.3, alpha1: 0.2}"))
+
+
+def test_initial_pose_with_dotted_names(tmp_path: Path) -> None:
+    text = "amcl:\n  ros__parameters: {set_initial_pose: true, initial_pose.x: 1.5, initial_pose.yaw: 0.5}\n"
+    loaded = load_parameters(write(tmp_path, text))
+    assert loaded.parameters.initial_pose == Pose(1.5, 0.0, 0.5)
+    assert loaded.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "note"),
+    [
+        (
+            "amcl: {alpha1: 0.1, scan_topic: front, base_frame_id: base}",
+            "concern the ROS node: scan_topic, base_frame_id.",
+        ),
+        (
+            "amcl: {alpha1: 0.1, initial_pose: {x: 1.0}}",
+            "initial_pose is the start pose although set_initial_pose is not",
+        ),
+        ("amcl: {odom_model_type: diff}", "odom_model_type diff is computed as diff-corrected"),
+        ("amcl: {do_beamskip: true}", "do_beamskip has no effect without laser_model_type likelihood_field_prob"),
+    ],
+)
+def test_parameters_that_are_not_used_are_said(tmp_path: Path, text: str, note: str) -> None:
+    notes = load_parameters(write(tmp_path, text)).notes
+    assert any(note in one for one in notes)
+    assert all(len(one.removeprefix(str(tmp_path))) < 300 for one in notes)

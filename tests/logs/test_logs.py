@@ -17,7 +17,7 @@ from wherry.space.pose import Pose
 from wherry_testing.buildings import shared_data
 
 FLASER = "FLASER 4 1.0 2.0 81.83 3.0 {x} 0.5 0.1 {x} 0.5 0.1 {t} host {t}"
-ROBOTLASER = "ROBOTLASER1 0 -1.5 3.0 0.5 50.0 0.01 0 3 1.0 2.0 50.0 0 {x} {y} 0.1 {rx} 0.5 0.1 0 0 0 0 0 {t} host {t}"
+ROBOTLASER = "ROBOTLASER1 0 -0.5 1.0 0.5 50.0 0.01 0 3 1.0 2.0 50.0 0 {x} {y} 0.1 {rx} 0.5 0.1 0 0 0 0 0 {t} host {t}"
 ODOM = "ODOM {x} 0.5 0.1 0 0 0 {t} host {t}"
 
 
@@ -201,7 +201,7 @@ def test_files_that_are_not_logs_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="gzip"):
         read_log(packed)
     packed.write_bytes(b"not gzip")
-    with pytest.raises(InputError, match="gzip"):
+    with pytest.raises(InputError, match="line 1: is not a message"):
         read_log(packed)
 
 
@@ -216,7 +216,7 @@ def test_a_gzip_bomb_is_rejected_at_its_first_line(tmp_path: Path) -> None:
 def test_a_gzip_bomb_of_short_lines_is_rejected_at_the_size_limit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("wherry.logs.log_lines.MAX_FILE_SIZE", 1_000_000)
+    monkeypatch.setattr("wherry.logs.text_files.MAX_FILE_SIZE", 1_000_000)
     packed = tmp_path / "bomb.log.gz"
     packed.write_bytes(gzip.compress(b"# nothing\n" * 1_000_000))
     with pytest.raises(InputError, match="larger than 1,000,000 bytes"):

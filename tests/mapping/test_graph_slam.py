@@ -86,10 +86,10 @@ def test_without_odometry_constant_velocity_is_assumed() -> None:
 
 def test_extrapolation_over_a_gap_without_odometry_is_bounded() -> None:
     tracking = TrackingState.begin(0.0, None).with_scan(0.5, Pose(0.5, 0.0, 0.1), None)
-    motion, _ = tracking.predict_motion(1.0, None)
+    motion = tracking.predictions(1.0, None)[0].motion
     assert (motion.x, motion.theta) == pytest.approx((0.5, 0.1))
     for gap in (230.0, 1e4):  # at 1 m/s the submap would not fit in memory
-        motion, _ = tracking.predict_motion(0.5 + gap, None)
+        motion = tracking.predictions(0.5 + gap, None)[0].motion
         assert motion.x == pytest.approx(MAX_EXTRAPOLATED_DISTANCE)
         assert motion.theta == pytest.approx(0.2 * MAX_EXTRAPOLATED_DISTANCE)
     again = tracking.with_scan(0.5, Pose(0.6, 0.0, 0.1), None)  # equal time stamps leave the velocity unchanged

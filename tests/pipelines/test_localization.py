@@ -65,8 +65,12 @@ def test_drive_around_a_room_is_localized(files: LocalizationSettings, tmp_path:
     assert result.median_m < 0.05  # the rays end on the cells' faces, half a cell before their centres
     assert result.lost_fraction < 0.1
     assert json.loads(json.dumps(result.as_dict(), allow_nan=False))["scans"] == 60
-    tum, picture = run.save(tmp_path / "out")
+    tum, table, picture = run.save(tmp_path / "out")
     assert np.loadtxt(tum).shape == (60, 8)
+    rows = np.loadtxt(table, delimiter=",", skiprows=1)
+    assert rows.shape == (60, 6)
+    assert rows[:, 4] == pytest.approx(run.lost_probabilities, abs=1e-6)
+    assert (rows[:, 5] > 0.9).all()
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -96,10 +100,10 @@ def test_unknown_parameters_are_reported(files: LocalizationSettings, tmp_path: 
 
 def test_reference_without_poses_at_the_scans_is_rejected(files: LocalizationSettings, tmp_path: Path) -> None:
     (tmp_path / "other.txt").write_text("1000 0 0 0\n1001 0 0 0\n")
-    run = prepare(LocalizationSettings(files.log, files.map_file, reference=tmp_path / "other.txt"))
-    list(run.steps())
-    with pytest.raises(InputError, match="no pose at the time"):
-        run.result()
+    with pytest.raises(
+        InputError, match=r"other\.txt: has no pose at the time of any scan: it covers 1000\.000 to 1001"
+    ):
+        prepare(LocalizationSettings(files.log, files.map_file, reference=tmp_path / "other.txt"))
 
 
 def test_saved_pose_graph_is_used_as_a_map(files: LocalizationSettings, tmp_path: Path) -> None:

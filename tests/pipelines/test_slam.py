@@ -18,15 +18,8 @@ from wherry.logs.reading import read_log
 from wherry.logs.tables import read_odometry
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph
-from wherry.pipelines.logs.mapping import (
-    ACCEPTED_COLOUR,
-    REJECTED_COLOUR,
-    TRAJECTORY_COLOUR,
-    MappingSettings,
-    draw_map,
-    prepare,
-    run,
-)
+from wherry.pipelines.logs.mapping import MappingSettings, prepare, run
+from wherry.pipelines.logs.pictures import ACCEPTED_COLOUR, REJECTED_COLOUR, TRAJECTORY_COLOUR, draw_map
 from wherry.space.map_files import load_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose

@@ -13,6 +13,10 @@ from hypothesis import strategies as st
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.decoding import (
+    ANGLE_MAX_IGNORED,
+    INCREMENT_REPLACED,
+    NO_RANGE_MAX,
+    TIMES_IGNORED,
     MessageError,
     decode_laser_scan,
     decode_occupancy_grid,
@@ -108,14 +112,18 @@ def test_the_beams_of_a_clockwise_lidar_are_reversed() -> None:
     [
         ({"header": ros.Header(frame_id="camera")}, "camera"),
         ({"header": ros.Header(ros.Time(-5), "laser")}, "stamp"),
-        ({"angle_min": math.nan}, "not finite"),
-        ({"angle_increment": math.inf}, "not finite"),
-        ({"angle_increment": 0.0}, "rad apart"),
-        ({"angle_increment": 3.0}, "rad apart"),
+        ({"angle_min": math.nan}, "not a possible angle_min"),
+        ({"angle_min": -180.0}, "not a possible angle_min"),
+        ({"angle_increment": 0.0, "angle_max": -math.pi}, "rad apart"),
+        ({"angle_increment": math.nan, "angle_max": math.nan}, "rad apart"),
+        ({"angle_increment": 3.0, "angle_max": 100.0}, "rad apart"),
+        ({"angle_increment": 0.1}, "contradict each other"),
+        ({"angle_increment": -0.5}, "contradict each other"),
         ({"range_min": -1.0}, "ranges from"),
-        ({"range_max": 0.0}, "ranges from"),
-        ({"range_max": math.nan}, "not finite"),
-        ({"range_max": 1e9}, "ranges from"),
+        ({"range_min": math.nan}, "ranges from"),
+        ({"range_max": 0.01}, "ranges from"),
+        ({"range_max": -1.0}, "ranges from"),
+        ({"range_max": math.nan}, "ranges from"),
         ({"ranges": np.zeros(0, np.float32)}, "0 beams"),
         ({"ranges": np.zeros(30_000, np.float32), "angle_increment": 1e-5}, "30000 beams"),
     ],
@@ -123,6 +131,87 @@ def test_the_beams_of_a_clockwise_lidar_are_reversed() -> None:
 def test_scans_with_impossible_angles_or_limits_are_rejected(changes: dict[str, object], reason: str) -> None:
     with pytest.raises(MessageError, match=reason):
         decode_laser_scan(replace(MESSAGE, **changes), "laser")
+
+
+@pytest.mark.parametrize("range_max", [12.0, 5.0, 0.1, float(np.float32(5.6))])
+@pytest.mark.parametrize("shortfall", [-1.0, 0.0, 1e-6, 1e-4, 0.009])
+def test_a_reading_at_range_max_is_no_return(range_max: float, shortfall: float) -> None:
+    ranges = np.array([range_max - shortfall, range_max - 0.02, 0.05], np.float32)
+    decoded = decode_laser_scan(replace(MESSAGE, ranges=ranges, range_max=range_max))
+    assert np.isinf(decoded.ranges).tolist() == [True, False, False]
+    assert decoded.valid.tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize("range_max", [math.inf, 0.0, 1e9, 3.4e38])
+def test_without_a_range_max_all_ranges_of_lidars_are_valid(range_max: float) -> None:
+    remarks: list[str] = []
+    message = replace(MESSAGE, range_max=range_max, ranges=np.array([30.0, np.inf, 5000.0], np.float32))
+    decoded = decode_laser_scan(message, None, remarks.append)
+    assert decoded.valid.tolist() == [True, False, False]
+    assert np.isinf(decoded.ranges).tolist() == [False, True, True]
+    assert remarks == [NO_RANGE_MAX]
+
+
+def test_zero_is_no_measurement_even_if_range_min_allows_it() -> None:
+    message = replace(MESSAGE, range_min=0.0, ranges=np.array([0.0, -1.0, 0.001, -np.inf], np.float32))
+    assert decode_laser_scan(message).valid.tolist() == [False, False, True, False]
+
+
+@pytest.mark.parametrize("increment", [0.0, -0.0, math.nan, math.inf, 30.0])
+def test_an_impossible_increment_is_computed_from_the_limits(increment: float) -> None:
+    remarks: list[str] = []
+    message = replace(MESSAGE, angle_min=-1.0, angle_max=1.0, angle_increment=increment)
+    assert decode_laser_scan(message, None, remarks.append).angles.tolist() == [-1.0, -0.5, 0.0, 0.5, 1.0]
+    assert remarks == [INCREMENT_REPLACED]
+
+
+@pytest.mark.parametrize("beams", [357, 359, 360, 361, 363])
+@pytest.mark.parametrize("last", [math.pi, math.pi - math.tau / 360])
+def test_the_number_of_beams_may_vary(beams: int, last: float) -> None:
+    step = math.tau / 360
+    message = replace(MESSAGE, angle_max=last, angle_increment=step, ranges=np.ones(beams, np.float32))
+    decoded = decode_laser_scan(message)
+    np.testing.assert_allclose(decoded.angles, -math.pi + step * np.arange(beams))
+
+
+def test_an_angle_max_that_is_off_by_a_few_beams_is_said() -> None:
+    remarks: list[str] = []
+    message = replace(MESSAGE, angle_max=math.pi, angle_increment=math.tau / 360, ranges=np.ones(354, np.float32))
+    decode_laser_scan(message, None, remarks.append)
+    assert remarks == [ANGLE_MAX_IGNORED]
+
+
+def test_the_times_of_the_beams_follow_their_order() -> None:
+    message = replace(MESSAGE, time_increment=0.01)
+    assert decode_laser_scan(message).time_increment == 0.01
+    clockwise = decode_laser_scan(replace(message, angle_min=1.0, angle_max=-1.0, angle_increment=-0.5))
+    assert clockwise.time_increment == -0.01
+    assert clockwise.duration == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("time_increment", [-0.01, math.nan, math.inf])
+def test_impossible_times_of_beams_are_ignored(time_increment: float) -> None:
+    remarks: list[str] = []
+    assert (
+        decode_laser_scan(replace(MESSAGE, time_increment=time_increment), None, remarks.append).time_increment == 0.0
+    )
+    assert remarks == [TIMES_IGNORED]
+
+
+def test_clockwise_scans_survive_the_round_trip() -> None:
+    scan = replace(SCAN, time_increment=-0.01)
+    message = encode_laser_scan(scan, "laser")
+    assert (message.angle_increment, message.time_increment) == (-0.5, 0.01)
+    decoded = decode_laser_scan(message)
+    np.testing.assert_allclose(decoded.angles, scan.angles)
+    np.testing.assert_array_equal(decoded.ranges, scan.ranges.astype(np.float32))
+    assert decoded.time_increment == -0.01
+
+
+def test_a_scan_corrected_for_motion_has_no_message() -> None:
+    scan = replace(SCAN, time_increment=0.01).deskewed(Pose(), Pose(0.1))
+    with pytest.raises(ValueError, match="corrected for motion"):
+        encode_laser_scan(scan, "laser")
 
 
 def test_odometry_survives_the_round_trip() -> None:
@@ -164,10 +253,10 @@ def test_transforms_survive_the_round_trip(pose: Pose) -> None:
     assert message.transform.translation.z == 0.3
 
 
-def test_a_lidar_upside_down_is_rejected() -> None:
+def test_a_frame_upside_down_has_no_pose_in_the_plane() -> None:
     message = encode_transform(StampedTransform("base_link", "laser", 0.0, Pose()))
     message = replace(message, transform=ros.Transform(rotation=ros.Quaternion(1.0, 0.0, 0.0, 0.0)))
-    with pytest.raises(MessageError, match="tilts the frame 'laser' by 180°; only upright mounts"):
+    with pytest.raises(MessageError, match="tilts the frame 'laser' by 180°; only level frames"):
         decode_transform(message)
     others = transforms_between(ros.TFMessage((message,)), "odom", "base_link")
     assert list(others) == [], "transforms of other frames are not checked"

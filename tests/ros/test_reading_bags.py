@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,81 +13,29 @@ from wherry.errors import InputError
 from wherry.logs.options import ReadingOptions
 from wherry.ros.bags.reading import is_bag, read_bag
 
-rosbags = pytest.importorskip("rosbags.typesys", reason="the rosbags package is not installed")
-rosbag1 = pytest.importorskip("rosbags.rosbag1")
-rosbag2 = pytest.importorskip("rosbags.rosbag2")
+pytest.importorskip("rosbags", reason="the rosbags package is not installed")
+from wherry_testing.recorded_bags import KINDS, LASER_SCAN, SUFFIXES, SmallBag, link
+
+MOUNT = [link("base_link", "laser", 0.25)]
+RANGES = [1.0, 2.0, math.nan, math.inf, 20.0]
 
 
-def store(kind: str) -> Any:
-    stores = rosbags.Stores
-    return rosbags.get_typestore(stores.ROS1_NOETIC if kind == "ros1" else stores.ROS2_HUMBLE)
+def write(folder: Path, kind: str, times: list[float]) -> Path:
+    """A bag with the lidar's mount, odometry, and scans at some times."""
+    bag = SmallBag(kind).transforms(MOUNT).drive()
+    for time in times:
+        bag.scan(time, ranges=RANGES)
+    return bag.write(folder / ("some.bag" if kind == "ros1" else kind))
 
 
-def header(types: Any, kind: str, time: float, frame: str, number: int) -> Any:
-    stamp = types["builtin_interfaces/msg/Time"](sec=int(time), nanosec=round(time % 1 * 1e9))
-    first = {"seq": number} if kind == "ros1" else {}
-    return types["std_msgs/msg/Header"](**first, stamp=stamp, frame_id=frame)
+def storage(path: Path, kind: str) -> Path:
+    """The file of a bag that holds the messages."""
+    return path if kind == "ros1" else next(path.glob(f"*{SUFFIXES[kind]}"))
 
 
-def laser(types: Any, kind: str, number: int, time: float, ranges: list[float]) -> Any:
-    return types["sensor_msgs/msg/LaserScan"](
-        header=header(types, kind, time, "laser", number),
-        angle_min=-1.0,
-        angle_max=1.0,
-        angle_increment=0.5,
-        time_increment=0.0,
-        scan_time=0.1,
-        range_min=0.1,
-        range_max=10.0,
-        ranges=np.array(ranges, np.float32),
-        intensities=np.zeros(0, np.float32),
-    )
-
-
-def odom(types: Any, kind: str, number: int, time: float, x: float) -> Any:
-    vector, half = types["geometry_msgs/msg/Vector3"], 0.25
-    pose = types["geometry_msgs/msg/Pose"](
-        position=types["geometry_msgs/msg/Point"](x=x, y=0.0, z=0.0),
-        orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=math.sin(half), w=math.cos(half)),
-    )
-    twist = types["geometry_msgs/msg/Twist"](linear=vector(x=0.0, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0))
-    return types["nav_msgs/msg/Odometry"](
-        header=header(types, kind, time, "odom", number),
-        child_frame_id="base_link",
-        pose=types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=np.zeros(36)),
-        twist=types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=np.zeros(36)),
-    )
-
-
-def write(folder: Path, kind: str, scans: list[tuple[float, list[float]]]) -> Path:
-    """A bag with odometry at 0 and 10 s and some scans."""
-    typestore = store(kind)
-    types = typestore.types
-    messages = [("/odom", odom(types, kind, n, t, x), t) for n, (t, x) in enumerate(((0.0, 0.0), (10.0, 5.0)))]
-    messages += [("/scan", laser(types, kind, n, t, ranges), t) for n, (t, ranges) in enumerate(scans)]
-    path = folder / ("some.bag" if kind == "ros1" else kind)
-    if kind == "ros1":
-        writer: Any = rosbag1.Writer(path)
-    else:
-        plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
-        writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
-    with writer:
-        connections = {
-            topic: writer.add_connection(topic, message.__msgtype__, typestore=typestore)
-            for topic, message, _ in messages[-1:] + messages[:1]
-        }
-        for topic, message, time in messages:
-            raw = typestore.serialize_ros1 if kind == "ros1" else typestore.serialize_cdr
-            writer.write(connections[topic], int(time * 1e9) + 1, raw(message, message.__msgtype__))
-    return path
-
-
-GOOD = [(2.0, [1.0, 2.0, math.nan, math.inf, 20.0]), (4.0, [1.5, 2.5, 3.0, 4.0, 5.0])]
-
-
-@pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_bag_is_read_as_a_log(tmp_path: Path, kind: str) -> None:
-    path = write(tmp_path, kind, GOOD)
+    path = write(tmp_path, kind, [2.0, 4.0])
     assert is_bag(path)
     log = read_bag(path)
     assert [scan.time for scan in log.scans] == [2.0, 4.0]
@@ -95,17 +43,92 @@ def test_a_bag_is_read_as_a_log(tmp_path: Path, kind: str) -> None:
     assert (log.scans[0].angle_min, log.scans[0].angle_increment) == (-1.0, 0.5)
     assert log.scan_odometry[0] is not None
     pose = log.scan_odometry[0].pose
-    assert (pose.x, pose.y, pose.theta) == pytest.approx((1.0, 0.0, 0.5))
-    np.testing.assert_allclose(log.odometry.times, [0.0, 10.0])
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((1.0, 0.0, 0.0))
+    np.testing.assert_allclose(log.odometry.times, np.arange(11.0))
+    assert (log.skipped, log.notes) == ((), ())
 
 
 def test_a_broken_message_is_named_or_skipped(tmp_path: Path) -> None:
-    path = write(tmp_path, "ros1", [*GOOD, (5.0, [1.0]), (6.0, GOOD[1][1])])
-    with pytest.raises(InputError, match="/scan, message 3: has 1 beams"):
+    bag = SmallBag("ros1").transforms(MOUNT).drive().scan(2.0).scan(4.0).scan(5.0, ranges=[]).scan(6.0)
+    path = bag.write(tmp_path / "some.bag")
+    with pytest.raises(InputError, match="/scan, message 3: has 0 beams"):
         read_bag(path)
     log = read_bag(path, ReadingOptions(lenient=True))
     assert [scan.time for scan in log.scans] == [2.0, 4.0, 6.0]
-    assert log.skipped == ("/scan, message 3: has 1 beams where the scans before have 5",)
+    assert log.skipped == ("/scan, message 3: has 0 beams; 1 to 20,000 are possible",)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_number_of_beams_may_vary(tmp_path: Path, kind: str) -> None:
+    bag, counts = SmallBag(kind).transforms(MOUNT).drive(), [360, 357, 363, 359, 361]
+    for time, beams in enumerate(counts, start=1):
+        bag.scan(float(time), ranges=np.linspace(1.0, 5.0, beams), angle_min=-math.pi, angle_increment=math.tau / beams)
+    log = read_bag(bag.write(tmp_path / f"run{'.bag' * (kind == 'ros1')}"))
+    assert [len(scan.ranges) for scan in log.scans] == counts
+    assert log.notes == ()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rings_of_readings_at_range_max_are_no_walls(tmp_path: Path, kind: str) -> None:
+    bag = SmallBag(kind).transforms(MOUNT).drive()
+    path = bag.scan(ranges=[1.0, 9.9999, 10.0, 10.5, 9.9]).write(tmp_path / f"run{'.bag' * (kind == 'ros1')}")
+    (scan,) = read_bag(path).scans
+    assert scan.valid.tolist() == [True, False, False, False, True]
+    assert np.isinf(scan.ranges).tolist() == [False, True, True, True, False]
+
+
+def test_many_readings_at_range_min_are_no_obstacles(tmp_path: Path) -> None:
+    bag = SmallBag("mcap").transforms(MOUNT).drive()
+    for step in range(20):
+        ranges = np.full(100, 3.0)
+        ranges[:10] = -math.inf if step % 2 else 0.1
+        bag.scan(0.5 * step, ranges=ranges, angle_increment=0.02)
+    log = read_bag(bag.write(tmp_path / "run"))
+    assert all(int(scan.valid.sum()) == 90 for scan in log.scans)
+    assert "/scan: 10% of the readings are −inf or range_min, which is taken for no measurement" in log.notes
+
+
+@pytest.mark.parametrize(("increment", "is_kept"), [(0.1, True), (0.25, True), (0.3, False), (1e6, False)])
+def test_times_of_beams_longer_than_the_time_between_scans_are_ignored(
+    tmp_path: Path, increment: float, is_kept: bool
+) -> None:
+    bag = SmallBag("mcap").transforms(MOUNT).drive()
+    for time in (1.0, 2.0, 3.0, 9.0):
+        bag.scan(time, time_increment=increment)
+    log = read_bag(bag.write(tmp_path / "run"))
+    assert log.scans[0].time_increment == pytest.approx(increment if is_kept else 0.0)
+    assert len([note for note in log.notes if "time_increment would make a scan last" in note]) == (not is_kept)
+
+
+def test_the_beams_of_a_lidar_upside_down_keep_their_times(tmp_path: Path) -> None:
+    upside_down = [link("base_link", "laser", rotation=(1.0, 0.0, 0.0, 0.0))]
+    bag = SmallBag("mcap").transforms(upside_down).drive().scan(1.0, time_increment=0.0625)
+    (scan,) = read_bag(bag.write(tmp_path / "run")).scans
+    assert scan.time_increment == -0.0625
+    assert scan.ranges.tolist() == [5.0, 4.0, 3.0, 2.0, 1.0]
+
+
+@pytest.mark.parametrize("is_upside_down", [False, True])
+@pytest.mark.parametrize("is_clockwise", [False, True])
+def test_a_scan_while_turning_is_corrected(tmp_path: Path, is_upside_down: bool, is_clockwise: bool) -> None:
+    """A lidar on the axle, in the middle of a square room of 4 m, that turns at 1 rad/s."""
+    rate, period, beams = 1.0, 0.1, 90
+    beam_angles = np.linspace(-math.pi, math.pi, beams) * (-1.0 if is_clockwise else 1.0)
+    directions = -beam_angles if is_upside_down else beam_angles
+    world = directions + rate * np.linspace(0.0, period, beams)
+    ranges = 2.0 / np.maximum(np.abs(np.cos(world)), np.abs(np.sin(world)))
+    turned = (1.0, 0.0, 0.0, 0.0) if is_upside_down else (0.0, 0.0, 0.0, 1.0)
+    bag = SmallBag("mcap").transforms([link("base_link", "laser", rotation=turned)])
+    for step in range(21):
+        bag.odometry(0.05 * step, yaw=0.05 * step * rate)
+    step = float(beam_angles[1] - beam_angles[0])
+    for time in (0.0, 0.2):
+        changes = {"angle_min": float(beam_angles[0]), "angle_increment": step, "time_increment": period / (beams - 1)}
+        bag.scan(time, ranges=ranges, **changes)
+    log = read_bag(bag.write(tmp_path / "run"))
+    raw, corrected = (np.abs(scan.points()).max(axis=1) for scan in (log.scans[0], log.deskewed(0)))
+    assert np.abs(raw - 2.0).max() > 0.1
+    assert np.abs(corrected - 2.0).max() < 1e-5
 
 
 def test_a_file_that_is_not_a_bag_is_refused(tmp_path: Path) -> None:
@@ -119,10 +142,10 @@ def test_a_file_that_is_not_a_bag_is_refused(tmp_path: Path) -> None:
     assert not is_bag(tmp_path / "some.log")
 
 
-@pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_truncated_bag_is_refused_in_one_line(tmp_path: Path, kind: str) -> None:
-    path = write(tmp_path, kind, [(2.0 + n, GOOD[0][1]) for n in range(50)])
-    file = path if kind == "ros1" else next(entry for entry in path.iterdir() if entry.suffix in (".mcap", ".db3"))
+    path = write(tmp_path, kind, [0.2 * step for step in range(50)])
+    file = storage(path, kind)
     whole = file.read_bytes()
     for share in (0.02, 0.3, 0.6, 0.97):
         file.write_bytes(whole[: int(len(whole) * share)])
@@ -132,10 +155,11 @@ def test_a_truncated_bag_is_refused_in_one_line(tmp_path: Path, kind: str) -> No
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite"])
-def test_flipped_bits_end_in_a_log_or_an_error_of_one_line(tmp_path: Path, kind: str) -> None:
-    path = write(tmp_path, kind, [(2.0 + n, GOOD[0][1]) for n in range(5)])
-    file = path if kind == "ros1" else next(entry for entry in path.iterdir() if entry.suffix in (".mcap", ".db3"))
+@pytest.mark.parametrize("lenient", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_flipped_bits_end_in_a_log_or_an_error_of_one_line(tmp_path: Path, kind: str, lenient: bool) -> None:
+    path = write(tmp_path, kind, [2.0 + step for step in range(5)])
+    file = storage(path, kind)
     whole = file.read_bytes()
     rng = np.random.default_rng(3)
     refused = []
@@ -145,7 +169,7 @@ def test_flipped_bits_end_in_a_log_or_an_error_of_one_line(tmp_path: Path, kind:
             damaged[place] ^= 1 << int(rng.integers(8))
         file.write_bytes(bytes(damaged))
         try:
-            assert read_bag(path).scans
+            assert read_bag(path, ReadingOptions(lenient=lenient)).scans
         except InputError as error:
             refused.append(str(error))
     assert refused
@@ -153,17 +177,23 @@ def test_flipped_bits_end_in_a_log_or_an_error_of_one_line(tmp_path: Path, kind:
 
 
 def test_the_error_of_a_bag_without_scans_names_the_type_of_its_scan_topic(tmp_path: Path) -> None:
-    types = store("mcap")
-    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection("/scan", "std_msgs/msg/String", typestore=types)
-        text = types.types["std_msgs/msg/String"](data="a scan")
-        writer.write(connection, 1, types.serialize_cdr(text, "std_msgs/msg/String"))
+    path = (
+        SmallBag("mcap")
+        .add("/scan", "std_msgs/msg/String", 1.0, SimpleNamespace(data="a scan"))
+        .write(tmp_path / "run")
+    )
     with pytest.raises(InputError, match=r"no usable LaserScan.*its /scan is of std_msgs/msg/String"):
-        read_bag(tmp_path / "bag")
+        read_bag(path)
+
+
+def test_the_error_of_a_bag_without_messages_names_the_empty_topic(tmp_path: Path) -> None:
+    path = SmallBag("mcap").drive().declare("/scan", LASER_SCAN).write(tmp_path / "run")
+    with pytest.raises(InputError, match=r"no usable LaserScan messages; its /scan \(0 messages\) is empty"):
+        read_bag(path)
 
 
 def test_the_error_of_a_bag_with_only_broken_scans_names_the_first(tmp_path: Path) -> None:
-    path = write(tmp_path, "mcap", [(1.0, [])])
+    path = SmallBag("mcap").transforms(MOUNT).scan(ranges=[]).write(tmp_path / "run")
     with pytest.raises(InputError, match="/scan, message 1: has 0 beams"):
         read_bag(path)
     with pytest.raises(InputError, match="1 skipped, the first: /scan, message 1: has 0 beams"):
@@ -171,8 +201,8 @@ def test_the_error_of_a_bag_with_only_broken_scans_names_the_first(tmp_path: Pat
 
 
 def test_more_scans_than_fit_into_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write(tmp_path, "mcap", [(2.0 + n, GOOD[0][1]) for n in range(5)])
-    monkeypatch.setattr("wherry.ros.bags.reading.MAX_RANGES", 12)
+    path = write(tmp_path, "mcap", [2.0 + step for step in range(5)])
+    monkeypatch.setattr("wherry.ros.bags.recorded_scans.MAX_RANGES", 12)
     with pytest.raises(InputError, match="/scan, message 3"):
         read_bag(path)
 
@@ -185,45 +215,32 @@ def test_a_recording_that_was_cut_off_is_not_read(tmp_path: Path, name: str) -> 
         read_bag(tmp_path / name)
 
 
-def transform(types: Any, parent: str, child: str, time: float, x: float) -> Any:
-    return types["geometry_msgs/msg/TransformStamped"](
-        header=header(types, "mcap", time, parent, 0),
-        child_frame_id=child,
-        transform=types["geometry_msgs/msg/Transform"](
-            translation=types["geometry_msgs/msg/Vector3"](x=x, y=0.0, z=0.0),
-            rotation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
-        ),
-    )
-
-
-def test_without_odometry_messages_transforms_give_the_odometry(tmp_path: Path) -> None:
-    typestore = store("mcap")
-    types = typestore.types
-    tf = types["tf2_msgs/msg/TFMessage"]
-    frames = [("map", "odom", 9.0), ("odom", "base_footprint", 1.0), ("base_footprint", "laser", 0.25)]
-    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
-        to_tf = writer.add_connection("/tf", tf.__msgtype__, typestore=typestore)
-        to_scan = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=typestore)
-        for time in (0.0, 4.0):
-            links = [transform(types, parent, child, time, x * (1 + (x == 1.0) * time)) for parent, child, x in frames]
-            writer.write(to_tf, int(time * 1e9) + 1, typestore.serialize_cdr(tf(links), tf.__msgtype__))
-        scan = laser(types, "mcap", 0, 2.0, GOOD[0][1])
-        writer.write(to_scan, int(2e9), typestore.serialize_cdr(scan, scan.__msgtype__))
-    log = read_bag(tmp_path / "bag")
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_odometry_messages_transforms_give_the_odometry(tmp_path: Path, kind: str) -> None:
+    bag = SmallBag(kind)
+    for time in (0.0, 4.0):
+        base = link("odom", "base_footprint", 1.0 + time)
+        links = [link("map", "odom", 9.0), base, link("base_footprint", "laser", 0.25)]
+        bag.transforms(links, time, "/tf")
+    log = read_bag(bag.scan(2.0).write(tmp_path / f"run{'.bag' * (kind == 'ros1')}"))
     np.testing.assert_allclose(log.odometry.poses[:, 0], [1.0, 5.0])
     assert log.scan_odometry[0] is not None
     assert log.scan_odometry[0].pose.x == pytest.approx(3.0)
     assert log.lidar.x == 0.25
 
 
+def test_transforms_of_another_robot_are_not_its_odometry(tmp_path: Path) -> None:
+    bag = SmallBag("mcap").scan(1.0, topic="/robot2/scan")
+    for time in (0.0, 2.0):
+        for number in (1, 2):
+            links = [link("odom", "base_link", float(number)), link("base_link", "laser", 0.1 * number)]
+            bag.transforms(links, time, f"/robot{number}/tf")
+    log = read_bag(bag.write(tmp_path / "run"))
+    np.testing.assert_allclose(log.odometry.poses[:, 0], [2.0, 2.0])
+    assert log.lidar.x == 0.2
+
+
 def test_odometry_whose_time_runs_backwards_is_named(tmp_path: Path) -> None:
-    typestore = store("ros1")
-    types = typestore.types
-    path = tmp_path / "some.bag"
-    with rosbag1.Writer(path) as writer:
-        connection = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=typestore)
-        for number, time in enumerate((2.0, 1.0)):
-            raw = typestore.serialize_ros1(odom(types, "ros1", number, time, 0.0), "nav_msgs/msg/Odometry")
-            writer.write(connection, number + 1, raw)
-    with pytest.raises(InputError, match=r"/odom, message 2: time runs backwards, from 2\.000000 to 1\.000000"):
-        read_bag(path)
+    bag = SmallBag("ros1").transforms(MOUNT).odometry(2.0, received=1.0).odometry(1.0, received=2.0).scan(1.5)
+    with pytest.raises(InputError, match=r"/odom, message 2: .*2\.0.*1\.0"):
+        read_bag(bag.write(tmp_path / "some.bag"))

@@ -14,7 +14,7 @@ from wherry.errors import InputError
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros import messages as ros
 from wherry.ros.body_files import load_body
-from wherry.ros.encoding import encode_laser_scan, encode_odometry, encode_transform
+from wherry.ros.encoding import encode_header, encode_laser_scan, encode_odometry, encode_transform
 from wherry.ros.names import load_names
 from wherry.ros.nodes import latch_client, velocity_commands
 from wherry.ros.nodes import robot as ros_robot
@@ -106,6 +106,24 @@ def delayed(seconds: float, call: Callable[[], None]) -> Iterator[None]:
     timer.join(10.0)
 
 
+@contextlib.contextmanager
+def repeated(call: Callable[[], None]) -> Iterator[None]:
+    """Call a function every 50 ms in another thread until the block is left."""
+    ended = threading.Event()
+
+    def run() -> None:
+        while not ended.wait(0.05):
+            call()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join(10.0)
+
+
 def last_rejection(robot: RosRobot) -> str:
     return next(pair.value for pair in robot.status().values if pair.key == "last refused")
 
@@ -132,11 +150,125 @@ def test_chain_of_static_transforms_is_composed(bus: Bus, node: BusTransport, dr
 
 def test_tilted_lidar_is_rejected(bus: Bus, node: BusTransport, driver: Driver) -> None:
     robot = RosRobot(node, NAMES, load_body())
-    link = encode_transform(StampedTransform("base_link", "laser", 0.0, Pose()))
-    tilted = replace(link, transform=ros.Transform(rotation=ros.Quaternion(1.0, 0.0, 0.0, 0.0)))
+    tilted = rotated(math.sin(0.25), 0.0, 0.0, math.cos(0.25))
     bus.publish(TOPICS.tf_static, ros.TFMessage((tilted,)))
-    with pytest.raises(InputError, match="upright"):
+    with pytest.raises(InputError, match=r"frame 'laser': where .* it is tilted by 29°.*; lidar in the --body file"):
         robot.wait_until_ready(0.1)
+
+
+def rotated(x: float, y: float, z: float, w: float) -> ros.TransformStamped:
+    """A mount of the lidar with a rotation."""
+    link = encode_transform(StampedTransform("base_link", "laser", 0.0, Pose()))
+    return replace(link, transform=ros.Transform(rotation=ros.Quaternion(x, y, z, w)))
+
+
+def test_scans_of_a_lidar_upside_down_are_mirrored(bus: Bus, node: BusTransport, driver: Driver) -> None:
+    robot = RosRobot(node, NAMES, load_body())
+    bus.publish(TOPICS.tf_static, ros.TFMessage((rotated(1.0, 0.0, 0.0, 0.0),)))
+    driver.odometry()
+    driver.scan(angle_min=0.25, angle_max=0.75, angle_increment=0.25, ranges=np.array([1.0, 2.0, 3.0], np.float32))
+    driver.latch()
+    robot.wait_until_ready(1.0)
+    robot.receive()
+    scan = robot.receive()
+    assert isinstance(scan, Scan)
+    assert scan.angles.tolist() == [-0.75, -0.5, -0.25]
+    assert scan.ranges.tolist() == [3.0, 2.0, 1.0]
+
+
+def test_transforms_that_change_may_lead_to_the_lidar(bus: Bus, node: BusTransport, driver: Driver) -> None:
+    robot = RosRobot(node, NAMES, load_body())
+    bus.publish(TOPICS.tf_static, ros.TFMessage((encode_transform(StampedTransform("mast", "laser", 0.0, Pose(0.5))),)))
+    mast = encode_transform(StampedTransform("base_link", "mast", driver.time, Pose(1.0)))
+    bus.publish(TOPICS.tf, ros.TFMessage((mast,)))
+    driver.odometry()
+    driver.scan()
+    driver.latch()
+    robot.wait_until_ready(1.0)
+    assert robot.body.lidar == Pose(1.5)
+    assert isinstance(robot.receive(), Odometry)
+    bus.publish(TOPICS.tf, ros.TFMessage((replace(mast, transform=rotated(0.0, 0.0, 1.0, 0.0).transform),)))
+    with pytest.raises(RobotLostError, match="base_link → mast: the lidar moves on the robot"):
+        robot.receive()
+
+
+@pytest.mark.parametrize(("offset", "side"), [(-1000.0, "before"), (1000.0, "after")])
+def test_scans_of_another_clock_are_named(
+    bus: Bus, node: BusTransport, driver: Driver, offset: float, side: str
+) -> None:
+    robot = RosRobot(node, NAMES, load_body())
+    driver.time = 2000.0
+    driver.mount()
+    driver.latch()
+    for _ in range(5):
+        driver.time += 0.1
+        driver.odometry()
+        driver.scan(header=encode_header(driver.time + offset, "laser"))
+    with pytest.raises(InputError) as caught:
+        robot.wait_until_ready(0.1)
+    expected = f"/odom at the times of /scan, which another clock stamps 1000.0 s {side} odometry: not received"
+    assert expected in str(caught.value)
+
+
+def test_a_robot_whose_clocks_drift_apart_is_lost(
+    robot: RosRobot, driver: Driver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ros_robot, "ROBOT_LOST_TIMEOUT", 0.5)
+    for _ in range(6):  # the first ones are taken for outliers
+        driver.time += 0.05
+        driver.scan(header=encode_header(driver.time + 100.0, "laser"))
+    driver.odometry()
+    assert isinstance(robot.receive(), Odometry)
+    with (
+        repeated(lambda: driver.scan(header=encode_header(driver.time + 100.0, "laser"))),
+        pytest.raises(RobotLostError, match=r"/odom at the times of /scan, which another clock stamps 100\.0 s after"),
+    ):
+        robot.receive()
+
+
+SWEEP_ODOMETRY = {
+    "poses during the sweep": [0.0, 0.04, 0.08, 0.12],
+    "poses before the sweep": [-0.12, -0.06, 0.0],
+    "velocity": [0.0],
+}
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+@pytest.mark.parametrize("case", SWEEP_ODOMETRY)
+def test_a_scan_while_turning_is_corrected(
+    bus: Bus, node: BusTransport, driver: Driver, clockwise: bool, case: str
+) -> None:
+    """A lidar on the axle, in the middle of a square room of 4 m, that turns at 1 rad/s."""
+    rate, period, beams, start = 1.0, 0.1, 90, driver.time
+    robot = RosRobot(node, NAMES, load_body())
+    mount = encode_transform(StampedTransform("base_link", "laser", 0.0, Pose()))
+    bus.publish(TOPICS.tf_static, ros.TFMessage((mount,)))
+    driver.latch()
+    angles = np.linspace(-math.pi, math.pi, beams) * (-1.0 if clockwise else 1.0)
+    world = angles + rate * np.linspace(0.0, period, beams)  # of the beams, from the heading at the first one
+    ranges = 2.0 / np.maximum(np.abs(np.cos(world)), np.abs(np.sin(world)))
+    for time_of in SWEEP_ODOMETRY[case]:
+        velocity = Velocity(0.0, rate if case == "velocity" else 0.0)
+        measured = Odometry(start + time_of, Pose(theta=rate * time_of), velocity)
+        bus.publish(TOPICS.odom, encode_odometry(measured, "odom", "base_link", COVARIANCE))
+    message = encode_laser_scan(Scan(start, ranges, angles[0], angles[1] - angles[0], 0.02, 12.0), "laser")
+    bus.publish(TOPICS.scan, replace(message, time_increment=period / (beams - 1)))
+    robot.wait_until_ready(1.0)
+    scan = next(item for item in iter(robot.receive, None) if isinstance(item, Scan))
+    raw = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
+    assert np.abs(np.abs(raw).max(axis=1) - 2.0).max() > 0.1
+    assert np.abs(np.abs(scan.points()).max(axis=1) - 2.0).max() < 1e-5
+
+
+def test_impossible_times_of_beams_are_reported(robot: RosRobot, driver: Driver) -> None:
+    driver.time += 0.1
+    driver.odometry()
+    driver.scan(time_increment=0.5)
+    received = [robot.receive() for _ in range(2)]
+    assert isinstance(received[1], Scan)
+    assert received[1].angles == pytest.approx(-3.0 + 0.7 * np.arange(8))
+    values = {pair.key: pair.value for pair in robot.status().values}
+    assert values["corrected in /scan"].startswith("time_increment is impossible")
 
 
 def test_missing_topics_and_transforms_are_named(node: BusTransport, driver: Driver) -> None:
@@ -266,7 +398,7 @@ def test_only_the_latest_of_many_queued_scans_is_kept(robot: RosRobot, driver: D
         {"header": ros.Header(ros.Time(99), "laser")},
         {"header": ros.Header(ros.Time(3), "laser")},
         {"range_max": math.nan},
-        {"angle_increment": -0.0},
+        {"angle_increment": -0.7},
         {"ranges": np.zeros(0, np.float32)},
     ],
 )

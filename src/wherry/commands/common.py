@@ -38,10 +38,6 @@ LearnerOption = Annotated[
         help=f"The learner: {' or '.join(DELIVERY_LEARNERS)}.", autocompletion=learner_completion(DELIVERY_LEARNERS)
     ),
 ]
-LogArgument = Annotated[
-    Path, typer.Argument(help="A lidar log: CARMEN or Wean format, plain or gzipped, or a ROS bag.")
-]
-LenientOption = Annotated[bool, typer.Option("--lenient", help="Skip malformed lines and report their number.")]
 ParamsOption = Annotated[Path | None, typer.Option(help="An amcl.yaml of nav2 or ROS 1.")]
 
 
@@ -90,7 +86,12 @@ def name_completion(names: Iterable[str]) -> Callable[[str], list[str]]:
 
 def print_json(result: Mapping[str, object]) -> None:
     """Print one JSON object on a line of its own, with numbers rounded to six decimals."""
-    typer.echo(json.dumps(_rounded(result), allow_nan=False))
+    typer.echo(json_line(result))
+
+
+def json_line(result: Mapping[str, object]) -> str:
+    """One JSON object on one line, with numbers rounded to six decimals."""
+    return json.dumps(_rounded(result), allow_nan=False)
 
 
 def _rounded(value: object) -> object:

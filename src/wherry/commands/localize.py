@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wherry.commands.common import (
-    LenientOption,
-    LogArgument,
-    OutputOptions,
-    ParamsOption,
-    SeedOption,
-    print_json,
-    progress_bar,
-    say,
-)
+from wherry.commands.common import OutputOptions, ParamsOption, SeedOption, print_json, progress_bar, say
 from wherry.commands.option_groups import with_option_groups
+from wherry.commands.reading import LogArgument, ReadingGroup, TrajectoryFormatOption, say_notes
 from wherry.commands.recording import RecordOption, recorded_log
+from wherry.commands.run_folders import run_folder, write_result
 from wherry.commands.watching import PageOptions, trace_sink
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from wherry.pipelines.logs.localization import LocalizationRun
+    from wherry.pipelines.logs.localization import LocalizationResult, LocalizationRun
+    from wherry.pipelines.logs.summary import DriveSummary
     from wherry.pipelines.logs.trace import LogTrace
     from wherry.space.occupancy import OccupancyGrid
     from wherry.space.pose import Floats
@@ -38,19 +33,19 @@ def localize(
     reference: Annotated[Path | None, typer.Option(help="Reference trajectory in TUM format.")] = None,
     everywhere: Annotated[bool, typer.Option("--global", help="Start anywhere on the map.")] = False,
     seed: SeedOption = 0,
-    lenient: LenientOption = False,
     record: RecordOption = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the trajectory and a picture.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results; by default runs/LOG-localize.")] = None,
+    trajectory_format: TrajectoryFormatOption = "tum",
     *,
+    reading: ReadingGroup,
     page: PageOptions,
     output: OutputOptions,
 ) -> None:
     """Estimate the robot's trajectory on a map from recorded scans and odometry (AMCL)."""
     from wherry.pipelines.logs.localization import LocalizationSettings, prepare
+    from wherry.pipelines.logs.summary import DriveSummary
     from wherry.pipelines.logs.trace import LogTrace
     from wherry.trace.records import Phase
-    from wherry.views.metrics_tables import LOCALIZATION_METRICS
-    from wherry.views.terminal import print_metrics
 
     run = prepare(
         LocalizationSettings(
@@ -60,25 +55,38 @@ def localize(
             reference=reference,
             is_global=everywhere,
             seed=seed,
-            lenient=lenient,
+            reading=reading.options(),
+            trajectory_format=trajectory_format,
         )
     )
     console = output.console()
     if _has_no_free_particle(run.grid, run.localizer.particles):
         say(console, "The map has no free space at the start pose of the log; --global searches the whole map.")
-    with trace_sink(f"wherry: {log.name}", out, console, page) as sink:
+    with run_folder(out, log, "localize") as folder, trace_sink(f"wherry: {log.name}", folder, console, page) as sink:
         _localize_scans(run, LogTrace(Phase.LOCALIZE, log.name, run.log, sink), record, console)
-        result = run.result()
+        result, drive = run.result(), DriveSummary.of(run.log, run.trajectory.poses)
         if result.unknown_parameters:
             say(console, f"Unknown parameters were ignored: {', '.join(result.unknown_parameters)}")
-        metrics = result.as_dict()
-        print_metrics(console, f"{log.name} on {map_file.name}", metrics, LOCALIZATION_METRICS)
-        if out is None:
-            console.print("Nothing was saved; --out DIR saves the trajectory and a picture.")
-        else:
-            say(console, "Written: " + ", ".join(str(path) for path in run.save(out)))
+        metrics = result.as_dict() | asdict(drive)
+        written = run.save(folder)
+        write_result(folder, metrics)
+        print_localization(console, f"{log.name} on {map_file.name}", result, drive)
+        say(console, "Written: " + ", ".join(str(path) for path in written))
     if output.as_json:
         print_json(metrics)
+    raise typer.Exit(0 if result.fits_map else 1)
+
+
+def print_localization(console: Console, title: str, result: LocalizationResult, drive: DriveSummary) -> None:
+    """Print verdicts, notes and metrics of a localization run and of its drive."""
+    from wherry.views.metrics_tables import DRIVE_METRICS, LOCALIZATION_METRICS
+    from wherry.views.terminal import print_metrics
+
+    for line in (result.verdict, result.reference_verdict):
+        if line is not None:
+            say(console, line)
+    say_notes(console, drive.notes)
+    print_metrics(console, title, result.as_dict() | asdict(drive), {**DRIVE_METRICS, **LOCALIZATION_METRICS})
 
 
 def _localize_scans(run: LocalizationRun, trace: LogTrace, record: Path | None, console: Console) -> None:

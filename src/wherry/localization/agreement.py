@@ -69,6 +69,28 @@ def scan_agreement(
     return ScanAgreement(inliers, blocked, passed, unknown, total / len(ends), len(ends))
 
 
+class ScanComparison:
+    """Compares scans with one map.
+
+    Args:
+        field: Distances to the map's obstacles.
+        known: [H, W] whether each cell of the map is known to be free or occupied.
+        lidar: Pose of the lidar, base_link frame.
+
+    Attributes:
+        field: Distances to the map's obstacles.
+    """
+
+    def __init__(self, field: DistanceField, known: NDArray[np.bool_], lidar: Pose) -> None:
+        self.field = field
+        self._known = known
+        self._lidar = lidar
+
+    def agreement(self, ends: Floats, pose: Pose) -> ScanAgreement:
+        """As `scan_agreement` for the ends of the beams [B, 2] m, base_link frame, and a pose in the map frame."""
+        return scan_agreement(self.field, self._known, ends, self._lidar, pose)
+
+
 def mean_agreement(scans: Sequence[ScanAgreement]) -> ScanAgreement:
     """The unweighted mean of the agreement of one or more scans with the map."""
     return ScanAgreement(

@@ -6,14 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wherry.localization.agreement import ScanAgreement, scan_agreement
+from wherry.localization.agreement import ScanAgreement, ScanComparison
 from wherry.localization.amcl import Amcl
 from wherry.localization.estimation import PoseEstimate
+from wherry.localization.fit import MapFit
 from wherry.localization.initialization import PoseMode
 from wherry.localization.lost import LostDetector
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.refinement import match_scan
 from wherry.localization.relocalization import Hypothesis, Relocalizer
+from wherry.localization.rivals import Rival, Rivals
 from wherry.localization.scan_window import ScanWindow, WindowScan
 from wherry.localization.sensor import Beams, valid_beams
 from wherry.robot import Odometry, Scan
@@ -26,6 +28,8 @@ AGREEMENT_BEAMS = 180  # beams of a scan that are compared with the map
 WINDOW_MIN_LOST_PROBABILITY = 0.02  # probability of being lost below which the window of scans is cleared
 RELOCALIZATION_MIN_LOST_PROBABILITY = 0.1  # probability of being lost above which the whole map is searched
 RELOCALIZATION_MIN_SCANS = 3  # scans that the window must hold before the whole map is searched
+DIVERGED_MIN_SCANS = 8  # independent scans after which a filter with several modes should have settled on one
+MAX_SEARCH_INTERVAL = 8  # scans of the window from one search of the whole map to the next, after searches in vain
 LOST_SUSTAINED_PROBABILITY = 0.9  # sustained probability of being lost above which the robot is certainly lost
 LOST_WINDOW_PROBABILITY = 0.5  # probability of being lost that makes it certain if exceeded throughout a full window
 
@@ -60,17 +64,35 @@ class Localization:
         lost_probability: Probability that the robot is not where the estimate says, 0 to 1.
         agreement: Agreement of the scan with the map at the estimated pose.
         hypotheses: Hypotheses around which the particles were redrawn at this scan; empty if they were not.
+        rivals: Other poses that agree with the scans so far, the most probable first.
     """
 
     estimate: PoseEstimate
     lost_probability: float
     agreement: ScanAgreement
     hypotheses: tuple[Hypothesis, ...] = ()
+    rivals: tuple[Rival, ...] = ()
 
     @property
     def pose(self) -> Pose:
         """Estimated pose of base_link, map frame."""
         return self.estimate.pose
+
+
+class SearchSchedule:
+    """Says when the whole map is searched: after searches in vain with twice as many scans in between each time."""
+
+    def __init__(self) -> None:
+        self._interval = 1
+        self._waited = 0
+
+    def is_due(self) -> bool:
+        """Whether the map is searched with the present scan; to be called with every scan of the window."""
+        self._waited += 1
+        if self._waited < self._interval:
+            return False
+        self._interval, self._waited = min(2 * self._interval, MAX_SEARCH_INTERVAL), 0
+        return True
 
 
 class Localizer:
@@ -84,15 +106,19 @@ class Localizer:
 
     Attributes:
         amcl: The particle filter.
+        fit: How well all scans since the start fit the map at the estimated poses.
     """
 
     def __init__(self, grid: OccupancyGrid, lidar: Pose, parameters: AmclParameters, rng: np.random.Generator) -> None:
         self.amcl = Amcl(grid, lidar, parameters, rng)
         self._lidar = lidar
-        self._known = ~grid.unknown
+        self._comparison = ScanComparison(self.amcl.field, ~grid.unknown, lidar)
         self._relocalizer = Relocalizer(grid, lidar, parameters)
         self._detector = LostDetector()
         self._window = ScanWindow()
+        self._rivals = Rivals(self._comparison)
+        self._schedule = SearchSchedule()
+        self.fit = MapFit()
         self._needs_global_search = False
 
     @property
@@ -108,8 +134,7 @@ class Localizer:
     def initialize(self, pose: Pose, covariance: Floats) -> None:
         """Start at a pose with covariance [3, 3] m, m, rad; see `Amcl.initialize`."""
         self.amcl.initialize(pose, covariance)
-        self._detector.reset()
-        self._needs_global_search = False
+        self._restart(is_global=False)
 
     def initialize_globally(self) -> None:
         """Start without a pose; the next scan is matched to the whole map.
@@ -118,8 +143,7 @@ class Localizer:
             InputError: The map has no free space.
         """
         self.amcl.initialize_globally()
-        self._detector.reset()
-        self._needs_global_search = True
+        self._restart(is_global=True)
 
     def update(self, odometry: Odometry, scan: Scan) -> Localization:
         """Process one scan and the odometry of the same instant; see `Amcl.update`."""
@@ -127,29 +151,39 @@ class Localizer:
         hypotheses = self._search_globally(beams) if self._needs_global_search else ()
         estimate = self.amcl.update(odometry, scan, beams)
         ends = beams.evenly_spaced(AGREEMENT_BEAMS).ends
-        agreement = self._agreement(ends, estimate.pose)
+        agreement = self._comparison.agreement(ends, estimate.pose)
         lost = self._detector.probability
         if not estimate.problem:
             estimate, agreement = self._correct_slip(estimate, agreement, ends)
             lost = self._detector.update(scan.time, agreement)
             window_scan = WindowScan(scan.time, odometry.pose, ends, agreement, lost)
-            if self._add_to_window(window_scan, is_unimodal=estimate.is_unimodal) and self._should_relocalize:
+            if self._add_to_window(window_scan, is_unimodal=estimate.is_unimodal) and self._should_relocalize():
                 hypotheses = self._relocalize(beams, odometry.pose)
-        not_at_estimate = 1.0 - estimate.weight * (1.0 - lost)
-        return Localization(estimate, min(max(not_at_estimate, 0.0), 1.0), agreement, hypotheses)
+            self._update_rivals(estimate, agreement, beams, odometry.pose, hypotheses)
+            if not hypotheses:
+                estimate, agreement, hypotheses = self._switch_to_rival(estimate, agreement, odometry.pose)
+            self.fit = self.fit.with_scan(agreement)
+        rivals = self._rivals.at(odometry.pose)
+        at_estimate = min(estimate.weight, 1.0 - self._rivals.probability) * (1.0 - lost)
+        return Localization(estimate, min(max(1.0 - at_estimate, 0.0), 1.0), agreement, hypotheses, rivals)
+
+    def _restart(self, *, is_global: bool) -> None:
+        """Forget all scans; a map of which nothing is known is searched with the next one."""
+        self._detector.reset()
+        self._window.clear()
+        self._rivals.restart(is_global=is_global)
+        self._needs_global_search = is_global
+        self.fit = MapFit()
 
     @property
     def _max_lost_probability(self) -> float:
         """The larger of both probabilities of being lost; either of them justifies a search."""
         return max(self._detector.sustained_probability, self._detector.probability)
 
-    @property
     def _should_relocalize(self) -> bool:
+        """Whether the whole map is searched with the present scan, which was added to the window."""
         is_suspected = self._max_lost_probability > RELOCALIZATION_MIN_LOST_PROBABILITY
-        return is_suspected and len(self._window) >= RELOCALIZATION_MIN_SCANS
-
-    def _agreement(self, ends: Floats, pose: Pose) -> ScanAgreement:
-        return scan_agreement(self.amcl.field, self._known, ends, self._lidar, pose)
+        return is_suspected and len(self._window) >= RELOCALIZATION_MIN_SCANS and self._schedule.is_due()
 
     def _correct_slip(
         self, estimate: PoseEstimate, agreement: ScanAgreement, ends: Floats
@@ -163,7 +197,7 @@ class Localizer:
             match_scan(self.amcl.field, ends, estimate.pose, covariance, sigma, start=estimate.pose @ offset)
             for offset in SLIP_STARTS
         ]
-        agreements = [self._agreement(ends, match.pose) for match in matches]
+        agreements = [self._comparison.agreement(ends, match.pose) for match in matches]
         best = max(range(len(matches)), key=lambda index: agreements[index].log_likelihood)
         is_inlier = self._detector.z_score(agreements[best]) < SLIP_MIN_Z_SCORE
         if not is_inlier or agreements[best].log_likelihood < agreement.log_likelihood + SLIP_MIN_GAIN:
@@ -183,14 +217,53 @@ class Localizer:
             self._needs_global_search = False
         return found.hypotheses
 
+    def _update_rivals(
+        self,
+        estimate: PoseEstimate,
+        agreement: ScanAgreement,
+        beams: Beams,
+        odometry: Pose,
+        hypotheses: tuple[Hypothesis, ...],
+    ) -> None:
+        """Compare rivals with a scan; search them with its hypotheses and once more when the filter has settled."""
+        self._rivals.add_scan(odometry, beams.evenly_spaced(AGREEMENT_BEAMS).ends, agreement, estimate.pose)
+        is_settled = estimate.is_unimodal and self._detector.probability < RELOCALIZATION_MIN_LOST_PROBABILITY
+        if self._rivals.is_search_due and is_settled:
+            hypotheses = self._relocalizer.search_beams(beams).hypotheses
+        if hypotheses:
+            self._rivals.add_hypotheses(hypotheses, odometry, estimate.pose)
+
+    def _switch_to_rival(
+        self, estimate: PoseEstimate, agreement: ScanAgreement, odometry: Pose
+    ) -> tuple[PoseEstimate, ScanAgreement, tuple[Hypothesis, ...]]:
+        """Replace the estimate by a rival that is almost certain, and redraw the particles around it."""
+        best = self._rivals.successor(odometry)
+        if best is None or not self._is_inlier(best.agreement):
+            return estimate, agreement, ()
+        probability = self._rivals.probability_of(best)
+        hypothesis = Hypothesis(best.pose, best.covariance, probability, best.agreement)
+        self.amcl.initialize_modes(_modes((hypothesis,)), prior_weight=1.0 - probability)
+        self._rivals.swap(best, estimate.pose, estimate.covariance, odometry, agreement)
+        self._detector.reset()
+        return replace(estimate, pose=best.pose), best.agreement, (hypothesis,)
+
+    def _is_inlier(self, agreement: ScanAgreement) -> bool:
+        """Whether a scan is evidence for a localized robot."""
+        return self._detector.model.evidence(agreement) < HYPOTHESIS_MAX_EVIDENCE
+
     def _add_to_window(self, scan: WindowScan, *, is_unimodal: bool) -> bool:
         """Add a scan to the window while the robot is suspected of being lost; returns whether it was added.
 
-        Otherwise the window is cleared, also while the posterior is multi-modal: the filter still resolves the
-        ambiguity by itself.
+        Otherwise the window is cleared, also while the posterior is multi-modal, which the filter resolves by itself
+        unless the scans contradict its main mode after many of them.
         """
-        if self._max_lost_probability < WINDOW_MIN_LOST_PROBABILITY or not is_unimodal:
+        is_diverged = (
+            self._detector.probability > LOST_WINDOW_PROBABILITY
+            and self._rivals.independent_scans >= DIVERGED_MIN_SCANS
+        )
+        if self._max_lost_probability < WINDOW_MIN_LOST_PROBABILITY or not (is_unimodal or is_diverged):
             self._window.clear()
+            self._schedule = SearchSchedule()
             return False
         return self._window.add(scan)
 
@@ -207,12 +280,14 @@ class Localizer:
             for hypothesis in confirmed
             if hypothesis.agreement.log_likelihood > current.log_likelihood + min_gain
             and hypothesis.agreement.inlier_fraction > min_inliers
-            and self._detector.model.evidence(hypothesis.agreement) < HYPOTHESIS_MAX_EVIDENCE
+            and self._is_inlier(hypothesis.agreement)
         )
         if better:
             self.amcl.initialize_modes(_modes(better), prior_weight=PRIOR_WEIGHT)
             self._detector.reset()
             self._window.clear()
+            self._schedule = SearchSchedule()
+            self._rivals.restart(is_global=True)
         return better
 
     @property

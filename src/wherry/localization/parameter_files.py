@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -13,12 +13,13 @@ from pydantic import ConfigDict, create_model
 
 from wherry.documents import Document, Flag, Integer, Number, read_yaml, validate
 from wherry.errors import InputError
+from wherry.localization.parameter_sections import NodeParameters, node_parameters
 from wherry.localization.parameters import AmclParameters
 from wherry.space.pose import Pose
 
-MAX_FILE_SIZE = 1_000_000  # bytes; a file may contain the parameters of all nodes of a robot
 NODE = "amcl"  # name of the ROS node
-SECTION_NAMES = (NODE, f"/{NODE}", "ros__parameters", "/**")  # keys below which amcl's parameters are nested
+MAX_LISTED = 6  # parameters that are named in a note
+MAX_FILE_SIZE = 1_000_000  # bytes; a file may contain the parameters of all nodes of a robot
 
 ROS1_NAMES = MappingProxyType(
     {f"odom_alpha{i}": f"alpha{i}" for i in range(1, 6)}
@@ -26,7 +27,12 @@ ROS1_NAMES = MappingProxyType(
         f"laser_{name}": name
         for name in ("z_hit", "z_short", "z_max", "z_rand", "sigma_hit", "lambda_short", "max_beams")
     }
-    | {"kld_err": "pf_err", "kld_z": "pf_z", "odom_model_type": "robot_model_type"}
+    | {
+        "kld_err": "pf_err",
+        "kld_z": "pf_z",
+        "odom_model_type": "robot_model_type",
+        "beam_skip_error_threshold_": "beam_skip_error_threshold",
+    }
 )
 ROS1_DEFAULTS = MappingProxyType(
     {
@@ -37,6 +43,7 @@ ROS1_DEFAULTS = MappingProxyType(
         "update_min_a": math.pi / 6.0,
         "resample_interval": 2,
         "max_beams": 30,
+        "laser_max_range": -1.0,
         "z_hit": 0.95,
         "z_short": 0.1,
         "z_rand": 0.05,
@@ -59,7 +66,12 @@ NODE_PARAMETERS = frozenset(  # parameters of the ROS node, which are ignored si
         "always_reset_initial_pose",
         "base_frame_id",
         "bond_heartbeat_period",
-        "diagnostic_updater.period",
+        "diagnostic_updater",
+        "allow_parameter_qos_overrides",
+        "autostart_node",
+        "bag_scan_period",
+        "laser_check_interval",
+        "tf_prefix",
         "first_map_only",
         "force_update_after_initialpose",
         "force_update_after_set_initialpose",
@@ -82,6 +94,10 @@ NODE_PARAMETERS = frozenset(  # parameters of the ROS node, which are ignored si
         "qos_overrides",
     ]
 )
+
+
+ROS1_NODE_PARAMETERS = frozenset(["gui_publish_rate", "restore_defaults", "use_map_topic"])  # of ROS 1 only
+UNCORRECTED_MODELS = ("diff", "omni")  # ROS 1's odometry models that use variances as standard deviations
 
 
 class InitialPose(Document):
@@ -121,56 +137,98 @@ class LoadedParameters:
     Attributes:
         parameters: Parameters of the filter.
         unknown: Keys of the file that are no parameters of amcl, probably misspelt.
+        notes: What was decided, and which parameters are not used, as sentences for the user.
     """
 
     parameters: AmclParameters
     unknown: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def load_parameters(path: str | Path) -> LoadedParameters:
     """Read amcl's parameters from a YAML file of nav2 or ROS 1.
 
-    The parameters may be nested in ``amcl: ros__parameters:`` or in ``amcl:``, below a namespace or beside other nodes,
-    or be at the top level. In a file with names of ROS 1, missing parameters have the defaults of ROS 1.
+    They may be below namespaces, beside other nodes, merged with those of wildcards (see `parameter_sections`), or at
+    the top level. In a file with names of ROS 1, missing parameters have the defaults of ROS 1.
 
     Raises:
-        InputError: The file cannot be read, is not a YAML mapping, has no parameters of amcl, or a value is invalid.
+        InputError: The file cannot be read, is not a YAML mapping, has no parameters of amcl or different ones of
+            several amcl nodes, or a value is invalid.
     """
-    try:
-        section = _section(read_yaml(path, max_bytes=MAX_FILE_SIZE))
-    except RecursionError as error:
-        raise InputError(path, "", "is nested too deeply") from error
-    return _parse(section, str(path))
+    return _parse(node_parameters(read_yaml(path, max_bytes=MAX_FILE_SIZE), NODE, path), str(path))
 
 
-def _section(content: Mapping[Any, Any]) -> Mapping[Any, Any]:
-    """The mapping with amcl's parameters, at any depth."""
-    for name in SECTION_NAMES:
-        if isinstance(content.get(name), dict):
-            return _section(content[name])
-    for value in content.values():
-        if isinstance(value, dict) and (NODE in value or f"/{NODE}" in value):
-            return _section(value)
-    return content
-
-
-def _parse(section: Mapping[Any, Any], source: str) -> LoadedParameters:
-    """Check amcl's parameters and separate the unknown keys."""
-    known = {key: value for key, value in section.items() if key in _KEY_TYPES}
-    unknown = tuple(str(key) for key in section if key not in _KEY_TYPES and key not in NODE_PARAMETERS)
-    if len(unknown) == len(section):
+def _parse(node: NodeParameters, source: str) -> LoadedParameters:
+    """Check amcl's parameters, and separate those that are not used."""
+    section = _with_initial_pose(node.parameters, source)
+    ignored = [key for key in section if _is_ros1_name(key) and node.is_ros2]
+    known = {key: value for key, value in section.items() if key in _KEY_TYPES and key not in ignored}
+    of_node = [key for key in section if _is_node_parameter(key)]
+    unknown = tuple(key for key in section if key not in _KEY_TYPES and key not in of_node and key not in node.shared)
+    if not known and not of_node:
         raise InputError(source, "", f"has no parameters of {NODE}")
-    document = validate(_AmclDocument, known, source)
-    values = {key: getattr(document, key) for key in known}
+    values = _checked(known, source)
     try:
-        return LoadedParameters(_build(values), unknown)
+        parameters = _build(values, is_ros1=not node.is_ros2 and any(map(_is_ros1_name, section)))
     except InputError as error:
         raise InputError(source, error.field, error.reason) from error
+    own = [key for key in of_node if key not in node.shared]
+    notes = (*node.notes, *_notes(values, ignored, own, source))
+    return LoadedParameters(parameters, unknown, notes)
 
 
-def _build(values: Mapping[str, Any]) -> AmclParameters:
+def _with_initial_pose(parameters: Mapping[str, Any], source: str) -> dict[str, Any]:
+    """The parameters with ``initial_pose.x`` and the like as one mapping."""
+    prefix = "initial_pose."
+    nested = {key.removeprefix(prefix): value for key, value in parameters.items() if key.startswith(prefix)}
+    section = {key: value for key, value in parameters.items() if not key.startswith(prefix)}
+    if nested and "initial_pose" in section:
+        raise InputError(source, "initial_pose", "is given twice")
+    return {**section, "initial_pose": nested} if nested else section
+
+
+def _is_ros1_name(key: str) -> bool:
+    """Whether only ROS 1 has a parameter of this name."""
+    return key in ROS1_NAMES or key in INITIAL_POSE or key in INITIAL_COVARIANCE or key in ROS1_NODE_PARAMETERS
+
+
+def _is_node_parameter(key: str) -> bool:
+    """Whether a parameter is one of the ROS node, which localization of a log does not have."""
+    return key.split(".", maxsplit=1)[0] in NODE_PARAMETERS
+
+
+def _checked(known: Mapping[str, Any], source: str) -> dict[str, Any]:
+    """The values by their keys, after a check of their types and that no parameter has two values."""
+    document = validate(_AmclDocument, known, source)
+    values = {key: getattr(document, key) for key in known}
+    for key, name in ROS1_NAMES.items():
+        if key in values and name in values and values[key] != values[name]:
+            raise InputError(source, key, f"is {values[key]}, but {name}, its name in nav2, is {values[name]}")
+    return values
+
+
+def _notes(values: Mapping[str, Any], ignored: Sequence[str], of_node: Sequence[str], source: str) -> list[str]:
+    """Which of the file's parameters are not used, or not as amcl uses them."""
+    notes = []
+    if ignored:
+        names = ", ".join(f"{key} ({ROS1_NAMES[key]})" if key in ROS1_NAMES else key for key in ignored[:MAX_LISTED])
+        notes.append(f"{source}: not used, as by nav2, since they are names of ROS 1 (nav2's in brackets): {names}.")
+    if of_node:
+        more = f" and {len(of_node) - MAX_LISTED} more" if len(of_node) > MAX_LISTED else ""
+        notes.append(f"{source}: not used, since they concern the ROS node: {', '.join(of_node[:MAX_LISTED])}{more}.")
+    if "initial_pose" in values and not values.get("set_initial_pose", False):
+        notes.append(f"{source}: initial_pose is the start pose although set_initial_pose is not true.")
+    if values.get("odom_model_type") in UNCORRECTED_MODELS:
+        model = values["odom_model_type"]
+        notes.append(f"{source}: odom_model_type {model} is computed as {model}-corrected, without amcl's old fault.")
+    if values.get("do_beamskip") and values.get("laser_model_type") != "likelihood_field_prob":
+        notes.append(f"{source}: do_beamskip has no effect without laser_model_type likelihood_field_prob, as in amcl.")
+    return notes
+
+
+def _build(values: Mapping[str, Any], *, is_ros1: bool) -> AmclParameters:
     """The filter's parameters from checked values by their keys in the file."""
-    arguments: dict[str, Any] = dict(ROS1_DEFAULTS) if any(key in ROS1_NAMES for key in values) else {}
+    arguments: dict[str, Any] = dict(ROS1_DEFAULTS) if is_ros1 else {}
     pose = [0.0, 0.0, 0.0]
     covariance = list(AmclParameters().initial_covariance)
     for key, value in values.items():

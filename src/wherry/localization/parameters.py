@@ -45,7 +45,6 @@ NON_NEGATIVE = (
 POSITIVE = (
     "sigma_hit",
     "laser_likelihood_max_dist",
-    "laser_max_range",
     "pf_err",
     "pf_z",
     "refine_sigma",
@@ -69,7 +68,8 @@ class AmclParameters:
         laser_model_type: One of LASER_MODELS, the keys of `sensor.SENSOR_MODELS`.
         max_beams: Number of evenly spaced beams of a scan in the measurement model.
         laser_min_range: Lower limit of the ranges that are used, m; the scan's own limit applies where it is larger.
-        laser_max_range: Upper limit of the ranges that are used, m; the scan's own limit applies where it is smaller.
+        laser_max_range: Upper limit of the ranges that are used, m; the scan's own limit applies where it is smaller,
+            and alone if this one is not positive.
         laser_likelihood_max_dist: Distance at which the likelihood field is truncated, m.
         z_hit: Mixture weight of readings of mapped obstacles.
         z_short: Mixture weight of readings cut short by unmapped obstacles (beam model).
@@ -164,6 +164,8 @@ class AmclParameters:
             *((name, 0.0 <= getattr(self, name) <= 1.0, "is not between 0 and 1") for name in FRACTIONS),
             *((name, 0.0 <= getattr(self, name) < math.inf, "must not be negative") for name in NON_NEGATIVE),
             *((name, 0.0 < getattr(self, name) < math.inf, "must be positive") for name in POSITIVE),
+            ("laser_min_range", math.isfinite(self.laser_min_range), "is not finite"),
+            ("laser_max_range", math.isfinite(self.laser_max_range), "is not finite"),
             ("z_hit", self.z_hit > 0.0, "must be positive"),
             (
                 "z_rand",

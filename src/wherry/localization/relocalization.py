@@ -147,7 +147,7 @@ class Relocalizer:
         """The hypothesis with the agreement averaged over all scans; see `confirm`."""
         agreements = [hypothesis.agreement]
         for offset, ends in earlier:
-            covariance = hypothesis.covariance + _drift_covariance(offset)
+            covariance = hypothesis.covariance + drift_covariance(offset)
             match = match_scan(self._field, ends, hypothesis.pose @ offset, covariance, MATCH_SIGMA)
             agreements.append(scan_agreement(self._field, self._known, ends, self._lidar, match.pose))
         return replace(hypothesis, agreement=mean_agreement(agreements))
@@ -178,7 +178,7 @@ class Relocalizer:
         return Hypothesis(fine.pose, fine.covariance, 0.0, agreement)
 
 
-def _drift_covariance(motion: Pose) -> Floats:
+def drift_covariance(motion: Pose) -> Floats:
     """[3, 3] m, m, rad, covariance of odometry over a motion."""
     distance, turn = math.hypot(motion.x, motion.y), abs(motion.theta)
     sigma, angle_sigma = DRIFT_PER_MOTION * distance, DRIFT_PER_MOTION * (distance + turn)

@@ -59,11 +59,11 @@ def valid_beams(scan: Scan, lidar: Pose, parameters: AmclParameters) -> Beams:
         lidar: Pose of the lidar, base_link frame.
         parameters: The filter's parameters, of which the range limits and the robot's radius are used.
     """
-    max_range = min(scan.range_max, parameters.laser_max_range)
+    max_range = min(scan.range_max, parameters.laser_max_range) if parameters.laser_max_range > 0.0 else scan.range_max
     min_range = max(scan.range_min, parameters.laser_min_range)
     with np.errstate(invalid="ignore"):
         indices = np.flatnonzero((scan.ranges >= min_range) & (scan.ranges < max_range))
-    ranges, angles = scan.ranges[indices], scan.angle_min + scan.angle_increment * indices + lidar.theta
+    ranges, angles = scan.ranges[indices], scan.angles[indices] + lidar.theta
     ends = np.empty((len(indices), 2))
     ends[:, 0] = lidar.x + ranges * np.cos(angles)
     ends[:, 1] = lidar.y + ranges * np.sin(angles)

@@ -3,50 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-
-import numpy as np
 
 from wherry.errors import InputError
+from wherry.logs.beam_times import with_usable_beam_times
+from wherry.logs.clocks import of_same_clock, with_usable_stamps
 from wherry.logs.lidar_log import LidarLog
+from wherry.logs.majority import kept_odometry, kept_scans, without_repetitions
+from wherry.logs.max_range_readings import mark_beams_without_return
+from wherry.logs.odometry_at_scans import odometry_at_scans
 from wherry.logs.options import ReadingOptions
-from wherry.robot import Odometry, Scan, Velocity
+from wherry.logs.recorded import RecordedOdometry, RecordedScan
+from wherry.logs.rejections import Rejections, joined
 from wherry.space.pose import Pose
-from wherry.space.trajectory import Trajectory
 
-
-@dataclass(frozen=True, slots=True)
-class RecordedScan:
-    """A scan as it stands in a recording.
-
-    Attributes:
-        name: Where it stands, for messages, such as ``line 12`` or ``/scan, message 3``.
-        scan: The scan.
-        pose: base_link in the odom frame at the scan, if it was recorded with the scan; otherwise None.
-        received: Time at which the recorder received it, s, recorder's clock; None if it was not recorded.
-    """
-
-    name: str
-    scan: Scan
-    pose: Pose | None = None
-    received: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedOdometry:
-    """A reading of odometry as it stands in a recording.
-
-    Attributes:
-        name: Where it stands, for messages.
-        time: Time of the reading, s, robot's clock.
-        pose: base_link in the odom frame.
-        received: Time at which the recorder received it, s, recorder's clock; None if it was not recorded.
-    """
-
-    name: str
-    time: float
-    pose: Pose
-    received: float | None = None
+__all__ = ["RecordedOdometry", "RecordedScan", "assemble_log"]
 
 
 def assemble_log(
@@ -58,8 +28,9 @@ def assemble_log(
     *,
     skipped: Sequence[str] = (),
     notes: Sequence[str] = (),
+    skipped_scans: int = 0,
 ) -> LidarLog:
-    """Assemble a log.
+    """Assemble a log: judge scans and odometry by the majority, relate them in time, and find beams without a return.
 
     Args:
         source: Name of the file.
@@ -69,28 +40,35 @@ def assemble_log(
         options: How to read.
         skipped: Lines or messages that were left out already.
         notes: Notes on what was decided already.
+        skipped_scans: Number of scans among ``skipped``.
 
     Raises:
-        InputError: There are no scans.
+        InputError: There are no scans; a scan or a reading of odometry is an outlier (unless lenient), or too many are.
     """
+    rejections = Rejections(source, options.lenient, list(skipped))
     if not scans:
-        raise InputError(source, "", "has no scans in it")
-    poses = {reading.time: reading.pose for reading in odometry}
-    poses |= {recorded.scan.time: recorded.pose for recorded in scans if recorded.pose is not None}
-    times = sorted(poses)
-    rows = np.array([poses[time].as_array() for time in times]).reshape(-1, 3)
-    trajectory = Trajectory(np.array(times), rows)
-    at_scans = tuple(_odometry_at(recorded, trajectory) for recorded in scans)
-    return LidarLog(
-        tuple(recorded.scan for recorded in scans), at_scans, trajectory, lidar, tuple(skipped), tuple(notes)
+        left_out = f" ({len(skipped):,} left out, the first: {skipped[0]})" if skipped else ""
+        raise InputError(source, "", "has no scans in it" + left_out)
+    total = len(scans) + len(odometry) + len(skipped)
+    timed, timed_odometry, clock_note = with_usable_stamps(without_repetitions(scans), odometry)
+    kept, scan_jumps_note = kept_scans(timed, rejections)
+    rejections.check_share(len(timed) - len(kept) + skipped_scans, len(timed) + skipped_scans, "scans")
+    readings, odometry_jumps_note = kept_odometry(kept, timed_odometry, rejections)
+    rejections.check_share(len(rejections.entries), total, "lines or messages")
+    readings, difference_note = of_same_clock(kept, readings)
+    at_scans, trajectory, coverage_note = odometry_at_scans(kept, readings)
+    marked, marking_note = mark_beams_without_return([recorded.scan for recorded in kept], at_scans)
+    final, beam_times_note = with_usable_beam_times(marked)
+    all_notes = joined(
+        (
+            *notes,
+            rejections.note(total),
+            clock_note,
+            scan_jumps_note or odometry_jumps_note,
+            difference_note,
+            coverage_note if readings or not odometry else "",  # another note says why odometry was left out
+            marking_note,
+            beam_times_note,
+        )
     )
-
-
-def _odometry_at(recorded: RecordedScan, trajectory: Trajectory) -> Odometry | None:
-    """Odometry at a scan; None outside of the time of all odometry."""
-    time = recorded.scan.time
-    if recorded.pose is not None:
-        return Odometry(time, recorded.pose, Velocity())
-    if len(trajectory.times) < 2 or not trajectory.times[0] <= time <= trajectory.times[-1]:
-        return None
-    return Odometry(time, Pose.from_array(trajectory.at(np.array([time]))[0]), Velocity())
+    return LidarLog(final, at_scans, trajectory, lidar, tuple(rejections.entries), all_notes)

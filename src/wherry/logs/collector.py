@@ -1,22 +1,39 @@
-"""Collection of a text log's messages, with checks of their order."""
+"""Collection of a text log's messages."""
 
 from __future__ import annotations
 
-import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.logs.lidar_log import MAX_JUMP, LidarLog
-from wherry.logs.log_lines import MalformedLineError
-from wherry.logs.max_range_readings import mark_beams_without_return
-from wherry.robot import Odometry, Scan, Velocity
-from wherry.space.pose import IDENTITY, Pose
-from wherry.space.trajectory import Trajectory
+from wherry.logs.assembly import assemble_log
+from wherry.logs.lidar_log import LidarLog
+from wherry.logs.mounts import find_mount
+from wherry.logs.options import ReadingOptions
+from wherry.logs.recorded import Recorded, RecordedOdometry, RecordedScan
+from wherry.logs.rejections import Rejections
+from wherry.logs.timestamps import unit_of
+from wherry.robot import Scan
+from wherry.space.pose import Pose
 
 SICK_RANGE_MAX = 80.0  # m, longest valid range if a log gives none; without a return, SICK lidars read 81.83 or 81.91
-MOUNT_TOLERANCE = 1e-3  # m and rad by which the lidar's pose on the robot may vary between scans
+MAX_RANGES = 50_000_000  # total of all scans of a log, 0.4 GB
+MOUNTS = ("offset", "side_offset", "angular_offset")  # ends of the names of parameters: m ahead, m to the left, rad
+FRONT, REAR = "robot_frontlaser_", "robot_rearlaser_"
+FRONT_MESSAGES, REAR_MESSAGES = ("FLASER", "ROBOTLASER1", "RAWLASER1"), ("RLASER", "ROBOTLASER2", "RAWLASER2")
+PREFERRED_MESSAGES = ("ROBOTLASER1", "FLASER", "L", "ROBOTLASER0", "RAWLASER1")
+MIN_PREFERRED_SHARE = 0.5  # scans of a preferred message, as a share of those of the most frequent one
+RANGE_PARAMETER = "robot_front_laser_max"
+FIELD_PARAMETER, RESOLUTION_PARAMETER = "laser_front_laser_fov", "laser_front_laser_resolution"
+PARAMETERS = (
+    *(side + end for side in (FRONT, REAR) for end in MOUNTS),
+    RANGE_PARAMETER,
+    FIELD_PARAMETER,
+    RESOLUTION_PARAMETER,
+)
 
 
 @dataclass
@@ -25,98 +42,165 @@ class LogCollector:
 
     Attributes:
         source: Name of the file.
-        is_lenient: Whether malformed lines are left out; otherwise the first one raises an `InputError`.
-        scan_message: Type of the first scan message, the only type that scans are taken from; empty before it.
-        lidar_offset: Distance of the lidar ahead of base_link, m; None if the log does not give it.
-        range_max: Longest valid range, m.
-        scans: Scans with the poses of base_link and of the lidar in the odom frame.
-        odometry: Times and poses of odometry messages.
-        skipped: Lines that were left out, with reasons.
+        options: How to read.
+        line: Number of the line that is being read.
+        parameters: Values of the log's parameters that are used, by name; None for those that it does not have.
+        scans: Scans with the poses of base_link in the odom frame, by the type of the message.
+        lidars: Poses of base_link and of the lidar in the odom frame at these scans, by the type of the message.
+        odometry: Odometry messages.
+        unread_lasers: Numbers of messages that may be scans, but of an unknown format, by type.
+        rejections: Lines that were left out, with reasons.
+        ranges: Number of ranges of all scans.
+        scan_notes: What was assumed about the scans, once each, by the type of the message.
+        notes: What was decided about the log.
     """
 
     source: str
-    is_lenient: bool
-    scan_message: str = ""
-    lidar_offset: float | None = None
-    range_max: float = SICK_RANGE_MAX
-    scans: list[tuple[Scan, Pose, Pose]] = field(default_factory=list)
-    odometry: list[tuple[float, Pose]] = field(default_factory=list)
-    skipped: list[str] = field(default_factory=list)
+    options: ReadingOptions
+    line: int = 0
+    parameters: dict[str, float | None] = field(default_factory=lambda: dict.fromkeys(PARAMETERS))
+    scans: dict[str, list[RecordedScan]] = field(default_factory=dict)
+    lidars: dict[str, list[tuple[Pose, Pose]]] = field(default_factory=dict)
+    odometry: list[RecordedOdometry] = field(default_factory=list)
+    unread_lasers: Counter[str] = field(default_factory=Counter)
+    rejections: Rejections = field(init=False)
+    scan_notes: dict[str, dict[str, None]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    ranges: int = 0
 
-    def skip_line(self, number: int, reason: str) -> None:
-        """Leave a malformed line out.
+    def __post_init__(self) -> None:
+        """Create the rejections."""
+        self.rejections = Rejections(self.source, self.options.lenient)
+
+    @property
+    def range_max(self) -> float:
+        """Longest valid range of messages that do not state it, m."""
+        value = self.parameters[RANGE_PARAMETER]
+        return value if value is not None and value > 0.0 else SICK_RANGE_MAX
+
+    @property
+    def front_field_of_view(self) -> float | None:
+        """Field of view of messages that do not state it, rad or degrees; None if no parameter gives it."""
+        return self.parameters[FIELD_PARAMETER]
+
+    @property
+    def front_resolution(self) -> float | None:
+        """Angle between beams of messages that do not state it, degrees; None if no parameter gives it."""
+        return self.parameters[RESOLUTION_PARAMETER]
+
+    def note_of(self, message: str, text: str) -> None:
+        """Note an assumption about the scans of a type of message; an empty text or a repeated one is ignored."""
+        if text:
+            self.scan_notes.setdefault(message, {})[f"{message}: {text}"] = None
+
+    def skip_line(self, reason: str) -> None:
+        """Leave the malformed line out.
 
         Raises:
             InputError: The collector is not lenient; the error names the line and the reason.
         """
-        if not self.is_lenient:
-            raise InputError(self.source, f"line {number}", reason)
-        self.skipped.append(f"line {number}: {reason}")
+        self.rejections.reject(self._name, reason)
 
-    def add_scan(self, scan: Scan, robot: Pose, lidar: Pose) -> None:
+    def add_scan(
+        self, message: str, scan: Scan, robot: Pose | None, lidar: Pose | None, received: float | None = None
+    ) -> None:
         """Add a scan.
 
         Args:
-            scan: A scan not earlier than the one before; repetitions of the last one are ignored.
-            robot: base_link in the odom frame.
-            lidar: The lidar in the odom frame.
+            message: Type of the message.
+            scan: The scan.
+            robot: base_link in the odom frame; None if the message does not give it.
+            lidar: The lidar in the odom frame; None if the message does not give it.
+            received: Time at which the recorder received it, s; None if it was not recorded.
 
         Raises:
-            MalformedLineError: The scan is earlier than the one before, has other beams, or is too far away.
+            InputError: The scans of the log do not fit into memory.
         """
-        if self.scans:
-            last, last_robot, _ = self.scans[-1]
-            if scan.time < last.time:
-                raise MalformedLineError(f"time runs backwards, from {last.time:.6f} to {scan.time:.6f}")
-            if len(scan.ranges) != len(last.ranges):
-                raise MalformedLineError(f"has {len(scan.ranges)} beams where the scans before have {len(last.ranges)}")
-            if scan.time == last.time and np.array_equal(scan.ranges, last.ranges):
-                return
-            jump = math.hypot(robot.x - last_robot.x, robot.y - last_robot.y)
-            if jump > MAX_JUMP:
-                raise MalformedLineError(f"odometry jumps by {jump:,.0f} m since the scan before")
-        self.scans.append((scan, robot, lidar))
+        self.ranges += len(scan.ranges)
+        if self.ranges > MAX_RANGES:
+            raise InputError(self.source, self._name, f"exceeds the {MAX_RANGES:,} ranges that fit into memory")
+        self.scans.setdefault(message, []).append(RecordedScan(self._name, scan, robot, received))
+        if robot is not None and lidar is not None:
+            self.lidars.setdefault(message, []).append((robot, lidar))
 
-    def add_odometry(self, time: float, pose: Pose) -> None:
+    def add_odometry(self, time: float, pose: Pose, received: float | None = None) -> None:
         """Add odometry.
 
         Args:
-            time: Time, s, not earlier than the one before; gmapping repeats the poses of scans with time 0.
+            time: Time, s; gmapping repeats the poses of scans with time 0.
             pose: base_link in the odom frame.
-
-        Raises:
-            MalformedLineError: The time is earlier than the one before.
+            received: Time at which the recorder received it, s; None if it was not recorded.
         """
         if time == 0.0 and self.odometry:
             return
-        if self.odometry and time < self.odometry[-1][0]:
-            raise MalformedLineError(f"time runs backwards, from {self.odometry[-1][0]:.6f} to {time:.6f}")
-        self.odometry.append((time, pose))
+        self.odometry.append(RecordedOdometry(self._name, time, pose, received))
 
     def log(self) -> LidarLog:
         """The log of all messages.
 
         Raises:
-            InputError: There are no scans.
+            InputError: There are no scans, nothing states where the lidar sits, or there are outliers, see
+                `assemble_log`.
         """
-        if not self.scans:
-            skipped = (
-                f" ({len(self.skipped)} lines were left out, the first: {self.skipped[0]})" if self.skipped else ""
-            )
-            raise InputError(self.source, "", "has no scans in it" + skipped)
-        scans = mark_beams_without_return([scan for scan, _, _ in self.scans])
-        scan_odometry = tuple(Odometry(scan.time, robot, Velocity()) for scan, robot, _ in self.scans)
-        poses = dict(self.odometry) | {odometry.time: odometry.pose for odometry in scan_odometry}
-        times = sorted(poses)
-        trajectory = Trajectory(np.array(times), np.array([poses[time].as_array() for time in times]))
-        return LidarLog(scans, scan_odometry, trajectory, self._lidar_pose(), tuple(self.skipped))
+        message = self._chosen_message()
+        scans = self.scans.get(message, [])
+        mount = Pose()
+        if scans:
+            pairs = self.lidars.get(message, [])
+            mount, mount_note = find_mount(self.source, pairs, self._stated_mount(message), self.options.lidar)
+            self.notes += [*self.scan_notes.get(message, {}), *([mount_note] if mount_note else [])]
+        return assemble_log(
+            self.source,
+            self._in_seconds(scans, np.array([recorded.scan.time for recorded in scans]), "scans"),
+            self._in_seconds(self.odometry, np.array([reading.time for reading in self.odometry]), "odometry"),
+            mount,
+            self.options,
+            skipped=self.rejections.entries,
+            notes=self.notes,
+        )
 
-    def _lidar_pose(self) -> Pose:
-        """The lidar in the base_link frame: from the poses of the scans if they agree, otherwise from the parameter.
+    @property
+    def _name(self) -> str:
+        """Name of the line that is being read."""
+        return f"line {self.line}"
 
-        They disagree in logs where only the lidar's poses were corrected afterwards.
+    def _chosen_message(self) -> str:
+        """The type of message that scans are taken from: the one asked for, else a usual one, else the most frequent.
+
+        Raises:
+            InputError: The log has no scans of the type asked for, or only scans of unknown formats.
         """
-        mounts = np.array([lidar.relative_to(robot).as_array() for _, robot, lidar in self.scans])
-        if np.abs(mounts - mounts[0]).max() <= MOUNT_TOLERANCE and np.abs(mounts[0]).max() > MOUNT_TOLERANCE:
-            return Pose.from_array(mounts[0])
-        return IDENTITY if self.lidar_offset is None else Pose(self.lidar_offset, 0.0, 0.0)
+        counts = {message: len(scans) for message, scans in self.scans.items()}
+        found = ", ".join(f"{message} ({count:,})" for message, count in (counts | self.unread_lasers).items())
+        wanted = self.options.scan_topic
+        if wanted is not None and wanted not in counts:
+            raise InputError(self.source, "--scan-topic", f"{wanted} has no scans in it; there are {found or 'none'}")
+        if not counts:
+            if self.unread_lasers:
+                raise InputError(self.source, "", f"has scans in messages of unknown formats only: {found}")
+            return ""
+        most = max(counts.values())
+        usual = [name for name in PREFERRED_MESSAGES if counts.get(name, 0) >= MIN_PREFERRED_SHARE * most]
+        message = wanted or (usual or sorted(counts, key=lambda name: (-counts[name], name)))[0]
+        if len(counts) + len(self.unread_lasers) > 1:
+            self.notes.append(f"the scans are those of {message}, of {found}; --scan-topic chooses others")
+        return message
+
+    def _stated_mount(self, message: str) -> Pose | None:
+        """The lidar in the base_link frame by the log's parameters; None if there are none for the message."""
+        side = FRONT if message in FRONT_MESSAGES else REAR if message in REAR_MESSAGES else ""
+        values = [self.parameters.get(side + end) for end in MOUNTS]
+        if all(value is None for value in values):
+            return None
+        default_angle = np.pi if side == REAR else 0.0
+        return Pose.from_array(
+            np.array([values[0] or 0.0, values[1] or 0.0, default_angle if values[2] is None else values[2]])
+        )
+
+    def _in_seconds(self, recorded: Sequence[Recorded], times: np.ndarray, name: str) -> list[Recorded]:
+        """What was recorded with its stamps, [N], in seconds."""
+        unit, unit_name = unit_of(times)
+        if unit == 1.0:
+            return list(recorded)
+        self.notes.append(f"the times of the {name} are in {unit_name}: they are converted to seconds")
+        return [entry.at(float(time * unit)) for entry, time in zip(recorded, times, strict=True)]

@@ -39,5 +39,6 @@ class LidarLog:
         scan = self.scans[index]
         if scan.time_increment == 0.0 or self.scan_odometry[index] is None or len(self.odometry.times) < 2:
             return scan
-        first, last = self.odometry.at(np.array([scan.time, scan.time + scan.duration]))
-        return scan.deskewed(self.lidar, Pose.from_array(relative(last, first)))
+        poses = self.odometry.along_arcs(scan.time + scan.beam_times)
+        first = self.odometry.along_arcs(np.array([scan.time]))
+        return scan.moved_back(self.lidar, relative(poses, first))

@@ -1,36 +1,100 @@
-"""Detection of the reading that a lidar gives for beams without a return, where its log does not state it.
+"""Detection of the reading that a lidar gives for beams without a return, where its recording does not state it.
 
-Many lidars report a missing return as their longest range, or as a code near it. In a building, long readings become
-rarer with the range. If more readings lie next to the longest one than in the whole metre below, they are not walls.
+Many lidars report a missing return as one longest range, or as a few codes near it. In a building, long readings become
+rarer with the range. Readings are no walls if more of them lie next to the longest one than in the whole metre below,
+if they have only a few different values, if beams of many directions have them, and if they are the same elsewhere.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from wherry.robot import Scan
+from wherry.robot import Odometry, Scan
+from wherry.space.pose import Floats, wrap_angles
 
 MIN_COUNT = 50  # readings near the longest one below which they count as walls
-MIN_SHARE, MAX_SHARE = 0.002, 0.5  # share of the readings near the longest one outside of which they count as walls
+MIN_SHARE, MAX_SHARE = 0.002, 0.98  # share of the readings near the longest one outside of which they count as walls
 PEAK_WIDTH = 0.1  # m below the longest reading that count as near it
 COMPARED_WIDTH = 1.0  # m below the peak, width of the band whose readings are compared with those of the peak
+MAX_CODES = 3  # different values, to the millimetre, that a lidar reports without a return
+MIN_CODES_SHARE = 0.9  # share of the readings of the peak that have these values
+MIN_DIRECTIONS = 5  # beams of different directions that had these readings, so that they are not one distant wall
+MIN_DISTANCE = 0.5  # m between places from which walls have other ranges
+MIN_TURN = 0.1  # rad, of a robot that turns
+MIN_CHANGE = 0.1  # m by which the other readings change while the robot drives
+QUANTILES = np.linspace(0.1, 0.9, 9)  # of the other readings of a scan
+COMPARED_SCANS = 500  # scans whose readings are compared
 
 
-def mark_beams_without_return(scans: Sequence[Scan]) -> tuple[Scan, ...]:
-    """The scans with infinite ranges for beams without a return, which would otherwise appear as a wall on the map."""
-    ranges = np.concatenate([scan.ranges for scan in scans])
-    readings = ranges[np.isfinite(ranges)]
-    if len(readings) == 0:
-        return tuple(scans)
-    longest = float(readings.max()) - PEAK_WIDTH
-    count = int((readings >= longest).sum())
-    compared = int((readings >= longest - COMPARED_WIDTH).sum()) - count
-    share = count / len(readings)
-    if count < max(MIN_COUNT, compared) or not MIN_SHARE <= share <= MAX_SHARE:
-        return tuple(scans)
-    return tuple(
-        replace(scan, ranges=np.where(scan.ranges >= longest, np.inf, scan.ranges), range_max=longest) for scan in scans
+def mark_beams_without_return(
+    scans: Sequence[Scan], odometry: Sequence[Odometry | None]
+) -> tuple[tuple[Scan, ...], str]:
+    """The scans with infinite ranges for beams without a return, which would otherwise appear as a wall on the map.
+
+    Args:
+        scans: The scans.
+        odometry: Odometry at each scan; None where there is none.
+
+    Returns:
+        The scans, and a note on the reading that was taken as no return; empty if there is none.
+    """
+    longest, total = _longest_reading(scans)
+    peak = longest - PEAK_WIDTH
+    near = np.concatenate([_between(scan, peak, longest) for scan in scans])
+    compared = sum(len(_between(scan, peak - COMPARED_WIDTH, np.nextafter(peak, 0.0))) for scan in scans)
+    if len(near) < max(MIN_COUNT, compared, MIN_SHARE * total) or not _is_code(near):
+        return tuple(scans), ""
+    members = [index for index, scan in enumerate(scans) if len(_between(scan, peak, longest))]
+    if _directions([scans[index] for index in members], peak) < MIN_DIRECTIONS:
+        return tuple(scans), ""
+    readings = f"{len(near) / total:.1%} of the readings are {np.median(near):.2f} m, the longest of all"
+    if len(near) > MAX_SHARE * total:
+        return tuple(scans), f"{readings}; since there are hardly any others, they are kept as walls"
+    if not _from_different_places([scans[index] for index in members], [odometry[index] for index in members], peak):
+        return tuple(scans), f"{readings}; since the robot stays in its place, they are kept as walls"
+    marked = tuple(
+        replace(scan, ranges=np.where(scan.ranges >= peak, np.inf, scan.ranges), range_max=peak) for scan in scans
     )
+    return marked, f"{readings}: they are taken as no return"
+
+
+def _longest_reading(scans: Sequence[Scan]) -> tuple[float, int]:
+    """The longest finite reading, m, or 0 if there is none, and the number of all."""
+    finite = [scan.ranges[np.isfinite(scan.ranges)] for scan in scans]
+    return max((float(ranges.max()) for ranges in finite if len(ranges)), default=0.0), sum(map(len, finite))
+
+
+def _between(scan: Scan, lower: float, upper: float) -> Floats:
+    """The readings of a scan from a lower to an upper range, m."""
+    return scan.ranges[(scan.ranges >= lower) & (scan.ranges <= upper)]
+
+
+def _is_code(readings: Floats) -> bool:
+    """Whether readings, m, have only a few different values."""
+    _, counts = np.unique(np.round(readings, 3), return_counts=True)
+    return bool(np.sort(counts)[-MAX_CODES:].sum() >= MIN_CODES_SHARE * len(readings))
+
+
+def _directions(scans: Sequence[Scan], peak: float) -> int:
+    """Number of beams that had a reading at or above the peak, m, in any of the scans."""
+    beams = np.zeros(max(len(scan.ranges) for scan in scans), np.bool_)
+    for scan in scans:
+        beams[: len(scan.ranges)] |= (scan.ranges >= peak) & np.isfinite(scan.ranges)
+    return int(beams.sum())
+
+
+def _from_different_places(scans: Sequence[Scan], odometry: Sequence[Odometry | None], peak: float) -> bool:
+    """Whether scans are from different places: by odometry, or else by the change of the readings below the peak."""
+    poses = np.array([reading.pose.as_array() for reading in odometry if reading is not None]).reshape(-1, 3)
+    if len(poses) and math.hypot(*np.ptp(poses[:, :2], axis=0)) >= MIN_DISTANCE:
+        return True
+    if len(poses) and np.ptp(wrap_angles(poses[:, 2] - poses[0, 2])) >= MIN_TURN:
+        return False
+    chosen = scans[:: max(1, len(scans) // COMPARED_SCANS)]
+    below = [_between(scan, scan.range_min, np.nextafter(peak, 0.0)) for scan in chosen]
+    quantiles = np.array([np.quantile(readings, QUANTILES) for readings in below if len(readings) >= len(QUANTILES)])
+    return len(quantiles) > 1 and bool(np.median(np.ptp(quantiles, axis=0)) >= MIN_CHANGE)

@@ -14,7 +14,7 @@ class ReadingOptions:
     Attributes:
         lenient: Whether to leave malformed lines or messages out; otherwise the first one raises an error.
         lidar: Pose of the lidar in the base_link frame; None to take that of the recording.
-        scan_topic: Topic of the scans in a bag; None to choose.
+        scan_topic: Topic of the scans in a bag, or type of their messages in a text log, as FLASER; None to choose.
         odometry_topic: Topic of odometry in a bag; None to choose.
     """
 

@@ -1,4 +1,4 @@
-"""Repair of time stamps that are coarse or constant."""
+"""Units of time stamps, and repair of those that are coarse or constant."""
 
 from __future__ import annotations
 
@@ -6,8 +6,40 @@ import numpy as np
 
 from wherry.space.pose import Floats
 
+UNITS = ((1e-9, "nanoseconds", 1e17), (1e-6, "microseconds", 1e14), (1e-3, "milliseconds", 1e11))
+"""Units smaller than a second: s, name, and the number of them above which a stamp is a Unix time in this unit."""
+COUNTED_UNITS = ((1e-9, "nanoseconds", 5e6), (1e-6, "microseconds", 1e4))
+"""As `UNITS`, with the median step of whole numbers above which stamps count these units since some start."""
+
 MIN_SCAN_PERIOD = 0.005  # s, mean scan period below which a log has no usable clock; no lidar is that fast
+MIN_STAMPS = 3  # stamps from which a clock is judged
+CONSTANT_SHARE = 0.99  # share of equal stamps from which a clock is constant
 ASSUMED_SCAN_PERIOD = 1.0  # s, scan period of a log without a usable clock
+
+
+def unit_of(times: Floats) -> tuple[float, str]:
+    """The unit of stamps, [N], by their size and, of whole numbers, by their steps: s, and its name."""
+    if not len(times):
+        return 1.0, "seconds"
+    size = float(np.median(np.abs(times)))
+    for unit, name, smallest in UNITS:
+        if size >= smallest:
+            return unit, name
+    steps = np.abs(np.diff(times))
+    if len(steps) and (times == np.round(times)).all():
+        step = float(np.median(steps))
+        for unit, name, smallest in COUNTED_UNITS:
+            if step >= smallest:
+                return unit, name
+    return 1.0, "seconds"
+
+
+def has_constant_stamps(times: Floats) -> bool:
+    """Whether stamps, [N] s in the order of the recording, do not tell the time, since nearly all are equal."""
+    if len(times) < MIN_STAMPS:
+        return False
+    _, counts = np.unique(times, return_counts=True)
+    return bool(counts.max() >= CONSTANT_SHARE * len(times))
 
 
 def increasing_times(times: Floats) -> Floats:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
+from wherry.logs.carmen_angles import HALF_CIRCLE, unstated_angles
 from wherry.logs.collector import LogCollector
 from wherry.logs.lidar_log import MAX_BEAMS
-from wherry.logs.log_lines import MalformedLineError, half_circle_scan, parse_numbers, parse_pose, parse_ranges
+from wherry.logs.log_lines import RANGE_MIN, MalformedLineError, parse_numbers, parse_pose, parse_ranges
+from wherry.robot import Scan
 
 RANGE_MAX = 80.0  # m, longest valid range of the lidar
 CENTIMETRE = 0.01  # m
@@ -23,7 +25,9 @@ def _lidar(collector: LogCollector, words: list[str]) -> None:
     lidar = [values[3] * CENTIMETRE, values[4] * CENTIMETRE, values[5]]
     ranges = parse_ranges(words[7:-1], RANGE_MAX, unit=CENTIMETRE)
     (time,) = parse_numbers(words[-1:])
-    collector.add_scan(half_circle_scan(time, ranges, RANGE_MAX), parse_pose(robot), parse_pose(lidar))
+    angles = unstated_angles(count, HALF_CIRCLE, None)
+    scan = Scan(time, ranges, angles.start, angles.increment, RANGE_MIN, RANGE_MAX)
+    collector.add_scan("L", scan, parse_pose(robot), parse_pose(lidar))
 
 
 def _odometry(collector: LogCollector, words: list[str]) -> None:

@@ -2,6 +2,7 @@ from .graph_slam import GraphSlam
 from .graph_snapshot import GraphSnapshot
 from .loop_closure import LoopClosure
 from .methods import SLAM_METHODS, SlamMethod
+from .odometry_check import ContradictionKind, OdometryContradiction, describe_contradictions
 from .particle_slam import ParticleSlam
 from .pose_graph import PoseGraph, optimized
 from .rejections import Rejection
@@ -12,10 +13,12 @@ from .slam import Slam
 
 __all__ = [
     "SLAM_METHODS",
+    "ContradictionKind",
     "GraphSlam",
     "GraphSlamSettings",
     "GraphSnapshot",
     "LoopClosure",
+    "OdometryContradiction",
     "ParticleSlam",
     "ParticleSlamSettings",
     "PoseGraph",
@@ -24,6 +27,7 @@ __all__ = [
     "Slam",
     "SlamMethod",
     "SlamSettings",
+    "describe_contradictions",
     "load_graph",
     "locate_on_map",
     "optimized",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from wherry.mapping.constraints import ConstraintList
 from wherry.mapping.keyframes import Keyframe
 from wherry.mapping.loop_closure import LoopClosure
+from wherry.mapping.odometry_check import OdometryContradiction
 from wherry.mapping.settings import GraphSlamSettings
 from wherry.mapping.submaps import Submap
 from wherry.mapping.tracking import TrackingState
@@ -47,6 +48,7 @@ class GraphSnapshot:
         scan_poses: Poses of all scans.
         loop_closures: Loop closures that were attempted, accepted or not.
         pending_closures: Accepted loop closures since the last optimization.
+        odometry_contradictions: Motions that odometry and scan matching measured differently.
     """
 
     lidar: Pose
@@ -60,6 +62,7 @@ class GraphSnapshot:
     scan_poses: tuple[ScanPose, ...]
     loop_closures: tuple[LoopClosure, ...]
     pending_closures: int
+    odometry_contradictions: tuple[OdometryContradiction, ...] = ()
 
     @classmethod
     def empty(cls, lidar: Pose, settings: GraphSlamSettings) -> GraphSnapshot:

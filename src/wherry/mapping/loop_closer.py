@@ -93,6 +93,8 @@ class LoopCloser:
             return
         keyframe = tracking.keyframe
         cloud = self._graph.surroundings(keyframe, self._settings.closure_scans, CLOSURE_CELL_SIZE)
+        if not len(cloud.points):
+            return  # surroundings without a return can be matched to nothing
         for index, covariance in candidates[: self._settings.closure_candidates]:
             submap = self._submaps[index]
             expected = self._graph.pose(keyframe).relative_to(self._graph.pose(submap.origin))

@@ -62,6 +62,11 @@ class MatchingGrid:
         )
 
     @property
+    def is_empty(self) -> bool:
+        """Whether no scan that was added has points."""
+        return self.surfel_at.size == 0
+
+    @property
     def nbytes(self) -> int:
         """Memory that the arrays take, bytes."""
         return self.likelihood.nbytes + self.surfel_at.nbytes + self.surfels.nbytes

@@ -2,6 +2,8 @@
 
 Each particle has its own trajectory and map. Particles move to the poses at which odometry and scan agree best, and are
 resampled only when the effective sample size is small. Equation numbers are those of the article.
+
+Odometry is checked by graph SLAM without loop closing: its motion between keyframes is what the particles are moved by.
 """
 
 from __future__ import annotations
@@ -13,14 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.kernels import kernel
+from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.graph_snapshot import GraphSnapshot, ScanPose
 from wherry.mapping.keyframes import Keyframe, MapRenderer
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.matching_grid import MAX_LIKELIHOOD
 from wherry.mapping.motion_noise import MotionNoise, is_within
+from wherry.mapping.odometry_check import OdometryContradiction
 from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.scan_matching import MIN_POINTS
-from wherry.mapping.settings import ParticleSlamSettings
+from wherry.mapping.settings import GraphSlamSettings, ParticleSlamSettings
 from wherry.mapping.shared_tiles import SharedTiles, log_likelihood
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import NO_DISCS, OccupancyGrid
@@ -33,7 +37,6 @@ MIN_POINT_LIKELIHOOD = 0.05  # likelihood of a point that is far from all mapped
 CLIMB_STEP, CLIMB_ANGLE_STEP = 0.08, math.radians(2.0)  # m and rad, first steps of hill climbing
 CLIMB_HALVINGS = 5  # step sizes of hill climbing, each half of the one before
 LATTICE_STEP, LATTICE_ANGLE_STEP = 0.02, math.radians(0.4)  # m and rad, spacing of the lattice of the proposal
-MIN_ELAPSED = 1e-3  # s, lower bound of the time that a velocity is computed over
 MOTION_NOISE = MotionNoise(
     distance=0.03,
     distance_per_distance=0.15,
@@ -67,8 +70,8 @@ class ParticleSlam:
         self._history: list[Floats] = []  # particles [N, 3] at each keyframe, before resampling
         self._parents: list[NDArray[np.int64]] = []  # [N] index of each particle's parent among those of the history
         self._scan_poses: list[ScanPose] = []
-        self._keyframe_odometry: Odometry | None = None
-        self._velocity = np.zeros(3)
+        self._matcher = GraphSlam(lidar, GraphSlamSettings(range_limit=self._settings.range_limit, close_loops=False))
+        self._keyframe_match = IDENTITY  # base_link at the last keyframe, by the matcher
         self._renderer = MapRenderer(
             lidar, self._settings.resolution, self._settings.range_limit, self._settings.empty_range
         )
@@ -117,6 +120,11 @@ class ParticleSlam:
         """Empty, since particles close loops without explicit constraints."""
         return ()
 
+    @property
+    def odometry_contradictions(self) -> Sequence[OdometryContradiction]:
+        """See `wherry.mapping.slam.Slam.odometry_contradictions`."""
+        return self._matcher.odometry_contradictions
+
     def snapshot(self) -> GraphSnapshot | None:
         """None, since there is no pose graph."""
         return None
@@ -130,7 +138,8 @@ class ParticleSlam:
 
     def add(self, scan: Scan, odometry: Odometry | None = None) -> Pose:
         """Add a scan; see `wherry.mapping.slam.Slam.add`."""
-        motion = self._predict_motion(scan.time, odometry)
+        matched = self._matcher.add(scan, odometry)
+        motion = matched.relative_to(self._keyframe_match)
         settings = self._settings
         if self._keyframes and is_within(motion, settings.keyframe_distance, settings.keyframe_angle):
             self._scan_poses.append(ScanPose(scan.time, len(self._keyframes) - 1, motion))
@@ -143,7 +152,7 @@ class ParticleSlam:
         for particle in range(settings.particles):
             self._maps.add(particle, Pose.from_array(self._particles[particle]).transform(cloud.points))
         self._keyframes.append(Keyframe(scan, cloud))
-        self._keyframe_odometry = odometry
+        self._keyframe_match = matched
         self._scan_poses.append(ScanPose(scan.time, len(self._keyframes) - 1, IDENTITY))
         return self._best_pose
 
@@ -157,13 +166,6 @@ class ParticleSlam:
         """base_link of the best particle at the last keyframe in the map frame."""
         return Pose.from_array(self._particles[self._best_particle])
 
-    def _predict_motion(self, time: float, odometry: Odometry | None) -> Pose:
-        """Motion of base_link since the last keyframe, by odometry or by constant velocity."""
-        if odometry is None or self._keyframe_odometry is None:
-            elapsed = time - self._keyframes[-1].scan.time if self._keyframes else 0.0
-            return Pose.from_array(self._velocity * elapsed)
-        return odometry.pose.relative_to(self._keyframe_odometry.pose)
-
     def _sample(self, points: Floats, motion: Pose) -> None:
         """Sample each particle from the improved proposal, and weight it (equations 10 to 17)."""
         distance, angle = MOTION_NOISE.deviations(motion)
@@ -171,16 +173,11 @@ class ParticleSlam:
         expected = compose(self._particles, np.broadcast_to(motion.as_array(), self._particles.shape))
         noise = self._rng.normal(size=(2, *self._particles.shape))
         starts = expected + noise[0] * deviations
-        before = self._particles
         maps = self._maps
         self._particles, increments = _propose(
             maps.index, maps.tiles, maps.corner, points, expected, starts, deviations, noise[1], LOG_TABLE
         )
         self._log_weights = self._log_weights + increments - increments.max()
-        best = self._best_particle
-        elapsed = max(self._scan_poses[-1].time - self._keyframes[-1].scan.time, MIN_ELAPSED)
-        moved = Pose.from_array(self._particles[best]).relative_to(Pose.from_array(before[best]))
-        self._velocity = moved.as_array() / elapsed
 
     def _resample(self) -> NDArray[np.int64]:
         """Resample if the effective sample size is small, and return the parents of the particles, [N]."""

@@ -41,7 +41,7 @@ class PointCloud:
             range_limit: Longest range that is used, m.
         """
         ranges = np.where(scan.valid & (scan.ranges <= range_limit), scan.ranges, np.nan)
-        points, normals = _points_and_normals(ranges, scan.angle_min, scan.angle_increment)
+        points, normals = _points_and_normals(ranges, scan.angles, _beam_spacing(scan))
         return cls(lidar.transform(points), Pose(theta=lidar.theta).transform(normals))
 
     def transformed(self, pose: Pose) -> PointCloud:
@@ -66,14 +66,29 @@ def merge_clouds(clouds: Iterable[PointCloud], cell_size: float) -> PointCloud:
     return PointCloud(points[kept], normals[kept])
 
 
+def _beam_spacing(scan: Scan) -> float:
+    """Angle between consecutive beams, rad; the median where they are not evenly spaced."""
+    if scan.beam_angles is None or len(scan.beam_angles) < 2:
+        return abs(scan.angle_increment)
+    return float(np.median(np.abs(np.diff(scan.beam_angles))))
+
+
 @kernel
-def _points_and_normals(ranges: Floats, angle_min: float, angle_increment: float) -> tuple[Floats, Floats]:
-    """Points [N, 2] m and normals [N, 2] in the lidar frame of ranges [R] m, NaN without a reading."""
+def _points_and_normals(ranges: Floats, angles: Floats, spacing: float) -> tuple[Floats, Floats]:
+    """Points and normals of a scan.
+
+    Args:
+        ranges: Ranges, [R] m; NaN without a reading.
+        angles: Directions of the beams, [R] rad, lidar frame.
+        spacing: Angle between consecutive beams, rad.
+
+    Returns:
+        Points [N, 2] m and normals [N, 2] in the lidar frame.
+    """
     count = len(ranges)
     x, y = np.empty(count), np.empty(count)
     for i in range(count):
-        angle = angle_min + angle_increment * i
-        x[i], y[i] = ranges[i] * math.cos(angle), ranges[i] * math.sin(angle)
+        x[i], y[i] = ranges[i] * math.cos(angles[i]), ranges[i] * math.sin(angles[i])
     points, normals = np.empty((count, 2)), np.empty((count, 2))
     kept, last = 0, -1
     for i in range(count):
@@ -83,7 +98,7 @@ def _points_and_normals(ranges: Floats, angle_min: float, angle_increment: float
             continue
         last = i
         points[kept, 0], points[kept, 1] = x[i], y[i]
-        beam_spacing = 2.5 * ranges[i] * abs(angle_increment)  # reaches at least one neighbour to either side
+        beam_spacing = 2.5 * ranges[i] * spacing  # reaches at least one neighbour to either side
         normal_x, normal_y = _normal(x, y, i, max(NORMAL_RADIUS, beam_spacing))
         if normal_x == 0.0 and normal_y == 0.0:
             normal_x, normal_y = _normal(x, y, i, max(WIDE_NORMAL_RADIUS, beam_spacing))

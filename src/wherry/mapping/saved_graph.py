@@ -25,6 +25,7 @@ from wherry.mapping.constraints import ConstraintList
 from wherry.mapping.graph_snapshot import GraphSnapshot, ScanPose
 from wherry.mapping.keyframes import Keyframe
 from wherry.mapping.loop_closure import LoopClosure
+from wherry.mapping.odometry_check import FULL_CREDIT, OdometryContradiction
 from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.rejections import rejection_of
 from wherry.mapping.settings import GraphSlamSettings
@@ -33,7 +34,9 @@ from wherry.mapping.tracking import TrackingState
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.space.pose import Floats, Pose
 
-FORMAT_VERSION = 1  # value of the key wherry-graph in the head
+FORMAT_VERSION = 2  # value of the key wherry-graph in the head
+FIRST_VERSION = 1  # oldest version that is read; it has neither beam angles nor contradictions of odometry
+NO_ANGLES = np.zeros(0)  # beam angles of a scan whose beams are evenly spaced
 MAX_FILE_SIZE = 300_000_000  # bytes, packed
 MAX_UNPACKED_SIZE = 600_000_000  # bytes, unpacked: scans of 1,081 beams at 69,000 keyframes
 MAX_COORDINATE = 1e9  # m and rad, of a pose
@@ -45,6 +48,9 @@ ARRAYS: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "nodes": ("f", POSE),
     "scan_fields": ("f", (6,)),  # time, angle_min, angle_increment, range_min, range_max, number of beams
     "scan_ranges": ("f", ()),
+    "scan_time_increment": ("f", ()),
+    "scan_angle_count": ("i", ()),  # number of the scan's beam angles; 0 if its beams are evenly spaced
+    "scan_angles": ("f", ()),
     "edge_ends": ("i", (2,)),
     "edge_measured": ("f", POSE),
     "edge_covariance": ("f", COVARIANCE),
@@ -67,16 +73,19 @@ ARRAYS: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "closure_fields": ("f", (4,)),  # time, score, second-best score, window
     "front_poses": ("f", POSE),  # pose, velocity, keyframe pose
     "front_covariances": ("f", COVARIANCE),  # covariance, next covariance
+    "contradiction_times": ("f", (2,)),  # end and beginning of the motion
+    "contradiction_motions": ("f", (2, 3)),  # by odometry and by scan matching
 }
 # Arrays that must have the same length.
 SAME_LENGTH = (
-    ("nodes", "scan_fields"),
+    ("nodes", "scan_fields", "scan_time_increment", "scan_angle_count"),
     ("edge_ends", "edge_measured", "edge_covariance", "edge_robust"),
     ("way_ends", "way_measured", "way_covariance"),
     ("piece_origin", "piece_start", "piece_covariance"),
     ("member_piece", "member_key", "member_pose"),
     ("passed_time", "passed_key", "passed_pose"),
     ("closure_ends", "closure_measured", "closure_information", "closure_fields"),
+    ("contradiction_times", "contradiction_motions"),
 )
 # Keys of the settings whose names in the file differ from those in the code.
 SETTINGS_KEYS = {"keyframe_distance": "keyscan_distance", "keyframe_angle": "keyscan_angle"}
@@ -101,6 +110,7 @@ def save_graph(snapshot: GraphSnapshot, path: str | Path) -> None:
         **_submap_arrays(snapshot.submaps),
         **_closure_arrays(snapshot.loop_closures),
         **_tracking_arrays(snapshot.tracking),
+        **_contradiction_arrays(snapshot.odometry_contradictions),
     }
     arrays = {name: _shaped(values[name], *ARRAYS[name]) for name in ARRAYS}
     head = json.dumps(_head(snapshot, snapshot.tracking)).encode("utf-8")
@@ -130,7 +140,13 @@ def _head(snapshot: GraphSnapshot, tracking: TrackingState) -> dict[str, Any]:
         "wherry-graph": FORMAT_VERSION,
         "settings": settings,
         "lidar": snapshot.lidar.as_array().tolist(),
-        "front": {"piece": tracking.submap, "time": tracking.time, "key": tracking.keyframe},
+        "front": {
+            "piece": tracking.submap,
+            "time": tracking.time,
+            "key": tracking.keyframe,
+            "odometry_credit": tracking.odometry_credit,
+            "scan_time": tracking.scan_time,
+        },
         "odometry": _odometry_fields(tracking.odometry),
         "key_odometry": _odometry_fields(tracking.keyframe_odometry),
         "pending": snapshot.pending_closures,
@@ -141,6 +157,7 @@ def _head(snapshot: GraphSnapshot, tracking: TrackingState) -> dict[str, Any]:
 def _keyframe_arrays(snapshot: GraphSnapshot) -> dict[str, Any]:
     """Keyframes with their scans, and the poses of all scans."""
     scans = [keyframe.scan for keyframe in snapshot.keyframes]
+    angles = [NO_ANGLES if scan.beam_angles is None else scan.beam_angles for scan in scans]
     return {
         "nodes": snapshot.keyframe_poses,
         "scan_fields": [
@@ -148,6 +165,9 @@ def _keyframe_arrays(snapshot: GraphSnapshot) -> dict[str, Any]:
             for scan in scans
         ],
         "scan_ranges": np.concatenate([scan.ranges for scan in scans]),
+        "scan_time_increment": [scan.time_increment for scan in scans],
+        "scan_angle_count": [len(directions) for directions in angles],
+        "scan_angles": np.concatenate(angles),
         "passed_time": [scan_pose.time for scan_pose in snapshot.scan_poses],
         "passed_key": [scan_pose.keyframe for scan_pose in snapshot.scan_poses],
         "passed_pose": [scan_pose.offset.as_array() for scan_pose in snapshot.scan_poses],
@@ -196,6 +216,16 @@ def _tracking_arrays(tracking: TrackingState) -> dict[str, Any]:
     }
 
 
+def _contradiction_arrays(contradictions: Sequence[OdometryContradiction]) -> dict[str, Any]:
+    """Contradictions between odometry and scan matching."""
+    return {
+        "contradiction_times": [[contradiction.time, contradiction.since] for contradiction in contradictions],
+        "contradiction_motions": [
+            [contradiction.odometry.as_array(), contradiction.matched.as_array()] for contradiction in contradictions
+        ],
+    }
+
+
 def _snapshot(head: Mapping[str, Any], arrays: Arrays) -> GraphSnapshot:
     """The snapshot of a file's head and arrays."""
     names = {key: name for name, key in SETTINGS_KEYS.items()}
@@ -214,16 +244,25 @@ def _snapshot(head: Mapping[str, Any], arrays: Arrays) -> GraphSnapshot:
         scan_poses=tuple(ScanPose(float(time), int(keyframe), _pose(pose)) for time, keyframe, pose in passed),
         loop_closures=_loop_closures(head, arrays),
         pending_closures=int(head["pending"]),
+        odometry_contradictions=_contradictions(arrays),
     )
 
 
 def _keyframes(arrays: Arrays, lidar: Pose, range_limit: float) -> tuple[Keyframe, ...]:
     """Keyframes, with their point clouds recomputed from the scans."""
-    begins = np.concatenate([[0], np.cumsum(arrays["scan_fields"][:, 5].astype(np.int64))])
+    ends = np.cumsum(arrays["scan_fields"][:, 5].astype(np.int64))[:-1]
+    angle_ends = np.cumsum(arrays["scan_angle_count"])[:-1]
+    scans = zip(
+        arrays["scan_fields"].tolist(),
+        np.split(arrays["scan_ranges"], ends),
+        arrays["scan_time_increment"].tolist(),
+        np.split(arrays["scan_angles"], angle_ends),
+        strict=True,
+    )
     keyframes = []
-    for number, (time, angle_min, step, range_min, range_max, _) in enumerate(arrays["scan_fields"].tolist()):
-        ranges = arrays["scan_ranges"][begins[number] : begins[number + 1]]
-        scan = Scan(time, ranges, angle_min, step, range_min, range_max)
+    for (time, angle_min, step, range_min, range_max, _), ranges, time_increment, angles in scans:
+        beam_angles = angles if len(angles) else None
+        scan = Scan(time, ranges, angle_min, step, range_min, range_max, time_increment, beam_angles)
         keyframes.append(Keyframe(scan, PointCloud.from_scan(scan, lidar, range_limit)))
     return tuple(keyframes)
 
@@ -271,22 +310,45 @@ def _loop_closures(head: Mapping[str, Any], arrays: Arrays) -> tuple[LoopClosure
     )
 
 
+def _contradictions(arrays: Arrays) -> tuple[OdometryContradiction, ...]:
+    """Contradictions between odometry and scan matching."""
+    entries = zip(arrays["contradiction_times"].tolist(), arrays["contradiction_motions"], strict=True)
+    return tuple(
+        OdometryContradiction(time, since, _pose(odometry), _pose(matched))
+        for (time, since), (odometry, matched) in entries
+    )
+
+
 def _tracking(head: Mapping[str, Any], arrays: Arrays) -> TrackingState:
     """The tracking state."""
     pose, velocity, keyframe_pose = arrays["front_poses"]
     covariance, next_covariance = arrays["front_covariances"]
+    front = head["front"]
+    credit = int(front["odometry_credit"])
+    if not 0 <= credit <= FULL_CREDIT:
+        raise ValueError(f"odometry_credit is {credit}, not 0 to {FULL_CREDIT}")
     return TrackingState(
-        submap=int(head["front"]["piece"]),
-        time=float(head["front"]["time"]),
+        submap=int(front["piece"]),
+        time=_finite(front["time"]),
         pose=_pose(pose),
         odometry=_odometry(head["odometry"]),
         velocity=velocity,
-        keyframe=int(head["front"]["key"]),
+        keyframe=int(front["key"]),
         keyframe_pose=_pose(keyframe_pose),
         keyframe_odometry=_odometry(head["key_odometry"]),
         covariance=covariance,
         next_covariance=next_covariance,
+        odometry_credit=credit,
+        scan_time=_finite(front["scan_time"]),
     )
+
+
+def _finite(value: Any) -> float:
+    """A number that is finite; otherwise raise a ValueError."""
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{number} is not finite")
+    return number
 
 
 def _read(path: Path) -> tuple[Mapping[str, Any], Arrays]:
@@ -303,14 +365,34 @@ def _read(path: Path) -> tuple[Mapping[str, Any], Arrays]:
         raise InputError(path, "", "is not a saved pose graph") from error
     if size > MAX_UNPACKED_SIZE:
         raise InputError(path, "", f"is larger than {MAX_UNPACKED_SIZE:,} bytes, unpacked")
+    if isinstance(head, dict) and head.get("wherry-graph") == FIRST_VERSION:
+        head, completed = _completed(head, arrays)
+        arrays = dict(completed)
     _check(path, head, arrays)
     return head, arrays
+
+
+def _completed(head: dict[str, Any], arrays: Arrays) -> tuple[Mapping[str, Any], Arrays]:
+    """The head and arrays of a file of the first version, with what it lacks."""
+    front = head.get("front")
+    if not isinstance(front, dict):
+        return head, arrays
+    keyframes = len(arrays.get("scan_fields", ()))
+    missing = {
+        "scan_time_increment": np.zeros(keyframes),
+        "scan_angle_count": np.zeros(keyframes, np.int64),
+        "scan_angles": NO_ANGLES,
+        "contradiction_times": np.zeros((0, 2)),
+        "contradiction_motions": np.zeros((0, 2, 3)),
+    }
+    front = front | {"odometry_credit": FULL_CREDIT, "scan_time": front.get("time")}
+    return head | {"wherry-graph": FORMAT_VERSION, "front": front}, {**missing, **arrays}
 
 
 def _check(path: Path, head: object, arrays: Arrays) -> None:
     """Raise an `InputError` unless version, shapes, values, lengths and indices are valid."""
     if not isinstance(head, dict) or head.get("wherry-graph") != FORMAT_VERSION:
-        raise InputError(path, "wherry-graph", f"must be version {FORMAT_VERSION}")
+        raise InputError(path, "wherry-graph", f"must be version {FIRST_VERSION} to {FORMAT_VERSION}")
     for name, (kind, shape) in ARRAYS.items():
         _check_array(path, name, arrays.get(name), kind, shape)
     for names in SAME_LENGTH:
@@ -323,6 +405,7 @@ def _check(path: Path, head: object, arrays: Arrays) -> None:
         if ((arrays[name] < 0) | (arrays[name] >= limit)).any():
             raise InputError(path, name, "has the index of a node or submap that does not exist")
     _check_scans(path, arrays["scan_fields"], arrays["scan_ranges"])
+    _check_beam_angles(path, arrays)
 
 
 def _check_array(path: Path, name: str, array: object, kind: str, shape: tuple[int, ...]) -> None:
@@ -359,6 +442,13 @@ def _check_scans(path: Path, fields: Floats, ranges: Floats) -> None:
         raise InputError(path, "scan_fields", "has an impossible longest range or angle between beams")
 
 
+def _check_beam_angles(path: Path, arrays: Arrays) -> None:
+    """Raise an `InputError` unless every scan has all of its beam angles or none."""
+    beams, counts = arrays["scan_fields"][:, 5], arrays["scan_angle_count"]
+    if not ((counts == 0) | (counts == beams)).all() or counts.sum() != len(arrays["scan_angles"]):
+        raise InputError(path, "scan_angles", "is not as long as the scans")
+
+
 def _shaped(value: Any, kind: str, shape: tuple[int, ...]) -> NDArray[Any]:
     """An array with entries of a dtype kind and a shape, even if there are none."""
     types = {"f": np.float64, "i": np.int64, "b": np.bool_}
@@ -383,5 +473,5 @@ def _odometry(fields: Sequence[float] | None) -> Odometry | None:
     """Odometry from its `_odometry_fields`."""
     if fields is None:
         return None
-    time, x, y, theta, linear, angular = (float(value) for value in fields)
+    time, x, y, theta, linear, angular = (_finite(value) for value in fields)
     return Odometry(time, Pose(x, y, theta), Velocity(linear, angular))

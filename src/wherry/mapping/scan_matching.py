@@ -46,7 +46,7 @@ def find_scan(
     Returns:
         The pose with its information; None if the scan fits at no pose of the search window.
     """
-    if len(cloud.points) < MIN_POINTS:
+    if len(cloud.points) < MIN_POINTS or grid.is_empty:
         return None
     found = _search(grid, cloud, expected, motion, noise)
     if found.score < MIN_SCORE:

@@ -8,17 +8,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from wherry.mapping.correlative import SearchWindow, correlate
+from wherry.mapping.front_end import find_contradiction
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.graph_snapshot import GraphSnapshot
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.matching_grid import MatchingGrid
+from wherry.mapping.motion_noise import ODOMETRY_NOISE
+from wherry.mapping.odometry_check import OdometryContradiction, is_determined
+from wherry.mapping.placement import PlacedScan, Placement, ScanPlacer
 from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.refinement import refine
 from wherry.mapping.scan_matching import MIN_POINTS, SEARCH_POINTS, find_scan
 from wherry.mapping.tracking import TrackingState
+from wherry.mapping.visibility import ScanView
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import NO_DISCS, OccupancyGrid
-from wherry.space.pose import Floats, Pose
+from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.trajectory import Trajectory
 
 MIN_SCORE = 0.5  # mean likelihood of the first scan's points below which it is not located
@@ -68,6 +73,8 @@ class ScanMatchingLocalizer:
         self._pose = slam.pose if start is None else start
         self._map = _matching_grid(slam)
         self._tracking: TrackingState | None = None
+        self._last: PlacedScan | None = None  # the last scan with points
+        self._contradictions: list[OdometryContradiction] = []
         self._poses: list[tuple[float, Pose]] = []
 
     @property
@@ -91,6 +98,11 @@ class ScanMatchingLocalizer:
         """Empty, since the map does not change."""
         return ()
 
+    @property
+    def odometry_contradictions(self) -> Sequence[OdometryContradiction]:
+        """Motions that odometry and scan matching measured differently; the poses follow the scans there."""
+        return self._contradictions
+
     def snapshot(self) -> GraphSnapshot | None:
         """None, since there is nothing new to save."""
         return None
@@ -112,13 +124,30 @@ class ScanMatchingLocalizer:
         Returns:
             base_link in the map frame.
         """
-        if self._tracking is None:
-            self._tracking = TrackingState.begin(scan.time, odometry).with_scan(scan.time, self._pose, odometry)
-        motion, noise = self._tracking.predict_motion(scan.time, odometry)
-        expected = self._tracking.pose @ motion
         cloud = PointCloud.from_scan(scan, self._slam.lidar, self._slam.settings.range_limit)
-        match = find_scan(self._map, cloud, expected, motion, noise)
-        self._pose = expected if match is None else match.pose
-        self._tracking = self._tracking.with_scan(scan.time, self._pose, odometry)
+        view = ScanView.from_scan(scan, cloud, self._slam.lidar)
+        tracking = self._tracking
+        if tracking is None or self._last is None:
+            tracking = TrackingState.begin(scan.time, odometry).with_scan(scan.time, self._pose, odometry)
+            match = find_scan(self._map, cloud, self._pose, IDENTITY, ODOMETRY_NOISE)
+            self._pose = self._pose if match is None else match.pose
+        else:
+            placer = ScanPlacer(self._map, cloud, view, self._last, tracking.pose)
+            placement = placer.place(tracking.predictions(scan.time, odometry), is_tracked=False)
+            tracking = self._checked(tracking, scan.time, odometry, placement)
+            self._pose = placement.pose
+        if len(cloud.points) >= MIN_POINTS:
+            self._last = PlacedScan(view, self._pose)
+        self._tracking = tracking.with_scan(scan.time, self._pose, odometry)
         self._poses.append((scan.time, self._pose))
         return self._pose
+
+    def _checked(
+        self, tracking: TrackingState, time: float, odometry: Odometry | None, placement: Placement
+    ) -> TrackingState:
+        """The state after odometry since the last scan was compared with the placement of a scan."""
+        contradiction = find_contradiction(tracking, time, odometry, placement)
+        if contradiction is not None:
+            self._contradictions.append(contradiction)
+            return tracking.contradicted()
+        return tracking if placement.match is None or not is_determined(placement.match) else tracking.agreed()

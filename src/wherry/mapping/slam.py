@@ -7,6 +7,7 @@ from typing import Protocol
 
 from wherry.mapping.graph_snapshot import GraphSnapshot
 from wherry.mapping.loop_closure import LoopClosure
+from wherry.mapping.odometry_check import OdometryContradiction
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import NO_DISCS, OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -22,6 +23,7 @@ class Slam(Protocol):
         Args:
             scan: A scan later than the one before.
             odometry: Odometry at the scan's time; None without odometry, in which case constant velocity is assumed.
+                Where scan matching contradicts odometry, it is ignored.
 
         Returns:
             base_link in the map frame.
@@ -53,6 +55,11 @@ class Slam(Protocol):
     @property
     def loop_closures(self) -> Sequence[LoopClosure]:
         """All loop closures that were attempted, accepted or not; empty for a method without loop closing."""
+        ...
+
+    @property
+    def odometry_contradictions(self) -> Sequence[OdometryContradiction]:
+        """Motions that odometry and scan matching measured differently; the map follows the scans there."""
         ...
 
     def snapshot(self) -> GraphSnapshot | None:

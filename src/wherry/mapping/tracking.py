@@ -9,6 +9,8 @@ import numpy as np
 
 from wherry.mapping.covariances import invert, transform_covariance
 from wherry.mapping.motion_noise import CONSTANT_VELOCITY_NOISE, ODOMETRY_NOISE, MotionNoise
+from wherry.mapping.odometry_check import CONTRADICTION_COST, FULL_CREDIT, TRUSTED_CREDIT, is_plausible
+from wherry.mapping.placement import Prediction
 from wherry.mapping.submaps import NO_COVARIANCE
 from wherry.robot import Odometry
 from wherry.space.pose import IDENTITY, Floats, Pose
@@ -25,16 +27,18 @@ class TrackingState:
 
     Attributes:
         submap: Index of the tracked submap.
-        time: Time of the last scan, s.
+        time: Time of the last scan that the pose is of, s.
         pose: base_link at the last scan, in the submap's frame.
         odometry: Odometry at the last scan; None without odometry.
         velocity: Velocity up to the last scan in the base_link frame, [3] m/s, m/s, rad/s.
         keyframe: Index of the last keyframe.
         keyframe_pose: base_link at the last keyframe, in the submap's frame.
-        keyframe_odometry: Odometry at the last keyframe; None without odometry.
+        keyframe_odometry: Odometry at the last keyframe; None without odometry, or if it was contradicted since then.
         covariance: Covariance of ``keyframe_pose`` in the base_link frame, [3, 3] m, m, rad.
         next_covariance: Covariance of the last keyframe's pose in the next submap, in the base_link frame, [3, 3]
             m, m, rad.
+        odometry_credit: How far odometry is trusted, 0 to `FULL_CREDIT`, see `wherry.mapping.odometry_check`.
+        scan_time: Time of the last scan, also of one at which the robot stood still, s.
     """
 
     submap: int
@@ -47,30 +51,89 @@ class TrackingState:
     keyframe_odometry: Odometry | None
     covariance: Floats
     next_covariance: Floats
+    odometry_credit: int
+    scan_time: float
 
     @classmethod
     def begin(cls, time: float, odometry: Odometry | None) -> TrackingState:
         """The state at the first scan, which is the first keyframe and the origin of the first submap."""
-        return cls(0, time, IDENTITY, odometry, np.zeros(3), 0, IDENTITY, odometry, NO_COVARIANCE, NO_COVARIANCE)
+        return cls(
+            submap=0,
+            time=time,
+            pose=IDENTITY,
+            odometry=odometry,
+            velocity=np.zeros(3),
+            keyframe=0,
+            keyframe_pose=IDENTITY,
+            keyframe_odometry=odometry,
+            covariance=NO_COVARIANCE,
+            next_covariance=NO_COVARIANCE,
+            odometry_credit=FULL_CREDIT,
+            scan_time=time,
+        )
 
-    def predict_motion(self, time: float, odometry: Odometry | None) -> tuple[Pose, MotionNoise]:
-        """The motion of base_link since the last scan, with its noise model.
+    @property
+    def is_odometry_trusted(self) -> bool:
+        """Whether odometry predicts motions and constrains keyframes."""
+        return self.odometry_credit >= TRUSTED_CREDIT
 
-        Without odometry the velocity is taken as constant, but over a gap in the log the motion is bounded.
+    def odometry_motion(self, odometry: Odometry | None) -> Pose | None:
+        """Motion of base_link since the last scan by odometry; None if either scan has no odometry."""
+        if odometry is None or self.odometry is None:
+            return None
+        return odometry.pose.relative_to(self.odometry.pose)
+
+    def predictions(self, time: float, odometry: Odometry | None) -> tuple[Prediction, ...]:
+        """Predicted motions of base_link since the last scan, the most trusted first.
+
+        Odometry that is not trusted, or faster than any robot, comes after constant velocity.
         """
-        if odometry is not None and self.odometry is not None:
-            return odometry.pose.relative_to(self.odometry.pose), ODOMETRY_NOISE
+        by_velocity = Prediction(self._extrapolated(time), CONSTANT_VELOCITY_NOISE)
+        motion = self.odometry_motion(odometry)
+        if motion is None:
+            return (by_velocity,)
+        by_odometry = Prediction(motion, ODOMETRY_NOISE, is_plausible(motion, time - self.scan_time))
+        if self.is_odometry_trusted and by_odometry.is_plausible:
+            return (by_odometry, by_velocity)
+        return (by_velocity, by_odometry)
+
+    def _extrapolated(self, time: float) -> Pose:
+        """The motion at constant velocity, which is bounded over a gap in the log."""
         motion = self.velocity * (time - self.time)
         excess = max(
             math.hypot(motion[0], motion[1]) / MAX_EXTRAPOLATED_DISTANCE, abs(motion[2]) / MAX_EXTRAPOLATED_ANGLE, 1.0
         )
-        return Pose.from_array(motion / excess), CONSTANT_VELOCITY_NOISE
+        return Pose.from_array(motion / excess)
 
     def with_scan(self, time: float, pose: Pose, odometry: Odometry | None) -> TrackingState:
         """The state after one more scan, placed at ``pose`` in the submap's frame."""
         elapsed = time - self.time
         velocity = pose.relative_to(self.pose).as_array() / elapsed if elapsed > 0.0 else self.velocity
-        return replace(self, time=time, pose=pose, odometry=odometry, velocity=velocity)
+        return replace(self, time=time, pose=pose, odometry=odometry, velocity=velocity, scan_time=time)
+
+    def standing_still(self, time: float) -> TrackingState:
+        """The state after a scan at which the robot has not moved."""
+        return replace(self, velocity=np.zeros(3), scan_time=time)
+
+    def without_match(self, time: float) -> TrackingState:
+        """The state after a scan that shows nothing, while odometry is missing or not trusted.
+
+        The next motion is predicted from the scan before, so that extrapolation stays bounded.
+        """
+        return replace(self, odometry=None, keyframe_odometry=None, scan_time=time)
+
+    def without_keyframe_odometry(self) -> TrackingState:
+        """The state with a gap in the odometry since the last keyframe."""
+        return replace(self, keyframe_odometry=None)
+
+    def contradicted(self) -> TrackingState:
+        """The state after a contradiction between odometry and scan matching."""
+        credit = max(self.odometry_credit - CONTRADICTION_COST, 0)
+        return replace(self, odometry_credit=credit, keyframe_odometry=None)
+
+    def agreed(self) -> TrackingState:
+        """The state after a motion on which odometry and scan matching agree."""
+        return replace(self, odometry_credit=min(self.odometry_credit + 1, FULL_CREDIT))
 
     def with_keyframe(self, keyframe: int, noise: MotionNoise, information: Floats) -> TrackingState:
         """The state after the last scan became a keyframe; covariances follow as in a Kalman filter.

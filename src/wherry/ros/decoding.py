@@ -8,7 +8,7 @@ follow REP 103, frames REP 105, and the ranges of a scan REP 117.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,18 +28,27 @@ from wherry.ros.message_protocols import (
     TransformStampedLike,
     TwistLike,
 )
-from wherry.ros.transforms import StampedTransform
+from wherry.ros.transforms import RigidTransform, StampedTransform
 from wherry.space.map_files import MAX_CELLS
 from wherry.space.occupancy import UNKNOWN, OccupancyGrid
-from wherry.space.pose import Pose
+from wherry.space.pose import Pose, wrap
 
 MAX_COORDINATE = 1e6  # m, absolute value
 MAX_SPEED = 100.0  # m/s and rad/s, absolute value
-MAX_RANGE = 1000.0  # m, of a lidar
-MAX_START_ANGLE = 2 * math.tau  # rad, absolute value of angle_min
 MAX_TILT = 0.2  # rad, between the z axes of a frame and its parent
 QUATERNION_TOLERANCE = 0.01  # deviation of a quaternion's norm from 1
 MIN_CELL_SIZE, MAX_CELL_SIZE = 0.001, 10.0  # m
+MAX_RANGE = 1000.0  # m, of a lidar
+MAX_RANGE_TOLERANCE = 0.01  # m below range_max from which a reading means that the beam met nothing
+MAX_START_ANGLE = 2 * math.tau  # rad, absolute value of angle_min
+MAX_REVOLUTION = 1.03  # revolutions of a scan; lidars whose number of beams varies measure a few beams twice
+MAX_BEAMS_OFF = 2.5  # beams by which angle_max may disagree with angle_increment; drivers count one too many or too few
+MAX_SHARE_OFF = 0.03  # share of the beams by which it may disagree where the number of beams varies
+
+NO_RANGE_MAX = "range_max is not stated, so no reading is known to be a missing return by it"
+INCREMENT_REPLACED = "angle_increment is impossible and was computed from angle_min and angle_max"
+ANGLE_MAX_IGNORED = "angle_max disagrees with angle_increment by a few beams; angle_increment is used"
+TIMES_IGNORED = "time_increment is impossible, so the scans are not corrected for motion"
 
 
 class MessageError(ValueError):
@@ -84,13 +93,23 @@ def _heading(quaternion: QuaternionLike) -> float:
     """The rotation about the z axis, rad.
 
     Raises:
+        MessageError: As `_unit_quaternion`.
+    """
+    x, y, z, w = _unit_quaternion(quaternion)
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _unit_quaternion(quaternion: QuaternionLike) -> tuple[float, float, float, float]:
+    """x, y, z, w.
+
+    Raises:
         MessageError: It is not a unit quaternion. A zero quaternion, which some drivers send, is not decoded as 0 rad.
     """
     x, y, z, w = quaternion.x, quaternion.y, quaternion.z, quaternion.w
     norm = math.sqrt(x * x + y * y + z * z + w * w)
     if not abs(norm - 1.0) < QUATERNION_TOLERANCE:  # also NaN
         raise MessageError(f"has the orientation ({x:g}, {y:g}, {z:g}, {w:g}), which is not a unit quaternion")
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return x, y, z, w
 
 
 def _coordinate(value: float) -> float:
@@ -112,9 +131,28 @@ def decode_transform(message: TransformStampedLike) -> StampedTransform:
     tilt = math.acos(min(max(1.0 - 2.0 * (rotation.x**2 + rotation.y**2), -1.0), 1.0))
     if tilt > MAX_TILT:
         degrees = math.degrees(tilt)
-        raise MessageError(f"tilts the frame {child!r} by {degrees:.0f}°; only upright mounts are supported")
+        raise MessageError(f"tilts the frame {child!r} by {degrees:.0f}°; only level frames are supported")
     pose = Pose(_coordinate(translation.x), _coordinate(translation.y), heading)
     return StampedTransform(parent, child, decode_stamp(message.header.stamp), pose)
+
+
+def decode_rigid_transform(message: TransformStampedLike) -> RigidTransform:
+    """The transform in space of the child frame in the parent frame, normalized.
+
+    Raises:
+        MessageError: A frame has no name or is its own parent, a coordinate is impossible, or the rotation is no unit
+            quaternion.
+    """
+    parent, child = frames_of(message)
+    if not parent or not child or parent == child:
+        raise MessageError(f"links the frame {parent!r} to {child!r}")
+    translation = message.transform.translation
+    x, y, z, w = _unit_quaternion(message.transform.rotation)
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    return RigidTransform(
+        (_coordinate(translation.x), _coordinate(translation.y), _coordinate(translation.z)),
+        (x / norm, y / norm, z / norm, w / norm),
+    )
 
 
 def transforms_between(message: TFMessageLike, parent: str, child: str) -> Iterator[StampedTransform]:
@@ -143,46 +181,108 @@ def decode_pose_estimate(message: PoseWithCovarianceStampedLike, frame: str) -> 
     return decode_stamp(message.header.stamp), decode_pose(message.pose.pose)
 
 
-# ---- measurements and commands
+# ---- scans
 
 
-def decode_laser_scan(message: LaserScanLike, frame: str | None = None) -> Scan:
+def _ignore(remark: str) -> None:
+    pass
+
+
+def decode_laser_scan(
+    message: LaserScanLike, frame: str | None = None, on_remark: Callable[[str], None] = _ignore
+) -> Scan:
     """A scan with counter-clockwise beams.
 
-    The beams of a clockwise lidar (negative increment) are reversed. As in REP 117, −inf is an obstacle closer than
-    ``range_min``, and becomes ``range_min``, the safe side; anything beyond ``range_max`` becomes inf, no return.
+    The beams of a clockwise lidar (negative increment) are reversed. A reading at ``range_max`` (less
+    `MAX_RANGE_TOLERANCE`) or beyond is no return, inf. As in REP 117, −inf is an obstacle closer than ``range_min``,
+    and becomes ``range_min``, the safe side.
 
     Args:
         message: The message.
         frame: Frame that it must be in; None accepts any.
+        on_remark: Called with what was corrected in the message, as a clause.
 
     Raises:
         MessageError: It is in another frame, has no beams or too many, or impossible angles or limits.
     """
     check_frame(message.header.frame_id, frame)
-    _check_beams(message)
+    if not 1 <= len(message.ranges) <= MAX_BEAMS:
+        raise MessageError(f"has {len(message.ranges)} beams; 1 to {MAX_BEAMS:,} are possible")
     time = decode_stamp(message.header.stamp)
-    ranges = message.ranges.astype(np.float64)
-    ranges[ranges > message.range_max] = np.inf
-    ranges[ranges == -np.inf] = message.range_min
-    first, increment = message.angle_min, message.angle_increment
+    first, increment = _angles(message, on_remark)
+    range_min, range_max = _limits(message, on_remark)
+    ranges = _ranges(message, range_min, range_max)
+    time_increment = _time_increment(message, on_remark)
     if increment < 0.0:  # clockwise
-        first, increment, ranges = first + increment * (len(ranges) - 1), -increment, ranges[::-1].copy()
-    return Scan(time, ranges, first, increment, message.range_min, message.range_max)
+        first, increment = first + increment * (len(ranges) - 1), -increment
+        ranges, time_increment = ranges[::-1].copy(), -time_increment
+    return Scan(time, ranges, first, increment, range_min, range_max, time_increment or 0.0)
 
 
-def _check_beams(message: LaserScanLike) -> None:
-    """Check the number of beams, their angles and the limits of their ranges."""
+def _angles(message: LaserScanLike, on_remark: Callable[[str], None]) -> tuple[float, float]:
+    """Direction of the first beam and the angle to the next one, rad.
+
+    Raises:
+        MessageError: They are impossible, or contradict the direction of the last beam.
+    """
     start, increment, beams = message.angle_min, message.angle_increment, len(message.ranges)
-    if not all(map(math.isfinite, (start, increment, message.range_min, message.range_max))):
-        raise MessageError("has an angle or a range limit that is not finite")
-    if not 1 <= beams <= MAX_BEAMS:
-        raise MessageError(f"has {beams} beams; 1 to {MAX_BEAMS:,} are possible")
-    if not 0.0 <= message.range_min < message.range_max <= MAX_RANGE:
-        raise MessageError(f"has ranges from {message.range_min:g} to {message.range_max:g} m")
-    span = abs(increment) * (beams - 1)
-    if abs(start) > MAX_START_ANGLE or increment == 0.0 or span >= math.tau + abs(increment):
+    span, limit = message.angle_max - start, MAX_REVOLUTION * math.tau
+    if not math.isfinite(start) or abs(start) > MAX_START_ANGLE:
+        raise MessageError(f"has beams from {start:g} rad on, which is not a possible angle_min")
+    has_increment = math.isfinite(increment) and increment != 0.0 and abs(increment) * (beams - 1) <= limit
+    has_span = beams > 1 and 0.0 < abs(span) <= limit
+    if has_increment and has_span:
+        off = abs(wrap(increment * (beams - 1) - span)) / abs(increment)
+        if off > max(MAX_BEAMS_OFF, MAX_SHARE_OFF * beams):
+            raise MessageError(
+                f"has {beams} beams, {increment:g} rad apart, from {start:g} to {message.angle_max:g} rad, "
+                "which contradict each other"
+            )
+        if off > MAX_BEAMS_OFF:
+            on_remark(ANGLE_MAX_IGNORED)
+    elif has_span:
+        on_remark(INCREMENT_REPLACED)
+        increment = span / (beams - 1)
+    elif not has_increment:
         raise MessageError(f"has {beams} beams from {start:g} rad on, {increment:g} rad apart")
+    return start, increment
+
+
+def _limits(message: LaserScanLike, on_remark: Callable[[str], None]) -> tuple[float, float]:
+    """Shortest and longest valid range, m; drivers that do not know the longest one send inf, 0 or a huge number.
+
+    Raises:
+        MessageError: They are impossible.
+    """
+    range_min, range_max = message.range_min, message.range_max
+    if range_max == 0.0 or range_max > MAX_RANGE:
+        on_remark(NO_RANGE_MAX)
+        range_max = MAX_RANGE
+    if not 0.0 <= range_min < range_max:  # also NaN
+        raise MessageError(f"has ranges from {message.range_min:g} to {message.range_max:g} m")
+    return range_min, range_max
+
+
+def _ranges(message: LaserScanLike, range_min: float, range_max: float) -> NDArray[np.float64]:
+    """Ranges in the order of the message, m; inf where a beam met nothing."""
+    ranges = message.ranges.astype(np.float64)
+    ranges[ranges == -np.inf] = range_min
+    ranges[ranges >= range_max - MAX_RANGE_TOLERANCE] = np.inf
+    if range_min == 0.0:
+        ranges[ranges <= 0.0] = np.nan  # 0 would be an obstacle in the lidar
+    return ranges
+
+
+def _time_increment(message: LaserScanLike, on_remark: Callable[[str], None]) -> float:
+    """Time from one beam to the next in the order of the message, s; 0 if it is impossible."""
+    increment = message.time_increment
+    if not 0.0 <= increment < math.inf:  # also NaN
+        on_remark(TIMES_IGNORED)
+        return 0.0
+    return increment
+
+
+# ---- measurements and commands
 
 
 def decode_odometry(message: OdometryLike, frame: str | None = None, child: str | None = None) -> Odometry:

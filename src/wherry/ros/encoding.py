@@ -65,23 +65,32 @@ def encode_pose_array(particles: NDArray[np.floating], seconds: float, frame: st
 
 
 def encode_laser_scan(scan: Scan, frame: str, period: float = 0.0) -> ros.LaserScan:
-    """A scan in the frame of its lidar.
+    """A scan in the frame of its lidar; a scan whose last beam was measured first is one of a clockwise lidar.
 
     Args:
-        scan: The scan.
+        scan: The scan, with evenly spaced beams.
         frame: Frame of the lidar.
         period: Time of one revolution, s; 0 if all beams are measured at once.
+
+    Raises:
+        ValueError: The beams of the scan are not evenly spaced.
     """
+    if scan.beam_angles is not None:
+        raise ValueError("a scan that was corrected for motion has no message")
+    first, last = scan.angle_min, scan.angle_min + scan.angle_increment * (len(scan.ranges) - 1)
+    increment, ranges = scan.angle_increment, scan.ranges
+    if scan.time_increment < 0.0:
+        first, last, increment, ranges = last, first, -increment, ranges[::-1]
     return ros.LaserScan(
         header=encode_header(scan.time, frame),
-        angle_min=scan.angle_min,
-        angle_max=scan.angle_min + scan.angle_increment * (len(scan.ranges) - 1),
-        angle_increment=scan.angle_increment,
-        time_increment=0.0,
+        angle_min=first,
+        angle_max=last,
+        angle_increment=increment,
+        time_increment=abs(scan.time_increment),
         scan_time=period,
         range_min=scan.range_min,
         range_max=scan.range_max,
-        ranges=scan.ranges.astype(np.float32),
+        ranges=ranges.astype(np.float32),
     )
 
 

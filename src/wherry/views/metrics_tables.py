@@ -6,7 +6,7 @@ Metrics that identify the run, such as the name of the log, are in the table's t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 Format = Callable[[Any], str]
@@ -15,10 +15,37 @@ Format = Callable[[Any], str]
 MetricLabels = Mapping[str, tuple[str, Format]]
 """Label and format of each metric by its key in JSON, in the order of display."""
 
+MIN_DURATION_IN_MINUTES = 60.0  # s
+
 
 def metres(value: float) -> str:
     """Format a length, m."""
     return f"{value:.3f} m"
+
+
+def long_metres(value: float) -> str:
+    """Format a length of many metres, m."""
+    return f"{value:,.1f} m"
+
+
+def size(value: tuple[float, float]) -> str:
+    """Format the size of an area, m."""
+    width, height = value
+    return f"{width:.1f} × {height:.1f} m"
+
+
+def square_metres(value: float) -> str:
+    """Format an area, m²."""
+    return f"{value:,.1f} m²"
+
+
+def duration(value: float) -> str:
+    """Format a duration, s, as minutes and seconds, with hours before them if it has any."""
+    if value < MIN_DURATION_IN_MINUTES:
+        return f"{value:.1f} s"
+    minutes, rest = divmod(round(value), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d} h" if hours else f"{minutes}:{rest:02d} min"
 
 
 def degrees(value: float) -> str:
@@ -41,6 +68,11 @@ def percent(value: float) -> str:
     return f"{100 * value:.1f} %"
 
 
+def fraction(value: float) -> str:
+    """Format a value from 0 to 1."""
+    return f"{value:.2f}"
+
+
 def count(value: float) -> str:
     """Format a count; a mean of counts has one decimal."""
     return f"{value:,}" if isinstance(value, int) else f"{value:,.1f}"
@@ -52,44 +84,73 @@ def pose(value: tuple[float, float, float]) -> str:
     return f"x {x:.2f} m, y {y:.2f} m, heading {math.degrees(theta):.0f}°"
 
 
+def rivals(value: Sequence[Mapping[str, Any]]) -> str:
+    """Format other poses, each with its odds against the estimated one."""
+    return "; ".join(f"{pose(rival['pose'])} (odds {rival['odds']:.2g})" for rival in value) or "none"
+
+
 def names(value: tuple[str, ...]) -> str:
     """Format a list of names."""
     return ", ".join(value) or "none"
 
 
-MAPPING_METRICS: MetricLabels = {
-    "backend": ("method", str),
+MAP_METRICS: MetricLabels = {
+    "size_m": ("size of the map", size),
+    "free_area_m2": ("free space", square_metres),
+    "resolution_m": ("resolution", metres),
+    "distance_m": ("way driven", long_metres),
+    "duration_s": ("duration of the log", duration),
     "scans": ("scans mapped", count),
-    "skipped": ("malformed lines skipped", count),
+    "skipped": ("malformed lines or messages skipped", count),
+    "fit": ("fit of the scans to their map (0 to 1)", fraction),
+    "closures_accepted": ("loop closures accepted", count),
+    "closures_refused": ("loop closures rejected", count),
+    "ms_per_scan_median": ("CPU time per scan (median)", milliseconds),
+    "ms_per_scan_p99": ("CPU time per scan (99th percentile)", milliseconds),
+    "seconds": ("CPU time in total", seconds),
+    "backend": ("method", str),
+}
+"""Metrics of every mapping run (`wherry.pipelines.logs.mapping`)."""
+
+MAPPING_METRICS: MetricLabels = {
+    **MAP_METRICS,
     "relations": ("reference relations", count),
     "translational_error_m": ("translational error (mean)", metres),
     "translational_sd_m": ("translational error (standard deviation)", metres),
     "rotational_error_deg": ("rotational error (mean)", degrees),
     "rotational_sd_deg": ("rotational error (standard deviation)", degrees),
     "far_translational_error_m": ("translational error over more than a minute (mean)", metres),
-    "closures_accepted": ("loop closures accepted", count),
-    "closures_refused": ("loop closures rejected", count),
-    "ms_per_scan_median": ("CPU time per scan (median)", milliseconds),
-    "ms_per_scan_p99": ("CPU time per scan (99th percentile)", milliseconds),
-    "seconds": ("CPU time in total", seconds),
 }
-"""Metrics of a mapping run (`wherry.pipelines.logs.mapping`)."""
+"""Metrics of a mapping run that is scored by reference relations."""
 
 LOCALIZATION_METRICS: MetricLabels = {
     "scans": ("scans", count),
-    "skipped": ("malformed lines skipped", count),
-    "rmse_m": ("position error to the reference (rms)", metres),
-    "median_m": ("position error to the reference (median)", metres),
-    "p99_m": ("position error to the reference (99th percentile)", metres),
+    "skipped": ("malformed lines or messages skipped", count),
+    "fit": ("fit of the scans to the map (0 to 1)", fraction),
+    "map_coverage": ("beams that end where the map is known", percent),
+    "lost_probability": ("probability of being lost at the end", percent),
     "lost_fraction": ("scans at which the robot was probably lost", percent),
     "relocalizations": ("relocalizations", count),
     "final_pose": ("final pose", pose),
+    "rival_poses": ("other poses that fit as well", rivals),
+    "rmse_m": ("position error to the reference (rms)", metres),
+    "median_m": ("position error to the reference (median)", metres),
+    "p99_m": ("position error to the reference (99th percentile)", metres),
+    "aligned_rmse_m": ("position error to the reference (rms, aligned)", metres),
+    "reference_offset": ("reference's frame on the map", pose),
+    "reference_scans": ("scans with a reference pose", count),
     "particles_mean": ("particles (mean)", count),
     "ms_per_update_median": ("time per update (median)", milliseconds),
     "unknown_parameters": ("unknown parameters", names),
     "seed": ("seed", str),
 }
 """Metrics of a localization run (`wherry.pipelines.logs.localization`)."""
+
+DRIVE_METRICS: MetricLabels = {
+    "distance_m": ("way driven", long_metres),
+    "duration_s": ("duration of the log", duration),
+}
+"""Metrics of the drive of a log (`wherry.pipelines.logs.summary`)."""
 
 LEARNING_METRICS: MetricLabels = {
     "learner": ("learner", str),

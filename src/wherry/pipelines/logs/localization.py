@@ -10,35 +10,38 @@ from pathlib import Path
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.evaluation import position_errors, root_mean_square
 from wherry.files import ensure_writable_folder, write_atomically
+from wherry.localization.fit import MapFit
 from wherry.localization.localizer import Localization, Localizer
-from wherry.localization.parameter_files import load_parameters
+from wherry.localization.parameter_files import LoadedParameters, load_parameters
 from wherry.localization.parameters import (
     GLOBAL_MAX_PARTICLES,
     GLOBAL_PARAMETERS,
     KNOWN_START_COVARIANCE,
     LOG_PARAMETERS,
     LOST_PROBABILITY_THRESHOLD,
+    AmclParameters,
 )
 from wherry.logs.lidar_log import LidarLog
-from wherry.logs.options import ReadingOptions
-from wherry.logs.tables import read_odometry
+from wherry.logs.options import DEFAULT_READING, ReadingOptions
 from wherry.logs.timestamps import increasing_times
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph
+from wherry.pipelines.logs.files import check_trajectory_format, save_trajectories
+from wherry.pipelines.logs.pictures import draw_localization
 from wherry.pipelines.logs.reading import read_recording
+from wherry.pipelines.logs.reference import Reference, ReferenceErrors, read_reference
+from wherry.pipelines.logs.start_poses import Start, choose_start
+from wherry.pipelines.logs.verdicts import RivalPose, localization_verdict, rival_poses
 from wherry.robot import Odometry
 from wherry.space.map_files import load_map
 from wherry.space.occupancy import OccupancyGrid
-from wherry.space.pose import IDENTITY, Floats, Pose
-from wherry.space.trajectory import Trajectory, save_tum
+from wherry.space.pose import Floats
+from wherry.space.trajectory import Trajectory
 from wherry.space.wean_map import load_wean_map
-from wherry.views.map_picture import MapPicture
 
-TRAJECTORY_COLOUR = (30, 150, 60)
-LOST_COLOUR = (230, 60, 60)
-PARTICLE_COLOUR = (220, 40, 40)
+MIN_ODOMETRY_SHARE = 0.1  # fraction of the scans that must have odometry
+CSV_HEADER = "time,x,y,theta,lost_probability,fit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +54,10 @@ class LocalizationSettings:
         params: Path of a parameter file of amcl; None for `GLOBAL_PARAMETERS` if the start is global and
             `LOG_PARAMETERS` otherwise.
         reference: Path of the reference trajectory (see `logs.read_odometry`); None if there is none.
-        is_global: Whether the robot starts without an initial pose. Otherwise the initial pose is that of ``params``,
-            else that of the reference at the first scan, else the origin of the map frame.
+        is_global: Whether the robot starts without an initial pose; otherwise see `start_poses.choose_start`.
         seed: Seed of all randomness.
-        lenient: Whether to skip broken lines or messages of the log.
+        reading: How the log is read.
+        trajectory_format: Format of a trajectory file in addition to trajectory.tum, a key of `TRAJECTORY_FORMATS`.
     """
 
     log: Path
@@ -63,17 +66,21 @@ class LocalizationSettings:
     reference: Path | None = None
     is_global: bool = False
     seed: int = 0
-    lenient: bool = False
+    reading: ReadingOptions = DEFAULT_READING
+    trajectory_format: str = "tum"
 
 
 @dataclass(frozen=True, slots=True)
-class LocalizationResult:
-    """Metrics of a localization run.
+class LocalizationResult(ReferenceErrors):
+    """Metrics of a localization run; those of `ReferenceErrors` are None without a reference.
 
     Attributes:
-        rmse_m: Root mean square distance to the reference, m; None without a reference.
-        median_m: Median distance to the reference, m; None without a reference.
-        p99_m: 99th percentile of the distances to the reference, m; None without a reference.
+        verdict: Whether the scans fit the map and the robot knows where it is, in a sentence.
+        fits_map: Whether the scans fit the map.
+        fit: How well the scans fit the map at the estimated poses, 0 to 1; see `localization.fit.MapFit`.
+        map_coverage: Fraction of the beams that end where the map is known, 0 to 1.
+        lost_probability: Probability at the last scan that the robot is not at the final pose, 0 to 1.
+        rival_poses: Other poses at the last scan that the whole run fits, the most probable first.
         lost_fraction: Fraction of the scans at which the robot was reported lost.
         final_pose: Last estimated pose of base_link, x m, y m, θ rad, map frame.
         ms_per_update_median: Median time of a filter update, ms.
@@ -85,18 +92,21 @@ class LocalizationResult:
         seed: Seed of all randomness.
     """
 
-    rmse_m: float | None
-    median_m: float | None
-    p99_m: float | None
-    lost_fraction: float
-    final_pose: tuple[float, float, float]
-    ms_per_update_median: float
-    particles_mean: float
-    scans: int
-    relocalizations: int
-    skipped: int
-    unknown_parameters: tuple[str, ...]
-    seed: int
+    verdict: str = ""
+    fits_map: bool = False
+    fit: float = 0.0
+    map_coverage: float = 0.0
+    lost_probability: float = 1.0
+    rival_poses: tuple[RivalPose, ...] = ()
+    lost_fraction: float = 1.0
+    final_pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ms_per_update_median: float = 0.0
+    particles_mean: float = 0.0
+    scans: int = 0
+    relocalizations: int = 0
+    skipped: int = 0
+    unknown_parameters: tuple[str, ...] = ()
+    seed: int = 0
 
     def as_dict(self) -> dict[str, object]:
         """The metrics by name, for JSON."""
@@ -126,26 +136,62 @@ def prepare(settings: LocalizationSettings, log: LidarLog | None = None) -> Loca
         log: Content of the log file if it was read already; None to read it.
 
     Raises:
-        InputError: Log, map, parameters or reference cannot be used, or the log has scans without odometry.
+        InputError: Log, map, parameters or reference cannot be used, or hardly any scan has odometry.
     """
+    check_trajectory_format(settings.trajectory_format)
     loaded = None if settings.params is None else load_parameters(settings.params)
-    defaults = GLOBAL_PARAMETERS if settings.is_global else LOG_PARAMETERS
-    parameters = defaults if loaded is None else loaded.parameters
     grid = load_any_map(settings.map_file)
     if log is None:
-        log = read_recording(settings.log, ReadingOptions(settings.lenient))
-    odometry = odometry_of_scans(log, settings.log)
-    reference = None if settings.reference is None else read_odometry(settings.reference)
-    if settings.is_global:
+        log = read_recording(settings.log, settings.reading)
+    log = with_odometry(log, settings.log)
+    times = np.array([scan.time for scan in log.scans])
+    reference = None if settings.reference is None else read_reference(settings.reference, times)
+    given = None if loaded is None else loaded.parameters
+    start = choose_start(log, grid, given, reference, is_global=settings.is_global)
+    parameters = given or (GLOBAL_PARAMETERS if start.pose is None else LOG_PARAMETERS)
+    localizer = _localizer(grid, log, parameters, start, settings.seed)
+    log = replace(log, notes=(*log.notes, *(loaded.notes if loaded else ()), *start.notes))
+    return LocalizationRun(settings, grid, log, reference, localizer, loaded)
+
+
+def _localizer(grid: OccupancyGrid, log: LidarLog, parameters: AmclParameters, start: Start, seed: int) -> Localizer:
+    """The localizer, initialized at the start pose, or on the whole map."""
+    if start.pose is None:
         parameters = replace(parameters, max_particles=max(parameters.max_particles, GLOBAL_MAX_PARTICLES))
-    localizer = Localizer(grid, log.lidar, parameters, np.random.default_rng(settings.seed))
-    if settings.is_global:
+    localizer = Localizer(grid, log.lidar, parameters, np.random.default_rng(seed))
+    if start.pose is None:
         localizer.initialize_globally()
-    elif reference is not None and not parameters.set_initial_pose:
-        start = reference.at(np.array([log.scans[0].time]))[0]
-        localizer.initialize(Pose.from_array(start), KNOWN_START_COVARIANCE)
-    unknown = () if loaded is None else loaded.unknown
-    return LocalizationRun(settings, grid, log, odometry, reference, localizer, unknown)
+    elif start.is_from_reference:
+        localizer.initialize(start.pose, KNOWN_START_COVARIANCE)
+    return localizer
+
+
+def with_odometry(log: LidarLog, source: Path) -> LidarLog:
+    """The log without the scans that have no odometry, which a note states.
+
+    Args:
+        log: The log.
+        source: Path of the log, for the error.
+
+    Raises:
+        InputError: Hardly any scan has odometry.
+    """
+    covered = [index for index, odometry in enumerate(log.scan_odometry) if odometry is not None]
+    total, missing = len(log.scans), len(log.scans) - len(covered)
+    if len(covered) < max(1.0, MIN_ODOMETRY_SHARE * total):
+        has = f"has odometry for only {len(covered):,} of {total:,} scans" if covered else "has no odometry"
+        raise InputError(source, "", f"{has}, which localization needs; wherry map can do without")
+    if not missing:
+        return log
+    first = next(index for index, odometry in enumerate(log.scan_odometry) if odometry is None)
+    at = log.scans[first].time - log.scans[0].time
+    note = f"{missing:,} of {total:,} scans have no odometry and are left out, the first at {at:.1f} s."
+    return replace(
+        log,
+        scans=tuple(log.scans[index] for index in covered),
+        scan_odometry=tuple(log.scan_odometry[index] for index in covered),
+        notes=(*log.notes, note),
+    )
 
 
 def odometry_of_scans(log: LidarLog, source: Path) -> list[Odometry]:
@@ -183,15 +229,14 @@ class LocalizationRun:
     Args:
         settings: Inputs of the run.
         grid: The map.
-        log: The scans.
-        odometry: [N] odometry at the scans.
+        log: The scans, all with odometry.
         reference: The reference trajectory; None if there is none.
         localizer: The localizer, already initialized.
-        unknown_parameters: Keys of the parameter file that are no parameters of amcl.
+        loaded: Content of the parameter file; None if there is none.
 
     Attributes:
         grid: The map.
-        log: The scans.
+        log: The scans, all with odometry; its notes include those on parameters and start pose.
         localizer: The localizer in its state after the last localized scan.
         localized: The scans that have been localized.
     """
@@ -201,17 +246,16 @@ class LocalizationRun:
         settings: LocalizationSettings,
         grid: OccupancyGrid,
         log: LidarLog,
-        odometry: list[Odometry],
-        reference: Trajectory | None,
+        reference: Reference | None,
         localizer: Localizer,
-        unknown_parameters: tuple[str, ...] = (),
+        loaded: LoadedParameters | None = None,
     ) -> None:
         self._settings = settings
         self.grid = grid
         self.log = log
-        self._odometry = odometry
+        self._odometry = odometry_of_scans(log, settings.log)
         self._reference = reference
-        self._unknown = unknown_parameters
+        self._unknown = loaded.unknown if loaded else ()
         self.localizer = localizer
         self.localized: list[LocalizedScan] = []
 
@@ -222,7 +266,8 @@ class LocalizationRun:
     def steps(self) -> Iterator[LocalizedScan]:
         """Localize scan by scan, yielding each after it was localized."""
         times = increasing_times(np.array([scan.time for scan in self.log.scans])).tolist()
-        for index, (scan_time, scan, odometry) in enumerate(zip(times, self.log.scans, self._odometry, strict=True)):
+        for index, (scan_time, odometry) in enumerate(zip(times, self._odometry, strict=True)):
+            scan = self.log.deskewed(index)
             before = time.perf_counter()
             localization = self.localizer.update(replace(odometry, time=scan_time), replace(scan, time=scan_time))
             self.localized.append(LocalizedScan(index, localization, time.perf_counter() - before))
@@ -234,22 +279,31 @@ class LocalizationRun:
         poses = np.array([scan.localization.pose.as_array() for scan in self.localized]).reshape(-1, 3)
         return Trajectory(np.array([scan.time for scan in self.log.scans[: len(poses)]]), poses)
 
+    @property
+    def lost_probabilities(self) -> Floats:
+        """[N] probability at each localized scan that the robot is not at the estimated pose, 0 to 1."""
+        return np.array([scan.localization.lost_probability for scan in self.localized])
+
     def result(self) -> LocalizationResult:
         """Metrics of the localized scans, of which there must be at least one.
 
         Raises:
             InputError: The reference has no pose at the time of any localized scan.
         """
-        errors = self._errors()
+        errors = ReferenceErrors() if self._reference is None else self._reference.errors(self.trajectory.poses)
         localizations = [scan.localization for scan in self.localized]
-        is_lost = [localization.lost_probability > LOST_PROBABILITY_THRESHOLD for localization in localizations]
         updates = [scan.seconds for scan in self.localized if scan.localization.estimate.is_updated]
-        x, y, theta = localizations[-1].pose.as_array().tolist()
+        last, fit = localizations[-1], self.localizer.fit
+        x, y, theta = last.pose.as_array().tolist()
         return LocalizationResult(
-            rmse_m=None if errors is None else root_mean_square(errors),
-            median_m=None if errors is None else float(np.median(errors)),
-            p99_m=None if errors is None else float(np.quantile(errors, 0.99)),
-            lost_fraction=float(np.mean(is_lost)),
+            **asdict(errors),
+            verdict=localization_verdict(fit, last, is_global=self._settings.is_global),
+            fits_map=fit.is_fitting,
+            fit=fit.value,
+            map_coverage=fit.coverage,
+            lost_probability=last.lost_probability,
+            rival_poses=rival_poses(last),
+            lost_fraction=float(np.mean(self.lost_probabilities > LOST_PROBABILITY_THRESHOLD)),
             final_pose=(x, y, theta),
             ms_per_update_median=1e3 * float(np.median(updates)) if updates else 0.0,
             particles_mean=float(np.mean([localization.estimate.particle_count for localization in localizations])),
@@ -260,34 +314,29 @@ class LocalizationRun:
             seed=self._settings.seed,
         )
 
-    def _errors(self) -> Floats | None:
-        """[N] m, distances to the reference at the localized scans within its time; None without a reference."""
-        if self._reference is None:
-            return None
-        trajectory = self.trajectory
-        inside = (trajectory.times >= self._reference.times[0]) & (trajectory.times <= self._reference.times[-1])
-        if not inside.any():
-            raise InputError(self._settings.reference or "", "", "has no pose at the time of any scan of the log")
-        reference = self._reference.at(trajectory.times[inside])
-        return position_errors(trajectory.poses[inside], reference, alignment=IDENTITY)
+    def as_csv(self) -> str:
+        """The poses [s, m, m, rad, map frame], probabilities of being lost and fits of the scans, one per line."""
+        rows = [CSV_HEADER]
+        for time_of_scan, pose, scan in zip(self.trajectory.times, self.trajectory.poses, self.localized, strict=True):
+            localization = scan.localization
+            fit = MapFit().with_scan(localization.agreement).value
+            x, y, theta = pose
+            rows.append(f"{time_of_scan:.6f},{x:.6f},{y:.6f},{theta:.6f},{localization.lost_probability:.6f},{fit:.6f}")
+        return "\n".join(rows) + "\n"
 
     def save(self, folder: Path) -> list[Path]:
-        """Write trajectory.tum and localization.png.
+        """Write the trajectory, localization.csv and localization.png.
 
         Raises:
             InputError: The folder cannot be written to.
         """
         ensure_writable_folder(folder)
-        save_tum(self.trajectory, folder / "trajectory.tum")
+        trajectories = save_trajectories(self.trajectory, folder, self._settings.trajectory_format)
+        write_atomically(folder / "localization.csv", self.as_csv())
         write_atomically(folder / "localization.png", self.picture())
-        return [folder / "trajectory.tum", folder / "localization.png"]
+        return [*trajectories, folder / "localization.csv", folder / "localization.png"]
 
     def picture(self) -> bytes:
         """A PNG of the map, the last particles, and the trajectory, which is red where the robot was reported lost."""
-        picture = MapPicture(self.grid)
-        picture.points(self.localizer.particles[:, :2], PARTICLE_COLOUR)
-        path = self.trajectory.poses[:, :2]
-        for index, scan in enumerate(self.localized[1:]):
-            is_lost = scan.localization.lost_probability > LOST_PROBABILITY_THRESHOLD
-            picture.line(path[index : index + 2], LOST_COLOUR if is_lost else TRAJECTORY_COLOUR, width=2)
-        return picture.png()
+        is_lost = (self.lost_probabilities > LOST_PROBABILITY_THRESHOLD).tolist()
+        return draw_localization(self.grid, self.trajectory.poses, is_lost, self.localizer.particles)

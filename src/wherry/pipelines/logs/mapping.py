@@ -14,31 +14,32 @@ from wherry.errors import InputError
 from wherry.evaluation import RelationErrors, Relations, load_relations, relation_errors
 from wherry.files import ensure_writable_folder, write_atomically
 from wherry.logs.lidar_log import LidarLog
-from wherry.logs.options import ReadingOptions
-from wherry.logs.tables import read_odometry
+from wherry.logs.odometry_files import with_odometry_file
+from wherry.logs.options import DEFAULT_READING, ReadingOptions
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.methods import SLAM_METHODS
+from wherry.mapping.odometry_check import describe_contradictions
 from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.mapping.scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
 from wherry.mapping.settings import SlamSettings
 from wherry.mapping.slam import Slam
+from wherry.pipelines.logs.consistency import own_fit
+from wherry.pipelines.logs.files import check_trajectory_format, save_trajectories
+from wherry.pipelines.logs.pictures import draw_map
 from wherry.pipelines.logs.reading import read_recording
+from wherry.pipelines.logs.summary import DriveSummary, MapExtent, as_sentences
 from wherry.pipelines.logs.trace import NO_PARTICLES
 from wherry.robot import Odometry, Scan
 from wherry.ros.bags.log_recorder import LogRecorder
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
-from wherry.space.trajectory import Trajectory, merge_odometry, save_tum
-from wherry.views.map_picture import MapPicture
+from wherry.space.trajectory import Trajectory
 
 WARM_UP_SCANS = 30  # scans that are mapped beforehand, so that all kernels are compiled
 RELATION_MARGIN = 1.0  # s by which a relation may be outside of a log's time
 MIN_RESOLUTION, MAX_RESOLUTION = 0.005, 1.0  # m, sides of a grid cell
-TRAJECTORY_COLOUR = (31, 84, 196)  # RGB, as the other colours
-ACCEPTED_COLOUR = (24, 140, 60)
-REJECTED_COLOUR = (214, 120, 110)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,8 @@ class MappingSettings:
         out: Folder for map, picture, trajectory and pose graph; None to write nothing.
         seed: Seed of the method's randomness.
         resolution: Side of a grid cell, m.
-        lenient: Whether malformed lines of the log are left out; otherwise they raise an error.
+        reading: How the log is read.
+        trajectory_format: Format of a trajectory file in addition to trajectory.tum, a key of `TRAJECTORY_FORMATS`.
         graph: File with a pose graph to continue from; None to begin a new map.
         start: Approximate first pose of base_link on the map of ``graph``, to within 3 m and 45°; None for the pose at
             which mapping ended.
@@ -67,7 +69,8 @@ class MappingSettings:
     out: Path | None = None
     seed: int = 0
     resolution: float = 0.05
-    lenient: bool = False
+    reading: ReadingOptions = DEFAULT_READING
+    trajectory_format: str = "tum"
     graph: Path | None = None
     start: Pose | None = None
     localize: bool = False
@@ -94,6 +97,14 @@ class MappingResult:
         skipped: Lines of the log that were left out.
         backend: The SLAM method.
         log: The log's file.
+        size_m: Width and height of the map's known part, m.
+        free_area_m2: Area of the map's free space, m².
+        resolution_m: Side of a grid cell, m.
+        distance_m: Length of the robot's way, m.
+        duration_s: Time from the first scan to the last, s.
+        fit: How well the scans fit the map that was made of them, 0 to 1; see `localization.fit.MapFit`.
+        is_doubtful: Whether the scans do not fit the map that was made of them.
+        notes: What was decided, assumed or left out, and what the map cannot show, as sentences for people.
     """
 
     translational_error_m: float | None
@@ -111,6 +122,14 @@ class MappingResult:
     skipped: int
     backend: str
     log: str
+    size_m: tuple[float, float]
+    free_area_m2: float
+    resolution_m: float
+    distance_m: float
+    duration_s: float
+    fit: float
+    is_doubtful: bool
+    notes: tuple[str, ...]
 
 
 AddScan = Callable[[Scan, Odometry | None], Pose]
@@ -124,15 +143,14 @@ def prepare(settings: MappingSettings) -> MappingRun:
             located on the map of the graph.
     """
     _check(settings)
-    log = read_recording(settings.log, ReadingOptions(settings.lenient))
+    log = read_recording(settings.log, settings.reading)
     relations = None if settings.relations is None else _covered_relations(settings.relations, log)
-    odometry = log.odometry
     if settings.odometry is not None:
-        odometry = merge_odometry(log.odometry, read_odometry(settings.odometry))
+        log = with_odometry_file(log, settings.odometry)
     slam, add_first = _create_slam(settings, log)
     if settings.out is not None:
         ensure_writable_folder(settings.out)
-    return MappingRun(settings, log, relations, odometry, slam, add_first)
+    return MappingRun(settings, log, relations, log.odometry, slam, add_first)
 
 
 def _check(settings: MappingSettings) -> None:
@@ -147,6 +165,7 @@ def _check(settings: MappingSettings) -> None:
         raise InputError("--backend", settings.backend, f"cannot continue a pose graph; only {able} can")
     if not MIN_RESOLUTION <= settings.resolution <= MAX_RESOLUTION:
         raise InputError("--resolution", str(settings.resolution), "must lie between 0.005 and 1 m")
+    check_trajectory_format(settings.trajectory_format)
 
 
 def _covered_relations(path: Path, log: LidarLog) -> Relations:
@@ -204,7 +223,10 @@ class MappingRun:
         log: The log.
         slam: The SLAM method.
         pose: base_link at the last scan in the map frame.
+        grid: The finished map, set after the last step.
     """
+
+    grid: OccupancyGrid
 
     def __init__(
         self,
@@ -258,19 +280,25 @@ class MappingRun:
             yield number + 1
         before = time.process_time()
         self.slam.finish()
-        grid = self.slam.grid()
+        self.grid = self.slam.grid()
         seconds = (
             float(taken.sum()) + time.process_time() - before
         )  # excludes the time that callers spend between steps
         self._result = self._scored(taken * 1e3, seconds)
         if self.settings.out is not None:
-            self._write(self.settings.out, grid)
+            self.save(self.settings.out)
+
+    @property
+    def poses(self) -> Floats:
+        """base_link at the log's scans after all `steps`, [N, 3] m, m, rad, map frame."""
+        # Times of scans may repeat, so poses go by their order; those of a continued map begin with earlier logs.
+        return self.slam.trajectory.poses[-self.scans :]
 
     def record(self, recording: LogRecorder) -> None:
         """Record the log with its trajectory and map, after all `steps`."""
-        for index, pose in enumerate(self.slam.trajectory.at(np.array([scan.time for scan in self.log.scans]))):
+        for index, pose in enumerate(self.poses):
             recording.write_scan(index, Pose.from_array(pose), NO_PARTICLES)
-        recording.write_map(self.slam.grid(), self.log.scans[-1].time)
+        recording.write_map(self.grid, self.log.scans[-1].time)
 
     def _scored(self, milliseconds: Floats, seconds: float) -> MappingResult:
         """The metrics, given the processor times of all scans [N] ms and of the whole mapping, s."""
@@ -279,6 +307,8 @@ class MappingRun:
             errors = relation_errors(self.slam.trajectory, self._relations, self._odometry)
         far = errors.far_translational_error_m if errors and math.isfinite(errors.far_translational_error_m) else None
         accepted = sum(closure.is_accepted for closure in self.slam.loop_closures)
+        extent, drive = MapExtent.of(self.grid), DriveSummary.of(self.log, self.poses)
+        fit = own_fit(self.grid, self.log, self.poses)
         return MappingResult(
             translational_error_m=errors.translational_error_m if errors else None,
             translational_sd_m=errors.translational_sd_m if errors else None,
@@ -295,13 +325,35 @@ class MappingRun:
             skipped=len(self.log.skipped),
             backend=self.settings.backend,
             log=str(self.settings.log),
+            size_m=extent.size,
+            free_area_m2=extent.free_area,
+            resolution_m=extent.resolution,
+            distance_m=drive.distance_m,
+            duration_s=drive.duration_s,
+            fit=fit.value,
+            is_doubtful=not fit.is_fitting,
+            notes=(*drive.notes, *as_sentences(self._contradictions())),
         )
 
-    def _write(self, out: Path, grid: OccupancyGrid) -> None:
-        """Write map.pgm, map.yaml, map.png, trajectory.tum and, for graph SLAM, graph.npz and closures.txt."""
-        save_map(grid, out / "map.yaml")
-        save_tum(self.slam.trajectory, out / "trajectory.tum")
-        write_atomically(out / "map.png", draw_map(grid, self.slam))
+    def _contradictions(self) -> Iterator[str]:
+        """A note if the map does not follow odometry everywhere."""
+        first = self.log.scans[0].time  # a continued map has contradictions of earlier logs too
+        note = describe_contradictions(
+            [one for one in self.slam.odometry_contradictions if one.time >= first], self.scans
+        )
+        if note:
+            yield note
+
+    def save(self, out: Path) -> None:
+        """Write map, picture, trajectory and, for graph SLAM, graph.npz and closures.txt, after all `steps`.
+
+        Raises:
+            InputError: The folder cannot be written to.
+        """
+        ensure_writable_folder(out)
+        save_map(self.grid, out / "map.yaml")
+        save_trajectories(self.slam.trajectory, out, self.settings.trajectory_format)
+        write_atomically(out / "map.png", draw_map(self.grid, self.slam))
         snapshot = self.slam.snapshot()
         if snapshot is not None:
             save_graph(snapshot, out / "graph.npz")
@@ -319,28 +371,6 @@ def run(settings: MappingSettings) -> MappingResult:
     for _ in mapping.steps():
         pass
     return mapping.result
-
-
-def draw_map(grid: OccupancyGrid, slam: Slam) -> bytes:
-    """A PNG of a map with the trajectory and, for graph SLAM, the loop closures.
-
-    Args:
-        grid: The map; a small one is enlarged.
-        slam: The SLAM method that made it.
-    """
-    picture = MapPicture(grid, is_enlarged=True)
-    legend = [("trajectory", TRAJECTORY_COLOUR)]
-    if slam.snapshot() is not None:
-        closures = slam.loop_closures
-        for closure in sorted(closures, key=lambda closure: closure.is_accepted):
-            ends = slam.keyframe_poses[[closure.target, closure.keyframe], :2]
-            picture.line(ends, ACCEPTED_COLOUR if closure.is_accepted else REJECTED_COLOUR)
-        accepted = sum(closure.is_accepted for closure in closures)
-        legend.append((f"{accepted} closed loops", ACCEPTED_COLOUR))
-        legend.append((f"{len(closures) - accepted} rejected", REJECTED_COLOUR))
-    picture.line(slam.trajectory.poses[:, :2], TRAJECTORY_COLOUR, width=2)
-    picture.add_legend(legend)
-    return picture.png()
 
 
 def _closure_line(closure: LoopClosure) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from wherry.errors import InputError
 from wherry.logs.lidar_log import LidarLog
 from wherry.logs.options import DEFAULT_READING, ReadingOptions
 from wherry.logs.reading import read_log
@@ -14,6 +15,20 @@ def read_recording(path: Path, options: ReadingOptions = DEFAULT_READING) -> Lid
     """Read a bag, or a text log as `wherry.logs.read_log`.
 
     Raises:
-        InputError: The recording cannot be used.
+        InputError: The recording cannot be used, or a topic is chosen in a recording without topics.
     """
-    return read_bag(path, options) if is_bag(path) else read_log(path, options)
+    if is_bag(path):
+        return read_bag(path, options)
+    log = read_log(path, options)
+    for option, topic in (("--scan-topic", options.scan_topic), ("--odom-topic", options.odometry_topic)):
+        if topic is not None:
+            raise InputError(option, topic, f"is for bags only; {path} is a text log, which has no topics")
+    return log
+
+
+def recording_name(path: Path) -> str:
+    """The name of a recording without the suffixes of its format, to name its results by."""
+    resolved = path.resolve()
+    if resolved.is_dir():
+        return resolved.name or "recording"
+    return Path(resolved.name.removesuffix(".gz")).stem or "recording"

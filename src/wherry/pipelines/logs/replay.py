@@ -8,9 +8,11 @@ from pathlib import Path
 
 from wherry.errors import InputError
 from wherry.localization.parameter_files import load_parameters
+from wherry.logs.options import DEFAULT_READING, ReadingOptions
 from wherry.pipelines.logs import localization, mapping
 from wherry.pipelines.logs.localization import LocalizationResult, LocalizationRun, LocalizationSettings
 from wherry.pipelines.logs.mapping import MappingResult, MappingRun, MappingSettings
+from wherry.pipelines.logs.summary import DriveSummary
 from wherry.ros.bags.reading import is_bag
 
 
@@ -26,7 +28,8 @@ class ReplaySettings:
         params: Path of a parameter file of amcl; None for the defaults of `LocalizationSettings`.
         is_global: Whether localization starts without an initial pose.
         seed: Seed of all randomness.
-        lenient: Whether to skip broken messages.
+        reading: How the bag is read.
+        trajectory_format: Format of trajectory files in addition to trajectory.tum, a key of `TRAJECTORY_FORMATS`.
     """
 
     bag: Path
@@ -36,7 +39,8 @@ class ReplaySettings:
     params: Path | None = None
     is_global: bool = False
     seed: int = 0
-    lenient: bool = False
+    reading: ReadingOptions = DEFAULT_READING
+    trajectory_format: str = "tum"
 
 
 def prepare(settings: ReplaySettings) -> ReplayRun:
@@ -57,11 +61,15 @@ def prepare(settings: ReplaySettings) -> ReplayRun:
     folder = settings.out / "mapping"
     mapping_run = mapping.prepare(
         MappingSettings(
-            log=settings.bag, out=folder, backend=settings.backend, seed=settings.seed, lenient=settings.lenient
+            log=settings.bag,
+            out=folder,
+            backend=settings.backend,
+            seed=settings.seed,
+            reading=settings.reading,
+            trajectory_format=settings.trajectory_format,
         )
     )
-    if any(odometry is None for odometry in mapping_run.log.scan_odometry):
-        raise InputError(settings.bag, "", "has no odometry, which localization needs; wherry map can do without")
+    localization.with_odometry(mapping_run.log, settings.bag)  # checked before the bag is mapped
     map_file = folder / "map.yaml"
     localization_settings = _localization_settings(settings, map_file, reference=folder / "trajectory.tum")
     return ReplayRun(
@@ -80,7 +88,8 @@ def _localization_settings(
         reference=reference,
         is_global=settings.is_global,
         seed=settings.seed,
-        lenient=settings.lenient,
+        reading=settings.reading,
+        trajectory_format=settings.trajectory_format,
     )
 
 
@@ -98,9 +107,11 @@ class ReplayRun:
         map_file: Path of the map that localization uses.
         mapping: Metrics of mapping; None if the bag is not mapped.
         localization: Metrics of localization, set after the last step.
+        drive: The drive as localization has it, and the notes on the bag, set after the last step.
     """
 
     localization: LocalizationResult
+    drive: DriveSummary
 
     def __init__(
         self,
@@ -125,4 +136,5 @@ class ReplayRun:
         for scan in run.steps():
             yield "localizing", scan.index + 1, len(run)
         self.localization = run.result()
+        self.drive = DriveSummary.of(run.log, run.trajectory.poses)
         run.save(self.out / "localization")

@@ -64,6 +64,9 @@ class RecordedTransport:
 
     def subscribe(self, topic: Topic[MessageT], callback: Callable[[MessageT], None]) -> None:
         """As `Transport.subscribe`."""
+        if topic.name in self._subscribed:  # the first subscription records the messages
+            self._transport.subscribe(topic, callback)
+            return
         self._subscribed.add(topic.name)
 
         def record_and_call(message: MessageT) -> None:

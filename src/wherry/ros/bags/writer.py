@@ -10,8 +10,8 @@ from typing import Any, Self
 import numpy as np
 
 from wherry.errors import InputError
+from wherry.ros.bags.files import UNFINISHED
 from wherry.ros.bags.formats import FORMATS, BagFormat
-from wherry.ros.bags.reading import UNFINISHED
 from wherry.ros.encoding import NANOSECONDS
 from wherry.ros.message_fields import Message, MessageT
 from wherry.ros.topics import Topic

@@ -18,6 +18,7 @@ from wherry.space.pose import Pose, wrap
 
 SAME_INSTANT_TOLERANCE = 1e-6  # s
 ODOMETRY_BUFFER_SECONDS = 2.0  # s of odometry kept for interpolation
+MIN_COVERED_SHARE = 0.5  # share of a sweep that the poses of odometry must cover to tell the motion during it
 MAX_WAITING_SCANS = 10  # scans buffered until odometry of their time is received
 MAX_STAMP_GAP = 1.0  # s between stamps of a topic; a larger gap needs confirmation
 MIN_CONFIRMATIONS = 5  # consecutive stamps that must agree that time has jumped
@@ -98,6 +99,24 @@ class MeasurementSequencer:
         if scan.time < self._odometry[0].time:
             raise MessageError(f"is of {scan.time:.3f} s, and odometry begins at {self._odometry[0].time:.3f} s")
         return replace(self._odometry_at(scan.time), time=last.time), replace(scan, time=last.time), last
+
+    def motion(self, began: float, duration: float) -> Pose:
+        """Motion of base_link during a sweep: by the poses of odometry, or by its velocity if they do not cover it.
+
+        Args:
+            began: Time of the first beam, s.
+            duration: Time from the first beam to the last one, s.
+        """
+        if duration == 0.0 or not self._odometry:
+            return Pose()
+        end = min(began + duration, self._odometry[-1].time)
+        start = max(end - duration, self._odometry[0].time)
+        if end - start < MIN_COVERED_SHARE * duration:
+            velocity = self._odometry[-1].velocity
+            return Pose(velocity.linear * duration, 0.0, velocity.angular * duration)
+        moved = self._odometry_at(end).pose.relative_to(self._odometry_at(start).pose)
+        ratio = duration / (end - start)
+        return Pose(ratio * moved.x, ratio * moved.y, ratio * moved.theta)
 
     def _odometry_at(self, time: float) -> Odometry:
         """Buffered odometry, interpolated to a time, s, within the buffer."""

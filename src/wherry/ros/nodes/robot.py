@@ -22,11 +22,11 @@ from wherry.ros.nodes.errors import RobotLostError
 from wherry.ros.nodes.latch_client import LatchClient
 from wherry.ros.nodes.measurement_queue import SCAN_MAX_AGE, MeasurementQueue
 from wherry.ros.nodes.robot_clock import RobotClock
-from wherry.ros.nodes.static_transforms import StaticTransforms
+from wherry.ros.nodes.robot_transforms import RobotTransforms
 from wherry.ros.nodes.subscriptions import POLL_PERIOD, Subscriptions
 from wherry.ros.nodes.velocity_commands import VelocityCommands
+from wherry.ros.transforms import Mount
 from wherry.ros.transports.protocol import Transport
-from wherry.space.pose import Pose
 
 ROBOT_LOST_TIMEOUT = 10.0  # s without a scan after which the robot counts as lost
 STANDSTILL = Velocity()
@@ -53,7 +53,7 @@ class RosRobot:
         self._transport, self._topics, self._frames = transport, topics, names.frames
         self._parameters = parameters
         self._subscriptions = Subscriptions(transport)
-        self._transforms = StaticTransforms(self._subscriptions, topics.tf_static)
+        self._transforms = RobotTransforms(self._subscriptions, topics, names.frames)
         self._clock = RobotClock(self._subscriptions, topics.clock)
         self._measurements = MeasurementQueue(self._subscriptions, names, self._clock)
         self._latch = LatchClient(transport, self._subscriptions, topics, self._clock)
@@ -90,7 +90,9 @@ class RosRobot:
         """
         self._subscriptions.wait_for(self._missing, timeout)
         with self._subscriptions.changed:
-            self._body = self._parameters.body(self._lidar() or Pose())
+            mount = self._mount() or Mount()
+            self._measurements.mount = mount
+            self._body = self._parameters.body(mount.pose)
         clocks = self._transport.count_publishers(self._topics.clock)
         self._clock.is_simulated = clocks > 0 if use_sim_time is None else use_sim_time
 
@@ -101,13 +103,17 @@ class RosRobot:
             topics.scan.name: self._measurements.has_received_scan,
             topics.odom.name: self._measurements.odometry is not None,
             topics.latch_state.name: self._latch.state is not None,
-            f"{frames.base_link} → {frames.laser} on {topics.tf_static.name}": self._lidar() is not None,
+            f"{frames.base_link} → {frames.laser} on {topics.tf_static.name}": self._mount() is not None,
         }
+        if self._measurements.has_received_scan and self._measurements.odometry is not None:
+            received[self._measurements.stamp_conflict] = self._measurements.has_queued_scan
         return [name for name, is_received in received.items() if not is_received]
 
-    def _lidar(self) -> Pose | None:
-        """The lidar's pose in base_link; None while it is not known."""
-        return self._parameters.lidar or self._transforms.lookup(self._frames.base_link, self._frames.laser)
+    def _mount(self) -> Mount | None:
+        """The lidar's mount on base_link; None while it is not known."""
+        if self._parameters.lidar is not None:
+            return Mount(self._parameters.lidar)
+        return self._transforms.find_mount()
 
     # ---- Robot
 
@@ -127,7 +133,7 @@ class RosRobot:
         if self._measurements.is_empty:
             self.idle_callback()
         with self._subscriptions.changed:
-            while self._measurements.is_empty:
+            while self._measurements.is_empty or self._transforms.moving_link:
                 self._check_connection()
                 self._subscriptions.changed.wait(POLL_PERIOD)
             return self._measurements.pop()
@@ -140,14 +146,25 @@ class RosRobot:
         """
         if self._measurements.clock_reset is not None:
             raise self._measurements.clock_reset
-        if self._measurements.seconds_without_scan > ROBOT_LOST_TIMEOUT:
+        reason = self._loss()
+        if reason:
             self._velocities.publish(STANDSTILL)
-            raise RobotLostError(f"{self._topics.scan.name}: nothing received for {ROBOT_LOST_TIMEOUT:g} s")
+            raise RobotLostError(reason)
         now = time.monotonic()
         is_stop_due = now - self._stopped_at > SCAN_MAX_AGE / 2
         if self._measurements.is_scan_stale and is_stop_due and not self._velocities.is_yielding:
             self._stopped_at = now
             self._velocities.publish(STANDSTILL)
+
+    def _loss(self) -> str:
+        """Why the robot is lost; empty if it is not."""
+        if self._measurements.seconds_without_scan > ROBOT_LOST_TIMEOUT:
+            return f"{self._topics.scan.name}: nothing received for {ROBOT_LOST_TIMEOUT:g} s"
+        if self._measurements.seconds_without_queued_scan > ROBOT_LOST_TIMEOUT:
+            return f"{self._measurements.stamp_conflict}: not received for {ROBOT_LOST_TIMEOUT:g} s"
+        if self._transforms.moving_link:
+            return f"{self._transforms.moving_link}: the lidar moves on the robot"
+        return ""
 
     def command(self, velocity: Velocity) -> None:
         """Drive at a velocity; stop instead if the last scan is too old, and send nothing if another node drives.
@@ -205,6 +222,7 @@ class RosRobot:
                 "scans left out": self._measurements.dropped_scans,
                 "other publishers of velocities": other_publishers,
                 "clock": "simulated" if self._clock.is_simulated else "real",
+                **{f"corrected in {self._topics.scan.name}": text for text in self._measurements.remarks},
                 **{f"refused on {topic}": count for topic, count in rejected.counts.items()},
                 "last refused": rejected.last,
             }

@@ -1,0 +1,65 @@
+"""How well the scans of a run fit the map.
+
+On the map of another building a filter always finds some pose, and its estimate changes from one to the next. What
+distinguishes it is that the beams of many scans end where the map has nothing, or pass through the map's walls.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wherry.localization.agreement import ScanAgreement
+from wherry.localization.lost import EvidenceModel
+
+MIN_FIT = 0.7  # fit below which the map is of another place; MAPFITNUMBERS
+MIN_COVERAGE = 0.5  # fraction of the beams that end where the map is known, below which it lacks most of the place
+
+
+@dataclass(frozen=True, slots=True)
+class MapFit:
+    """Fractions of a run's beams by how they agree with the map at the estimated poses.
+
+    Attributes:
+        inliers: Sum over the scans of the fraction of beams that end on the map's obstacles.
+        blocked: Sum of the fractions of beams that end in the map's free space.
+        passed: Sum of the fractions of beams that went through the map's obstacles.
+        scans: Number of scans with readings.
+    """
+
+    inliers: float = 0.0
+    blocked: float = 0.0
+    passed: float = 0.0
+    scans: int = 0
+
+    def with_scan(self, agreement: ScanAgreement) -> MapFit:
+        """The fit after one more scan; a scan without readings says nothing."""
+        if not agreement.beam_count:
+            return self
+        return MapFit(
+            self.inliers + agreement.inlier_fraction,
+            self.blocked + agreement.blocked_fraction,
+            self.passed + agreement.passed_fraction,
+            self.scans + 1,
+        )
+
+    @property
+    def value(self) -> float:
+        """Inliers ÷ (inliers + passed + w · blocked), 0 to 1; 0 without any.
+
+        A beam that is blocked is weaker evidence than one that passed through a wall, since things are put into
+        buildings more often than walls are removed; w is the ratio of their weights in the evidence of being lost.
+        Beams that end in unknown space say nothing.
+        """
+        model = EvidenceModel()
+        outliers = self.passed + model.blocked_weight / model.passed_weight * self.blocked
+        return self.inliers / (self.inliers + outliers) if self.inliers > 0.0 else 0.0
+
+    @property
+    def coverage(self) -> float:
+        """Fraction of the beams that end where the map is known, 0 to 1."""
+        return (self.inliers + self.blocked + self.passed) / self.scans if self.scans else 0.0
+
+    @property
+    def is_fitting(self) -> bool:
+        """Whether the scans fit the map."""
+        return self.coverage >= MIN_COVERAGE and self.value >= MIN_FIT

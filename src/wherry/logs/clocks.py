@@ -1,0 +1,99 @@
+"""The clocks that stamped scans and odometry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wherry.logs.coverage import agree, clock_difference, covered
+from wherry.logs.recorded import RecordedOdometry, RecordedScan, trajectory_of
+from wherry.logs.timestamps import ASSUMED_SCAN_PERIOD, has_constant_stamps
+from wherry.space.pose import Floats
+
+MIN_DISTINCT_SHARE = 0.5  # share of distinct stamps of odometry below which its poses are not compared with others
+MIN_CLOCK_READINGS = 3  # scans, and readings of odometry, from which two clocks are compared
+
+
+def with_usable_stamps(
+    scans: list[RecordedScan], odometry: Sequence[RecordedOdometry]
+) -> tuple[list[RecordedScan], Sequence[RecordedOdometry], str]:
+    """Scans and odometry with other stamps if theirs do not tell the time, and a note that says so."""
+    stamps = np.array([recorded.scan.time for recorded in scans])
+    if not has_constant_stamps(stamps):
+        readings, note = _with_usable_odometry_stamps(scans, odometry)
+        return scans, readings, note
+    reason = f"the scans are stamped with a constant time, {float(np.median(stamps)):.6f} s"
+    received = _received(scans)
+    if not has_constant_stamps(received):
+        timed = [recorded.at(float(time)) for recorded, time in zip(scans, received, strict=True)]
+        readings = [reading.at(reading.received) for reading in odometry if reading.received is not None]
+        return timed, readings, f"{reason}: the times at which the recorder received them are used"
+    times = np.median(stamps) + ASSUMED_SCAN_PERIOD * np.arange(len(scans))
+    timed = [recorded.at(float(time)) for recorded, time in zip(scans, times, strict=True)]
+    alone = ", and odometry between them is not used" if odometry else ""
+    return timed, (), f"{reason}: one scan every {ASSUMED_SCAN_PERIOD:.0f} s is assumed{alone}"
+
+
+def _with_usable_odometry_stamps(
+    scans: Sequence[RecordedScan], odometry: Sequence[RecordedOdometry]
+) -> tuple[Sequence[RecordedOdometry], str]:
+    """Odometry with other stamps if its own do not tell the time, and a note that says so."""
+    stamps = np.array([reading.time for reading in odometry])
+    if not has_constant_stamps(stamps):
+        return odometry, ""
+    reason = f"odometry is stamped with a constant time, {float(np.median(stamps)):.6f} s"
+    received, received_scans = _received(odometry), _received(scans)
+    if has_constant_stamps(received) or has_constant_stamps(received_scans):
+        return (), f"{reason}: {_alternative(scans)}"
+    delay = float(np.median(np.array([recorded.scan.time for recorded in scans]) - received_scans))
+    timed = [reading.at(float(time)) for reading, time in zip(odometry, received + delay, strict=True)]
+    return timed, f"{reason}: the times at which the recorder received it are used"
+
+
+def _received(recorded: Sequence[RecordedScan] | Sequence[RecordedOdometry]) -> Floats:
+    """Times at which the recorder received messages, [N] s; all zero if some are unknown."""
+    received = [entry.received for entry in recorded if entry.received is not None]
+    return np.array(received) if len(received) == len(recorded) else np.zeros(len(recorded))
+
+
+def _alternative(scans: Sequence[RecordedScan]) -> str:
+    """What is used in place of odometry."""
+    return "the poses recorded with the scans are used alone" if scans[0].pose else "the scans have no odometry"
+
+
+def of_same_clock(
+    scans: Sequence[RecordedScan], odometry: list[RecordedOdometry]
+) -> tuple[list[RecordedOdometry], str]:
+    """The odometry if it is stamped by the scans' clock, otherwise none and a note that says so."""
+    if not odometry:
+        return odometry, ""
+    difference = clock_difference(
+        [(recorded.scan.time, recorded.received) for recorded in scans if recorded.received is not None],
+        [(reading.time, reading.received) for reading in odometry if reading.received is not None],
+    )
+    first, last = scans[0].scan.time, scans[-1].scan.time
+    poses = _alternative(scans)
+    if min(len(scans), len(odometry)) >= MIN_CLOCK_READINGS and difference is not None:
+        side = "ahead of" if difference > 0.0 else "behind"
+        clock = f"odometry is stamped by another clock, {abs(difference):,.3f} s {side} that of the scans"
+        return [], f"{clock}: {poses}"
+    if odometry[-1].time < first or odometry[0].time > last:
+        times = f"{odometry[0].time:.3f} to {odometry[-1].time:.3f} s, scans from {first:.3f} to {last:.3f} s"
+        return [], f"odometry is of another clock or of another drive than the scans, from {times}: {poses}"
+    if _contradicts(scans, odometry):
+        return [], f"odometry contradicts the poses recorded with the scans, which may be corrected: {poses}"
+    return odometry, ""
+
+
+def _contradicts(scans: Sequence[RecordedScan], odometry: Sequence[RecordedOdometry]) -> bool:
+    """Whether poses recorded with the scans are others than those of odometry at the same times."""
+    trajectory = trajectory_of([(reading.time, reading.pose) for reading in odometry])
+    own = [(recorded.scan.time, recorded.pose.as_array()) for recorded in scans if recorded.pose is not None]
+    times = np.array([time for time, _ in own])
+    covers = covered(trajectory, times)
+    is_coarse = len(trajectory.times) < MIN_DISTINCT_SHARE * len(odometry)
+    if is_coarse or covers.sum() < MIN_CLOCK_READINGS:
+        return False
+    poses = np.array([pose for _, pose in own])
+    return not agree(poses[covers], trajectory.along_arcs(times[covers]))
