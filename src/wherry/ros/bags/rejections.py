@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from wherry.errors import InputError
+from wherry.errors import InputError, on_one_line
 from wherry.ros.decoding import MessageError
 
 
@@ -31,4 +31,4 @@ class Rejections:
         """
         if not self.lenient:
             raise InputError(self.path, name, str(error)) from error
-        self.skipped.append(f"{name}: {error}")
+        self.skipped.append(on_one_line(f"{name}: {error}"))
