@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -40,9 +41,10 @@ from wherry.learning.rule_files.files import load_rules, save_rules
 from wherry.learning.rules import RuleLearner
 from wherry.localization.parameter_files import load_parameters
 from wherry.logs.lidar_log import LidarLog
+from wherry.logs.odometry_files import with_odometry_file
 from wherry.logs.options import ReadingOptions
 from wherry.logs.reading import read_log
-from wherry.logs.tables import read_odometry
+from wherry.logs.tables import read_odometry, read_trajectory
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.robot import Odometry, Scan, Velocity
@@ -81,6 +83,13 @@ def _carmen_log() -> str:
             pose = f"{x + 0.2:.3f} 0.5 0.1 {x:.3f} 0.5 0.1 0 0 0.3 0.3 0"
             lines.append(f"ROBOTLASER1 0 -1.5 3.0 0.27 50.0 0.01 0 12 {ranges} 0 {pose} {time} host {time}")
     return "\n".join(lines) + "\n"
+
+
+def _read_odometry_of_log(path: Path) -> LidarLog:
+    """A log with the odometry of a file besides it."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = read_log(_writer("drive.log", _carmen_log())(Path(folder)))
+    return with_odometry_file(log, path)
 
 
 def _wean_log() -> str:
@@ -290,6 +299,20 @@ LOADERS: tuple[Loader, ...] = (
         read_odometry,
         invariants.check_trajectory,
         _writer("poses.tum", "".join(f"{i}.5 {0.1 * i:.1f} 0.2 0 0 0 0.1 0.99\n" for i in range(20))),
+        TEXT_OR_GZIP,
+    ),
+    Loader(
+        "trajectory-csv",
+        lambda path: read_trajectory(path)[0],
+        invariants.check_trajectory,
+        _writer("poses.csv", "time [s], x, y, yaw\n" + "".join(f"{i}.5, {0.1 * i:.1f}, 0.2, 0.1\n" for i in range(20))),
+        TEXT_OR_GZIP,
+    ),
+    Loader(
+        "odometry-of-log",
+        _read_odometry_of_log,
+        invariants.check_log,
+        _writer("odometry.txt", "".join(f"{100 + 0.1 * i} {0.02 * i:.2f} 0.5 0.1\n" for i in range(40))),
         TEXT_OR_GZIP,
     ),
     Loader(
