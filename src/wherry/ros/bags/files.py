@@ -5,10 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any
 
-import yaml
-
+from wherry.documents import read_yaml
 from wherry.errors import InputError
 
 UNFINISHED = ".active"  # suffix that rosbag gives to a bag until its recording ends
@@ -117,9 +115,9 @@ def _listed_files(folder: Path) -> tuple[list[str], str]:
     try:
         if path.stat().st_size > MAX_METADATA_SIZE:
             return [], f"{METADATA} is too large and was not used"
-        document: Any = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
+        document = read_yaml(path, max_bytes=MAX_METADATA_SIZE)
         names = [PurePath(str(name)).name for name in document["rosbag2_bagfile_information"]["relative_file_paths"]]
-    except (OSError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):
+    except (InputError, OSError, TypeError, KeyError):
         return [], f"{METADATA} cannot be read and was not used"
     return names, f"{METADATA} lists {_named([Path(name) for name in names])}, which the folder does not hold"
 
