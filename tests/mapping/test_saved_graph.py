@@ -141,12 +141,16 @@ def changed(half: Path, out: Path, **arrays: object) -> Path:
 def test_an_array_that_is_missing_or_invalid_is_named(half: Path, tmp_path: Path) -> None:
     out = tmp_path / "broken.npz"
     with np.load(half) as archive:
-        nodes, ends = archive["nodes"], archive["edge_ends"]
+        nodes, ends, covariance = archive["nodes"], archive["edge_ends"], archive["edge_covariance"]
+        fields, ranges = archive["scan_fields"], archive["scan_ranges"]
         head = json.loads(archive["head"].tobytes())
     cases = {
-        "nodes": [None, nodes[:, :2], nodes.astype(np.int64), nodes * np.nan, nodes[:-1]],
+        "nodes": [None, nodes[:, :2], nodes.astype(np.int64), nodes * np.nan, nodes + 1e10, nodes[:-1]],
         "edge_ends": [ends + 10_000, ends - 10_000, ends[:-1]],
         "scan_angles": [np.zeros(1)],
+        "edge_covariance": [-covariance],
+        "scan_fields": [fields * [1, 1, 100, 1, 1, 1], fields * [1, 1, 1, 1, 0, 1]],
+        "scan_ranges": [ranges[:-1]],
     }
     for name, values in cases.items():
         for value in values:
@@ -165,6 +169,12 @@ def test_a_file_that_is_not_an_archive_is_rejected(half: Path, tmp_path: Path) -
         path.write_bytes(content)
         with pytest.raises(InputError, match="saved pose graph"):
             load_graph(path)
+    middle = half.stat().st_size // 2
+    path.write_bytes(
+        half.read_bytes()[:middle] + bytes(50) + half.read_bytes()[middle + 50 :]
+    )  # a broken deflate stream
+    with pytest.raises(InputError, match="saved pose graph"):
+        load_graph(path)
     np.savez(path, nodes=np.array([{}], dtype=object), head=np.zeros(2, np.uint8))
     with pytest.raises(InputError):
         load_graph(path)

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from wherry.errors import InputError
+from wherry.errors import InputError, on_one_line
 
 MAX_REJECTED_SHARE = 0.25  # share of the lines or messages above which a recording is refused even if lenient
 MAX_REJECTED = 200_000  # lines or messages above which a recording is refused without reading the rest
@@ -43,7 +43,7 @@ class Rejections:
         """
         if not self.lenient:
             raise InputError(self.source, name, f"{reason} (--lenient leaves it out)")
-        self.entries.append(f"{name}: {reason}")
+        self.entries.append(on_one_line(f"{name}: {reason}"))
         if len(self.entries) > MAX_REJECTED:
             raise InputError(self.source, name, f"is the last of over {MAX_REJECTED:,} that cannot be used: {reason}")
 
@@ -103,5 +103,5 @@ def _shortened(text: str) -> str:
 
 
 def joined(sentences: Iterable[str]) -> tuple[str, ...]:
-    """The sentences that are not empty."""
-    return tuple(sentence for sentence in sentences if sentence)
+    """The sentences that are not empty, each on one line whatever the file contains."""
+    return tuple(on_one_line(sentence) for sentence in sentences if sentence)

@@ -410,13 +410,18 @@ def _check(path: Path, head: object, arrays: Arrays) -> None:
     _check_beam_angles(path, arrays)
 
 
-def _check_array(path: Path, name: str, array: NDArray[Any] | None, kind: str, shape: tuple[int, ...]) -> None:
+def _check_array(path: Path, name: str, array: object, kind: str, shape: tuple[int, ...]) -> None:
     """Raise an `InputError` unless an array has its dtype kind, the shape of its entries, and possible values."""
-    if array is None or array.dtype.kind != kind or array.shape[1:] != shape or array.ndim != len(shape) + 1:
+    if (
+        not isinstance(array, np.ndarray)
+        or array.dtype.kind != kind
+        or array.shape[1:] != shape
+        or array.ndim != len(shape) + 1
+    ):
         raise InputError(path, name, "is missing or has the wrong shape")
     if kind == "f" and name != "scan_ranges" and not np.isfinite(array).all():
         raise InputError(path, name, "has a number that is not finite")
-    if shape == POSE and (np.abs(array) > MAX_COORDINATE).any():
+    if shape[-1:] == POSE and shape != COVARIANCE and (np.abs(array) > MAX_COORDINATE).any():
         raise InputError(path, name, f"has a pose beyond {MAX_COORDINATE:g} m")
     if shape == COVARIANCE and not _are_positive(array):
         raise InputError(path, name, "has a matrix with a negative eigenvalue")
@@ -430,13 +435,11 @@ def _are_positive(matrices: Floats) -> bool:
 
 def _check_scans(path: Path, fields: Floats, ranges: Floats) -> None:
     """Raise an `InputError` unless the scans' fields, [K, 6], and all their ranges are possible."""
-    _, _, increment, _, range_max, beams = fields.T
+    _, _, increment, range_min, range_max, beams = fields.T
     if (beams < 0).any() or (beams % 1.0 != 0).any() or beams.sum() != len(ranges):
         raise InputError(path, "scan_ranges", "is not as long as the scans")
-    if (ranges < 0.0).any():
-        raise InputError(path, "scan_ranges", "has a negative range")
-    if (range_max <= 0.0).any() or (np.abs(increment * beams) > MAX_SCAN_ANGLE).any():
-        raise InputError(path, "scan_fields", "has an impossible longest range or angle between beams")
+    if ((range_min < 0.0) | (range_max <= range_min)).any() or (np.abs(increment * beams) > MAX_SCAN_ANGLE).any():
+        raise InputError(path, "scan_fields", "has impossible limits of range or angle")
 
 
 def _check_beam_angles(path: Path, arrays: Arrays) -> None:
