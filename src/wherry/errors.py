@@ -17,11 +17,10 @@ class InputError(Exception):
     """
 
     def __init__(self, source: str | Path, field: str, reason: str) -> None:
-        self.source = str(source)
-        self.field = _shortened(field, MAX_FIELD_CHARACTERS)
-        self.reason = _shortened(reason, MAX_REASON_CHARACTERS)
-        text = f"{self.source}: {self.field}: {self.reason}" if field else f"{self.source}: {self.reason}"
-        super().__init__(_on_one_line(text))
+        self.source = on_one_line(str(source))
+        self.field = _shortened(on_one_line(field), MAX_FIELD_CHARACTERS)
+        self.reason = _shortened(on_one_line(reason), MAX_REASON_CHARACTERS)
+        super().__init__(f"{self.source}: {self.field}: {self.reason}" if field else f"{self.source}: {self.reason}")
 
 
 def _shortened(text: str, length: int) -> str:
@@ -29,6 +28,6 @@ def _shortened(text: str, length: int) -> str:
     return text if len(text) <= length else f"{text[: length - 1]}…"
 
 
-def _on_one_line(text: str) -> str:
-    """The text with its control characters, which a damaged file may contain, as escapes."""
+def on_one_line(text: str) -> str:
+    """The text with its control characters and line breaks, which a damaged file may contain, as escapes."""
     return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)

@@ -46,7 +46,7 @@ def read_text(path: str | Path, *, max_bytes: int) -> str:
     """
     data = read_bytes(path, max_bytes=max_bytes)
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        raise InputError(path, "", "is UTF-16 text; save it as UTF-8")
+        raise InputError(path, "", "is not UTF-8 text but UTF-16; save it as UTF-8")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -100,14 +100,16 @@ class Yaml12Loader(yaml.SafeLoader):
         event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
         self._depth += 1
         if self._depth > MAX_DEPTH:
-            raise _document_error(f"is nested deeper than {MAX_DEPTH} levels", event)
+            raise _document_error(f"is nested too deeply: more than {MAX_DEPTH} levels", event)
         node = super().compose_node(parent, index)
         self._depth -= 1
         if node is None:
             return None
         if isinstance(event, yaml.AliasEvent):
             if id(node) not in self._sizes:
-                raise _document_error(f"has the alias {event.anchor!r} inside its own anchor", event)
+                raise _document_error(
+                    f"is nested too deeply: the alias {event.anchor!r} is inside its own anchor", event
+                )
         else:
             self._sizes[id(node)] = 1 + sum(self._sizes[id(child)] for child in _children(node))
         if self._sizes[id(node)] > MAX_VALUES or len(self._sizes) > MAX_VALUES:

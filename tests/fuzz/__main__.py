@@ -13,7 +13,9 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from fuzz.loaders import LOADERS, Loader
+from fuzz.faulty_loaders import FAULTY_LOADERS
+from fuzz.loader import Loader
+from fuzz.loaders import LOADERS
 from fuzz.runner import Row, fuzz, write_valid_files
 from fuzz.worker import Case, Outcome, ValidFiles, Verdict, loader_named, try_loading, write_files
 
@@ -35,11 +37,10 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # workers and scratch files are removed
     if arguments.repeat:
         return _repeat(arguments.repeat)
-    unknown = set(arguments.loader or ()) - {loader.name for loader in LOADERS}
-    if unknown:
+    names = arguments.loader or [loader.name for loader in LOADERS]
+    if unknown := set(names) - {loader.name for loader in (*LOADERS, *FAULTY_LOADERS)}:
         parser.error(f"no loader is called {', '.join(sorted(unknown))}; {', '.join(each.name for each in LOADERS)}")
-    chosen = [each for each in LOADERS if each.is_available and each.name in (arguments.loader or [each.name])]
-    return _run(chosen, arguments)
+    return _run([loader for name in names if (loader := loader_named(name)).is_available], arguments)
 
 
 def _run(chosen: Sequence[Loader], arguments: argparse.Namespace) -> int:

@@ -57,10 +57,10 @@ def check_log(log: LidarLog) -> None:
     require(np.isfinite(times).all() and (np.diff(times) >= 0.0).all(), "times of scans are ordered")
     for scan in log.scans:
         require(1 <= len(scan.ranges) <= MAX_BEAMS, "number of beams")
-        require(not (scan.ranges < 0.0).any(), "ranges are not negative")
+        require(0.0 <= scan.range_min < scan.range_max <= MAX_COORDINATE, "limits of the range")
+        require(np.isfinite(scan.points()).all(), "end points are finite")
         require(np.isfinite(scan.angles).all() and len(scan.angles) == len(scan.ranges), "directions are finite")
         require(np.ptp(scan.angles) <= 4.0 * math.pi, "directions cover two turns at most")
-        require(0.0 < scan.range_max <= MAX_COORDINATE, "range_max is positive")
         require(math.isfinite(scan.time_increment), "time_increment is finite")
     for odometry in log.scan_odometry:
         if odometry is not None:
@@ -69,7 +69,7 @@ def check_log(log: LidarLog) -> None:
     check_pose(log.lidar)
     for index in (0, len(log.scans) - 1):
         require(len(log.deskewed(index).ranges) == len(log.scans[index].ranges), "a deskewed scan has all beams")
-    require(all(isinstance(note, str) and "\n" not in note for note in log.notes), "notes are single lines")
+    require(all(note.isprintable() for note in (*log.notes, *log.skipped)), "notes are single lines")
 
 
 def check_relations(relations: Relations) -> None:
@@ -142,7 +142,7 @@ def check_graph(snapshot: GraphSnapshot) -> None:
     require((np.abs(snapshot.keyframe_poses) <= MAX_COORDINATE).all(), "poses are bounded")
     require(len(snapshot.keyframe_poses) == len(snapshot.keyframes), "a pose for each keyframe")
     for keyframe in snapshot.keyframes:
-        require(not (keyframe.scan.ranges < 0.0).any(), "ranges are not negative")
+        require(np.isfinite(keyframe.scan.points()).all(), "end points are finite")
     check_pose(snapshot.lidar)
     GraphSlam.from_snapshot(snapshot)
 

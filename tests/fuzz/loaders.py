@@ -7,26 +7,27 @@ loads them, and the check of what it returns.
 from __future__ import annotations
 
 import gzip
-import importlib.util
 import io
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+import tempfile
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from PIL import Image
 
 from fuzz import invariants
 from fuzz.bag_seeds import write_bag
+from fuzz.loader import Loader
 from fuzz.mutations import (
     BYTES,
     TEXT,
-    Mutation,
     change_json,
     change_npz,
     change_png,
+    change_sqlite,
+    change_trace,
     change_yaml,
     gunzip_and,
     unzip_and,
@@ -40,9 +41,10 @@ from wherry.learning.rule_files.files import load_rules, save_rules
 from wherry.learning.rules import RuleLearner
 from wherry.localization.parameter_files import load_parameters
 from wherry.logs.lidar_log import LidarLog
+from wherry.logs.odometry_files import with_odometry_file
 from wherry.logs.options import ReadingOptions
 from wherry.logs.reading import read_log
-from wherry.logs.tables import read_odometry
+from wherry.logs.tables import read_odometry, read_trajectory
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.robot import Odometry, Scan, Velocity
@@ -55,34 +57,6 @@ from wherry.space.pose import Pose
 from wherry.space.wean_map import load_wean_map
 from wherry.trace.recordings import TraceRecorder, load_trace
 from wherry_testing.runs import short_run
-
-Files = dict[str, bytes]
-
-
-@dataclass(frozen=True)
-class Loader:
-    """A loader of users' files, with what is needed to fuzz it.
-
-    Attributes:
-        name: Name in the table and on the command line.
-        load: Loads the file or folder at a path.
-        check: Raises an `AssertionError` if what was loaded is nonsense.
-        write: Writes valid files into an empty folder and returns the path to load.
-        mutations: Mutations by suffix of the files' names; ``""`` for all others.
-        needs: Package that must be installed.
-    """
-
-    name: str
-    load: Callable[[Path], Any]
-    check: Callable[[Any], None]
-    write: Callable[[Path], Path]
-    mutations: Mapping[str, Sequence[Mutation]] = field(default_factory=lambda: {"": BYTES})
-    needs: str = "wherry"
-
-    @property
-    def is_available(self) -> bool:
-        """Whether the package that it needs is installed."""
-        return importlib.util.find_spec(self.needs) is not None
 
 
 def _writer(name: str, content: str | bytes) -> Callable[[Path], Path]:
@@ -109,6 +83,13 @@ def _carmen_log() -> str:
             pose = f"{x + 0.2:.3f} 0.5 0.1 {x:.3f} 0.5 0.1 0 0 0.3 0.3 0"
             lines.append(f"ROBOTLASER1 0 -1.5 3.0 0.27 50.0 0.01 0 12 {ranges} 0 {pose} {time} host {time}")
     return "\n".join(lines) + "\n"
+
+
+def _read_odometry_of_log(path: Path) -> LidarLog:
+    """A log with the odometry of a file besides it."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = read_log(_writer("drive.log", _carmen_log())(Path(folder)))
+    return with_odometry_file(log, path)
 
 
 def _wean_log() -> str:
@@ -273,7 +254,7 @@ BAG_LOADERS = tuple(
         partial(_read_bag, lenient=lenient),
         invariants.check_log,
         partial(_write_bag, kind=kind, file=file, compressed=compressed),
-        {"": BYTES, ".yaml": YAML[""]},
+        {"": BYTES, ".db3": (*[change_sqlite] * 8, *BYTES), ".yaml": YAML[""]},
         "rosbags",
     )
     for name, kind, file, compressed, lenient in (
@@ -318,6 +299,20 @@ LOADERS: tuple[Loader, ...] = (
         read_odometry,
         invariants.check_trajectory,
         _writer("poses.tum", "".join(f"{i}.5 {0.1 * i:.1f} 0.2 0 0 0 0.1 0.99\n" for i in range(20))),
+        TEXT_OR_GZIP,
+    ),
+    Loader(
+        "trajectory-csv",
+        lambda path: read_trajectory(path)[0],
+        invariants.check_trajectory,
+        _writer("poses.csv", "time [s], x, y, yaw\n" + "".join(f"{i}.5, {0.1 * i:.1f}, 0.2, 0.1\n" for i in range(20))),
+        TEXT_OR_GZIP,
+    ),
+    Loader(
+        "odometry-of-log",
+        _read_odometry_of_log,
+        invariants.check_log,
+        _writer("odometry.txt", "".join(f"{100 + 0.1 * i} {0.02 * i:.2f} 0.5 0.1\n" for i in range(40))),
         TEXT_OR_GZIP,
     ),
     Loader(
@@ -372,5 +367,5 @@ LOADERS: tuple[Loader, ...] = (
         _write_graph,
         {"": (*[change_npz] * 12, unzip_and(*BYTES), unzip_and(*BYTES), *BYTES)},
     ),
-    Loader("trace", load_trace, invariants.check_records, _write_trace, {"": BYTES}),
+    Loader("trace", load_trace, invariants.check_records, _write_trace, {"": (*[change_trace] * 12, *BYTES)}),
 )

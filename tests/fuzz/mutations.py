@@ -6,16 +6,21 @@ import gzip
 import io
 import json
 import re
+import sqlite3
 import struct
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 from numpy.random import Generator
 from PIL import Image
+
+from wherry.trace.framing import split_frames
 
 Mutation = Callable[[bytes, Generator], bytes]
 
@@ -234,7 +239,8 @@ def change_yaml(data: bytes, rng: Generator) -> bytes:
     if rng.random() < 0.3 or b"&" in data:  # PyYAML itself would expand the aliases of an earlier mutation
         return _change_notation(data, rng)
     tree = _changed_tree(yaml.safe_load(data), rng)
-    return yaml.dump(tree, sort_keys=False, allow_unicode=True, default_flow_style=[None, True, False][int(rng.integers(3))]).encode()  # fmt: skip
+    flow_style = (None, True, False)[int(rng.integers(3))]
+    return yaml.dump(tree, sort_keys=False, allow_unicode=True, default_flow_style=flow_style).encode()
 
 
 def _change_notation(data: bytes, rng: Generator) -> bytes:
@@ -383,6 +389,59 @@ def change_png(data: bytes, rng: Generator) -> bytes:
     return data[:8] + b"".join(
         struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks
     )
+
+
+def change_trace(data: bytes, rng: Generator) -> bytes:
+    """Change the header or the arrays of a frame of a trace, and correct its checksum."""
+    magic, _, packed = data.partition(b"\n")
+    frames = list(split_frames(zlib.decompressobj().decompress(packed)))
+    number = int(rng.integers(len(frames)))
+    body = frames[number][8:]
+    (length,) = struct.unpack_from("<I", body)
+    header, arrays = body[4 : 4 + length], body[4 + length :]
+    if rng.random() < 0.6:
+        header = change_json(header, rng)
+        header += b" " * (-len(header) % 4)
+    else:
+        arrays = any_of(BYTES)(arrays, rng)
+    body = struct.pack("<I", len(header)) + header + arrays
+    frames[number] = struct.pack("<II", len(body), zlib.crc32(body)) + body
+    if rng.random() < 0.2:
+        frames[number:number] = [frames[int(rng.integers(len(frames)))]]
+    bomb = bytes(2 * BOMB_SIZE) if rng.random() < 0.005 else b""
+    return magic + b"\n" + zlib.compress(b"".join(frames) + bomb, 1)
+
+
+def change_sqlite(data: bytes, rng: Generator) -> bytes:
+    """Change values in the tables of a database, or leave rows or tables out."""
+    values = (*EXTREME_VALUES[:12], *EXTREME_VALUES[13:20], rng.bytes(20), int(rng.integers(2**62)))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "database"
+        path.write_bytes(data)
+        connection = sqlite3.connect(path)
+        tables = [row[0] for row in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+        table = tables[int(rng.integers(len(tables)))]
+        columns = [row[1] for row in connection.execute(f"PRAGMA table_info({table})")]
+        column = columns[int(rng.integers(len(columns)))]
+        rows = [row[0] for row in connection.execute(f"SELECT rowid FROM {table}")]  # noqa: S608 - a name of our own
+        row = rows[int(rng.integers(len(rows)))]
+        match int(rng.integers(8)):
+            case 0:
+                connection.execute(f"DELETE FROM {table} WHERE rowid = {row}")  # noqa: S608
+            case 1:
+                connection.execute(f"DROP TABLE {table}")
+            case 2 | 3:
+                (content,) = connection.execute(f"SELECT data FROM messages WHERE rowid = {row}").fetchone()  # noqa: S608
+                content = any_of(BYTES)(content, rng)
+                connection.execute(f"UPDATE messages SET data = ? WHERE rowid = {row}", (content,))  # noqa: S608
+            case _:
+                value = values[int(rng.integers(len(values)))]
+                if isinstance(value, int):
+                    value = max(-(2**63), min(value, 2**63 - 1))
+                connection.execute(f"UPDATE {table} SET {column} = ? WHERE rowid = {row}", (value,))  # noqa: S608
+        connection.commit()
+        connection.close()
+        return path.read_bytes()
 
 
 def any_of(mutations: Sequence[Mutation]) -> Mutation:

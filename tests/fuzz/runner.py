@@ -13,10 +13,11 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from fuzz.loaders import Loader
+from fuzz.loader import Loader
 from fuzz.worker import Case, Outcome, ValidFiles, Verdict, run, valid_files
 
 MAX_WAIT = 30.0  # s on the clock for one file, after which its process is ended; the worker's limit is processor time
+MAX_START = 120.0  # s on the clock until a process begins its first file
 BATCH = 50  # cases of one loader that a process gets at once
 CASES_PER_PROCESS = 2000  # after which a process is replaced, so that leaks do not add up
 
@@ -70,18 +71,25 @@ class _Worker:
         self.process.start()
         theirs.close()
         self.last_sign = time.monotonic()
+        self.has_begun = False
+
+    @property
+    def silence(self) -> float:
+        """Time since the process's last sign, s."""
+        return time.monotonic() - self.last_sign
 
     def receive(self) -> Iterator[tuple[Case, Outcome]]:
         """The outcomes that have arrived; raise `EOFError` if the process has ended."""
         while self.connection.poll():
             index, outcome = self.connection.recv()
-            self.last_sign = time.monotonic()
+            self.last_sign, self.has_begun = time.monotonic(), True
             if outcome is not None:
                 self.done = index + 1
                 yield self.cases[index], outcome
 
     def end(self) -> None:
         """End the process and wait for it."""
+        self.process.join(0.1)  # one that ended by itself keeps its exit status
         self.process.kill()
         self.process.join(MAX_WAIT)
         self.connection.close()
@@ -104,6 +112,7 @@ def fuzz(
     workers: int | None = None,
     first: int = 0,
     max_seconds: float = float("inf"),
+    max_wait: float = MAX_WAIT,
     on_outcome: Callable[[Case, Outcome], None] = lambda case, outcome: None,
 ) -> dict[str, Row]:
     """Load mutated files, the same number with each loader.
@@ -114,7 +123,8 @@ def fuzz(
         seed: Seed of the mutations.
         workers: Number of processes; None for one per processor.
         first: Number of each loader's first case.
-        max_seconds: Time on the clock after which no further cases begin.
+        max_seconds: Time on the clock after which no further outcomes are awaited.
+        max_wait: Time on the clock for one file, s, after which its process is ended.
         on_outcome: Called with each case and its outcome.
 
     Returns:
@@ -130,14 +140,14 @@ def fuzz(
     ]
     rows = {name: Row() for name in valid}
     deadline = time.monotonic() + max_seconds
-    for case, outcome in _outcomes(cases, valid, workers or os.cpu_count() or 1, deadline):
+    for case, outcome in _outcomes(cases, valid, workers or os.cpu_count() or 1, deadline, max_wait):
         rows[case.loader].add(case, outcome)
         on_outcome(case, outcome)
     return rows
 
 
 def _outcomes(
-    cases: list[Case], valid: Mapping[str, ValidFiles], count: int, deadline: float
+    cases: list[Case], valid: Mapping[str, ValidFiles], count: int, deadline: float, max_wait: float
 ) -> Iterator[tuple[Case, Outcome]]:
     """Outcomes of the cases as they arrive."""
     share = max(1, min(CASES_PER_PROCESS, -(-len(cases) // count)))
@@ -150,9 +160,9 @@ def _outcomes(
             for worker in list(running):
                 try:
                     yield from worker.receive()
-                    ended = time.monotonic() - worker.last_sign > MAX_WAIT
+                    hung = ended = worker.silence > (max_wait if worker.has_begun else MAX_START)
                 except EOFError:
-                    ended = True
+                    hung, ended = False, True
                 if time.monotonic() > deadline:
                     return
                 if not ended:
@@ -160,8 +170,10 @@ def _outcomes(
                 worker.end()
                 running.remove(worker)
                 if worker.done < len(worker.cases):
-                    state = "ended with its process" if worker.process.exitcode != -9 else f"hung for {MAX_WAIT:.0f} s"
-                    yield worker.cases[worker.done], Outcome(Verdict.FAILED, state, MAX_WAIT)
+                    reason = (
+                        f"hung for {max_wait:.0f} s" if hung else f"its process ended with {worker.process.exitcode}"
+                    )
+                    yield worker.cases[worker.done], Outcome(Verdict.FAILED, reason)
                     if rest := worker.cases[worker.done + 1 :]:
                         queue.append(list(rest))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import logging
 import resource
@@ -19,7 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fuzz.loaders import LOADERS, Files, Loader
+from fuzz.faulty_loaders import FAULTY_LOADERS
+from fuzz.loader import Files, Loader
+from fuzz.loaders import LOADERS
 from fuzz.mutations import mutate
 from wherry.errors import InputError
 
@@ -90,7 +93,7 @@ class ValidFiles:
 
 def loader_named(name: str) -> Loader:
     """The loader of a name."""
-    return next(loader for loader in LOADERS if loader.name == name)
+    return next(loader for loader in (*LOADERS, *FAULTY_LOADERS) if loader.name == name)
 
 
 def valid_files(loader: Loader, folder: Path) -> ValidFiles:
@@ -153,10 +156,8 @@ def _place() -> str:
 
 def _reset_peak_memory() -> None:
     """Begin a new peak of this process's memory."""
-    try:
+    with contextlib.suppress(OSError):  # the peak since the process's start counts where that is not possible
         Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        pass  # the peak of the whole process then counts
 
 
 def peak_memory() -> float:

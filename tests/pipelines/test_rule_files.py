@@ -222,6 +222,23 @@ def test_the_error_names_the_broken_field(
     assert refusal(broken, tmp_path / "rules.json").field.startswith(field)
 
 
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"type": "increment", "rules": [{"if": "*******", "then": "far"}]}, "knowledge.predictions.0.rules.0.then"),
+        ({"rules": [{"if": "*******", "then": 1}], "removed": "too many effects"}, "knowledge.predictions.0.rules"),
+    ],
+)
+def test_predictions_that_contradict_themselves_are_refused(change: dict[str, Any], field: str, tmp_path: Path) -> None:
+    learner = Doormax(taxi_grid(5).domain)
+    learn_from_random_steps(taxi_grid(5), learner, 300)
+    save_rules(learner, tmp_path / "rules.json")
+    broken = json.loads((tmp_path / "rules.json").read_text())
+    first = next(entry for entry in broken["knowledge"]["predictions"] if entry["type"] == "increment")
+    broken["knowledge"]["predictions"] = [{**first, **change}]
+    assert refusal(broken, tmp_path / "rules.json").field == field
+
+
 @pytest.mark.parametrize("value", ["NaN", "1e999", '"1"', "null"])
 def test_rewards_that_are_no_finite_numbers_are_refused(document: dict[str, Any], value: str, tmp_path: Path) -> None:
     broken = json.loads(json.dumps(document))

@@ -32,6 +32,13 @@ def test_lines_are_map_columns_of_probabilities_that_cells_are_free(tmp_path: Pa
         (HEADER + "1 1\n1 7\n1 1\n", "neither probabilities"),
         (HEADER + "1 1\n1 nan\n1 1\n", "neither probabilities"),
         (HEADER.replace("3 2", "0 2"), "impossible size"),
+        (HEADER.replace("3 2", "-3 2"), "impossible size"),
+        (HEADER.replace("10", "nan"), "impossible size"),
+        (HEADER.replace("10", "1e300"), "impossible size"),
+        (HEADER.replace("3 2", "1000000000 1000000000"), "line 3: gives a map of more than 25,000,000 cells"),
+        (HEADER.replace("3 2", f"{'9' * 400} 2"), "line 3: gives a map of more than 25,000,000 cells"),
+        (HEADER.replace("3 2", "3 2 1"), "does not give"),
+        (HEADER.replace("10", "10000").replace("3 2", "300 2"), "20,000 m"),
         (HEADER.replace("10", "x"), "does not give"),
     ],
 )
@@ -41,6 +48,12 @@ def test_malformed_maps_are_rejected(tmp_path: Path, text: str, named: str) -> N
     with pytest.raises(InputError) as caught:
         load_wean_map(path)
     assert named in str(caught.value)
+
+
+def test_a_file_with_byte_order_mark_and_windows_line_ends_is_read(tmp_path: Path) -> None:
+    text = "\ufeff" + HEADER + "1.0 0.0\n-1.0 0.25\n0.5 1.0\n"
+    (tmp_path / "map.dat").write_bytes(text.replace("\n", "\r\n").encode())
+    assert load_wean_map(tmp_path / "map.dat").shape == (2, 3)
 
 
 def test_a_truncated_gzip_file_is_rejected(tmp_path: Path) -> None:

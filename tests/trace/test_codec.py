@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from wherry.errors import InputError
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 from wherry.trace.codec import ANGLE_STEP, MAX_PARTICLES, POSITION_STEP, Decoder, Encoder
 from wherry.trace.framing import split_frames
-from wherry.trace.map_tiles import TILE, UNKNOWN_PERCENT, percent_of
+from wherry.trace.map_tiles import TILE, UNKNOWN_PERCENT, TileDecoder, percent_of
 from wherry.trace.records import CellLayout, MapUpdate, Record, RobotSnapshot, StepTaken
 from wherry_testing.runs import room, short_run, snapshot_at
 
@@ -165,6 +166,8 @@ def test_a_frame_with_a_changed_byte_is_rejected(index: int, difference: int) ->
         {"time": float("nan")},
         {"pose": [0.0, 1.0]},
         {"pose": None},
+        {"pose": [0.0, 1e10, 0.0]},
+        {"time": 10**400},
         {"arrays": [["points", "|O", [1, 1]]]},
         {"arrays": [["points", "<i2", [-1, 2]]]},
         {"arrays": [["points", "<i2", [10**6, 2]]]},
@@ -179,6 +182,34 @@ def test_a_frame_with_invalid_values_is_rejected(change: dict[str, object]) -> N
     body = struct.pack("<I", len(text)) + text + FRAME[12 + length :]
     with pytest.raises(InputError, match="frame 1: is damaged"):
         Decoder("test").decode(struct.pack("<II", len(body), zlib.crc32(body)) + body, "frame 1")
+
+
+def test_a_header_that_is_nested_deeply_is_rejected() -> None:
+    text = b"[" * 100_000
+    body = struct.pack("<I", len(text)) + text
+    with pytest.raises(InputError, match="frame 1: is damaged"):
+        Decoder("test").decode(struct.pack("<II", len(body), zlib.crc32(body)) + body, "frame 1")
+
+
+@pytest.mark.parametrize(
+    ("key", "percent", "reason"),
+    [
+        ((0, 0), 101, "more than 100 percent"),
+        ((2**31 - 1, 2**31 - 1), 50, "cells"),
+        ((2**20, 0), 50, "extends beyond"),
+    ],
+)
+def test_maps_of_impossible_values_and_sizes_are_rejected(key: tuple[int, int], percent: int, reason: str) -> None:
+    decoder = TileDecoder()
+    keys = np.array([key] if reason == "extends beyond" else [(-(2**31) if key[0] else 0,) * 2, key], np.int32)
+    tiles = np.full((len(keys), TILE, TILE), percent, np.uint8)
+    with pytest.raises(ValueError, match=reason):
+        _decoded_map(decoder, keys, tiles)
+
+
+def _decoded_map(decoder: TileDecoder, keys: NDArray[np.int32], tiles: NDArray[np.uint8]) -> OccupancyGrid:
+    decoder.update(1, keys, tiles)
+    return decoder.grid(Pose(), 0.05)
 
 
 def test_every_record_type_is_decoded() -> None:

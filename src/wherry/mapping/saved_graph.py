@@ -145,6 +145,7 @@ def _head(snapshot: GraphSnapshot, tracking: TrackingState) -> dict[str, Any]:
             "time": tracking.time,
             "key": tracking.keyframe,
             "odometry_credit": tracking.odometry_credit,
+            "odometry_bias": tracking.odometry_bias.tolist(),
             "scan_time": tracking.scan_time,
         },
         "odometry": _odometry_fields(tracking.odometry),
@@ -339,6 +340,7 @@ def _tracking(head: Mapping[str, Any], arrays: Arrays) -> TrackingState:
         covariance=covariance,
         next_covariance=next_covariance,
         odometry_credit=credit,
+        odometry_bias=np.array([_finite(value) for value in front["odometry_bias"]]),
         scan_time=_finite(front["scan_time"]),
     )
 
@@ -385,7 +387,7 @@ def _completed(head: dict[str, Any], arrays: Arrays) -> tuple[Mapping[str, Any],
         "contradiction_times": np.zeros((0, 2)),
         "contradiction_motions": np.zeros((0, 2, 3)),
     }
-    front = front | {"odometry_credit": FULL_CREDIT, "scan_time": front.get("time")}
+    front = front | {"odometry_credit": FULL_CREDIT, "odometry_bias": [0.0] * 3, "scan_time": front.get("time")}
     return head | {"wherry-graph": FORMAT_VERSION, "front": front}, {**missing, **arrays}
 
 
@@ -408,13 +410,18 @@ def _check(path: Path, head: object, arrays: Arrays) -> None:
     _check_beam_angles(path, arrays)
 
 
-def _check_array(path: Path, name: str, array: NDArray[Any] | None, kind: str, shape: tuple[int, ...]) -> None:
+def _check_array(path: Path, name: str, array: object, kind: str, shape: tuple[int, ...]) -> None:
     """Raise an `InputError` unless an array has its dtype kind, the shape of its entries, and possible values."""
-    if array is None or array.dtype.kind != kind or array.shape[1:] != shape or array.ndim != len(shape) + 1:
+    if (
+        not isinstance(array, np.ndarray)
+        or array.dtype.kind != kind
+        or array.shape[1:] != shape
+        or array.ndim != len(shape) + 1
+    ):
         raise InputError(path, name, "is missing or has the wrong shape")
     if kind == "f" and name != "scan_ranges" and not np.isfinite(array).all():
         raise InputError(path, name, "has a number that is not finite")
-    if shape == POSE and (np.abs(array) > MAX_COORDINATE).any():
+    if shape[-1:] == POSE and shape != COVARIANCE and (np.abs(array) > MAX_COORDINATE).any():
         raise InputError(path, name, f"has a pose beyond {MAX_COORDINATE:g} m")
     if shape == COVARIANCE and not _are_positive(array):
         raise InputError(path, name, "has a matrix with a negative eigenvalue")
@@ -428,13 +435,11 @@ def _are_positive(matrices: Floats) -> bool:
 
 def _check_scans(path: Path, fields: Floats, ranges: Floats) -> None:
     """Raise an `InputError` unless the scans' fields, [K, 6], and all their ranges are possible."""
-    _, _, increment, _, range_max, beams = fields.T
+    _, _, increment, range_min, range_max, beams = fields.T
     if (beams < 0).any() or (beams % 1.0 != 0).any() or beams.sum() != len(ranges):
         raise InputError(path, "scan_ranges", "is not as long as the scans")
-    if (ranges < 0.0).any():
-        raise InputError(path, "scan_ranges", "has a negative range")
-    if (range_max <= 0.0).any() or (np.abs(increment * beams) > MAX_SCAN_ANGLE).any():
-        raise InputError(path, "scan_fields", "has an impossible longest range or angle between beams")
+    if ((range_min < 0.0) | (range_max <= range_min)).any() or (np.abs(increment * beams) > MAX_SCAN_ANGLE).any():
+        raise InputError(path, "scan_fields", "has impossible limits of range or angle")
 
 
 def _check_beam_angles(path: Path, arrays: Arrays) -> None:

@@ -37,6 +37,10 @@ from wherry.trace.records import (
 
 MAX_PARTICLES = 2_000  # particles in a frame; more are indistinguishable on a screen
 POSITION_STEP = 0.005  # m, unit of stored positions
+MAX_NUMBER = 1e12  # largest number in a frame, such as a time in s
+MAX_COORDINATE = 1e9  # m and rad, of a pose
+DAMAGE = (KeyError, ValueError, TypeError, AttributeError, OverflowError, RecursionError, struct.error)
+"""What decoding a damaged frame raises."""
 ANGLE_STEP = 1e-4  # rad, unit of stored angles
 
 TAGS: Mapping[type[Record], str] = {
@@ -149,7 +153,7 @@ class Decoder:
         try:
             header, arrays = decode_frame(frame)
             return self._decoders[header["type"]](header, arrays)
-        except (KeyError, ValueError, TypeError, AttributeError, struct.error) as error:
+        except DAMAGE as error:
             raise InputError(self._source, location, f"is damaged: {type(error).__name__} {error}"[:200]) from error
 
     def _decode_map_update(self, header: Header, arrays: Arrays) -> MapUpdate:
@@ -286,12 +290,14 @@ def _pose_values(pose: Pose) -> list[float]:
 
 def _decode_pose(values: list[object]) -> Pose:
     x, y, theta = (_finite_number(value) for value in values)
+    if max(abs(x), abs(y), abs(theta)) > MAX_COORDINATE:
+        raise ValueError(f"a pose is beyond {MAX_COORDINATE:g} m")
     return Pose(x, y, theta)
 
 
 def _finite_number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is not a number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MAX_NUMBER:
+        raise ValueError(f"{str(value)[:20]!r} is not a number, or too large")
     return float(value)
 
 
@@ -305,6 +311,8 @@ def _array_with_columns(array: Array, columns: int) -> Array:
     """The array, checked to be of shape [N, columns]."""
     if array.ndim != 2 or array.shape[1] != columns:
         raise ValueError(f"array of shape {array.shape} instead of [N, {columns}]")
+    if not np.isfinite(array).all():
+        raise ValueError("an array has a number that is not finite")
     return array
 
 

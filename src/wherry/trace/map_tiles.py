@@ -19,6 +19,7 @@ TILE = 64  # side of a tile, grid cells
 UNKNOWN_PERCENT = 255  # value of unknown cells; ROS's -1 as an unsigned byte
 PERCENT_STEP = 5  # %, unit of stored probabilities
 MAX_MAP_CELLS = 64_000_000  # largest decoded map, grid cells: 400 × 400 m at 5 cm
+MAX_EXTENT = 20_000.0  # m from the anchor to the map's edges
 ALIGNMENT_TOLERANCE = 0.1  # grid cells between a grid's raster and that of the tiles
 ROTATION_TOLERANCE = 1e-6  # rad between a grid's orientation and that of the tiles
 
@@ -116,13 +117,15 @@ class TileDecoder:
             percent: [K, TILE, TILE] P(occupied) of the tiles, percent.
 
         Raises:
-            ValueError: The shape of `percent` is invalid.
+            ValueError: The shape of `percent` is invalid, or a value is no percentage.
         """
         if anchor_number != self.anchor_number:
             self.anchor_number = anchor_number
             self.tiles.clear()
         if percent.shape != (len(keys), TILE, TILE):
             raise ValueError(f"{len(keys)} tiles with values of shape {percent.shape}")
+        if ((percent > 100) & (percent != UNKNOWN_PERCENT)).any():
+            raise ValueError("a tile has more than 100 percent")
         self.tiles.update(zip([(int(x), int(y)) for x, y in keys], percent, strict=True))
 
     def grid(self, anchor: Pose, resolution: float) -> OccupancyGrid:
@@ -136,12 +139,16 @@ def _joined(tiles: Mapping[TileKey, NDArray[np.uint8]], resolution: float, ancho
         return OccupancyGrid(np.full((1, 1), 0.5, np.float32), resolution, anchor)
     keys = np.array(sorted(tiles))
     low, high = keys.min(axis=0), keys.max(axis=0) + 1
-    if int(np.prod(high - low)) * TILE**2 > MAX_MAP_CELLS:
+    if math.prod((high - low).tolist()) * TILE**2 > MAX_MAP_CELLS:
         raise ValueError(f"the map has more than {MAX_MAP_CELLS:,} cells")
+    if float(np.abs([low, high]).max()) * TILE * resolution > MAX_EXTENT:
+        raise ValueError(f"the map extends beyond {MAX_EXTENT:,.0f} m")
     percent = np.full(tuple((high - low)[::-1] * TILE), UNKNOWN_PERCENT, np.uint8)
     for (x, y), tile in tiles.items():
         row, column = (y - low[1]) * TILE, (x - low[0]) * TILE
         percent[row : row + TILE, column : column + TILE] = tile
-    probability = np.where(percent == UNKNOWN_PERCENT, 0.5, percent / 100.0).astype(np.float32)
+    table = np.arange(UNKNOWN_PERCENT + 1, dtype=np.float32) / np.float32(100.0)
+    table[UNKNOWN_PERCENT] = 0.5
+    probability = table[percent]
     corner = anchor @ Pose(float(low[0]) * TILE * resolution, float(low[1]) * TILE * resolution)
     return OccupancyGrid(probability, resolution, corner)

@@ -18,7 +18,6 @@ from wherry.learning.rule_files.entries import (
     RewardEntry,
     argument_of,
     attribute_name,
-    effect_of,
     reward_entries,
 )
 from wherry.oomdp.conditions import Condition
@@ -131,7 +130,8 @@ def _evidence(
         if observed.type not in effect_types:
             raise reader.refusal(f"{place}.type", f"{observed.type!r} is no effect type of this learner")
         counts = {reader.terms(text, f"{place}.times"): count for text, count in observed.times.items()}
-        evidence.effects.setdefault(observed.type, {})[effect_of(observed.type, observed.argument)] = counts
+        effect = reader.effect(observed.type, observed.argument, f"{place}.argument")
+        evidence.effects.setdefault(observed.type, {})[effect] = counts
     for index, unchanged in enumerate(entry.unchanged):
         terms = reader.terms(unchanged.condition, f"{field}.unchanged.{index}.condition")
         evidence.unchanged.setdefault(terms, {})[unchanged.value] = unchanged.times

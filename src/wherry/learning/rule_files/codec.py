@@ -10,11 +10,11 @@ from wherry.documents import Document
 from wherry.errors import InputError
 from wherry.learning.effect_rules import Subject
 from wherry.learning.rewards import Rewards
-from wherry.learning.rule_files.entries import DomainSchema, RewardEntry
+from wherry.learning.rule_files.entries import DomainSchema, EffectArgument, RewardEntry, effect_of
 from wherry.learning.rules import RuleLearner
 from wherry.oomdp.conditions import Condition
 from wherry.oomdp.domain import Domain
-from wherry.oomdp.effects import EffectType
+from wherry.oomdp.effects import Effect, EffectType
 from wherry.oomdp.effects_outcome import GivenTask, StepReward
 
 LearnerT = TypeVar("LearnerT", bound=RuleLearner)
@@ -76,6 +76,15 @@ class KnowledgeReader:
         if unknown := [name for name in names if name not in self._effect_types]:
             raise self.refusal("knowledge.effect_types", f"{unknown[0]!r} is no effect type")
         return {name: self._effect_types[name] for name in names}
+
+    def effect(self, effect_type: str, argument: EffectArgument, field: str) -> Effect:
+        """Return an effect after checking that its type can have the argument."""
+        effect = effect_of(effect_type, argument)
+        try:
+            self._effect_types[effect_type].describe("", effect.argument)
+        except TypeError:
+            raise self.refusal(field, f"{argument!r} is no argument of an {effect_type}") from None
+        return effect
 
     def action(self, name: str, field: str) -> str:
         """Return a name after checking that it is an action of the domain."""

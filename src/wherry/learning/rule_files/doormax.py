@@ -20,7 +20,6 @@ from wherry.learning.rule_files.entries import (
     RewardEntry,
     argument_of,
     attribute_name,
-    effect_of,
     reward_entries,
 )
 from wherry.oomdp.conditions import Condition
@@ -171,8 +170,8 @@ def _add_type(learner: Doormax, entry: TypeEntry, reader: KnowledgeReader, field
         if entry.rules:
             raise reader.refusal(f"{field}.rules", "must be empty, as the effect type was removed")
         learner.effect_rules.remove(subject, entry.type, entry.removed)
-    for rule in entry.rules:
-        effect = effect_of(entry.type, rule.argument)
+    for index, rule in enumerate(entry.rules):
+        effect = reader.effect(entry.type, rule.argument, f"{field}.rules.{index}.then")
         learner.effect_rules.models[subject][entry.type][effect] = reader.condition(rule.model, field)
 
 
