@@ -137,6 +137,12 @@ def test_number_with_an_exponent_and_no_point_is_read_as_by_ros(tmp_path: Path) 
     assert load_parameters(write(tmp_path, "amcl: {alpha1: 1e-1}")).parameters.alpha1 == 0.1
 
 
+def test_quoted_numbers_and_exponents_are_numbers(tmp_path: Path) -> None:
+    text = "amcl: {alpha1: 5e-2, max_particles: 1e+03, z_hit: '0.05', do_beamskip: 'false'}"
+    parameters = load_parameters(write(tmp_path, text)).parameters
+    assert (parameters.alpha1, parameters.max_particles, parameters.z_hit) == (0.05, 1000, 0.05)
+
+
 def test_file_that_contains_itself_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nested too deeply"):
         load_parameters(write(tmp_path, "amcl: &a\n  amcl: *a\n"))

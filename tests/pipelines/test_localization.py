@@ -192,6 +192,7 @@ def test_a_wrong_map_is_told_from_the_right_one(
     result = result_of(LocalizationSettings(files.log, wrong, is_global=is_global))
     assert not result.fits_map
     assert result.fit < 0.7
+    assert result.lost_probability == 1.0
     assert result.verdict.startswith("These scans do not fit this map")
     assert ("--global" in result.verdict) == (not is_global)
 

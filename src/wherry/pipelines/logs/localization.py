@@ -11,7 +11,7 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.files import ensure_writable_folder, write_atomically
-from wherry.localization.fit import MapFit
+from wherry.localization.fit import MIN_FIT, MapFit
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameter_files import LoadedParameters, load_parameters
 from wherry.localization.parameters import (
@@ -79,7 +79,8 @@ class LocalizationResult(ReferenceErrors):
         fits_map: Whether the scans fit the map.
         fit: How well the scans fit the map at the estimated poses, 0 to 1; see `localization.fit.MapFit`.
         map_coverage: Fraction of the beams that end where the map is known, 0 to 1.
-        lost_probability: Probability at the last scan that the robot is not at the final pose, 0 to 1.
+        lost_probability: Probability at the last scan that the robot is not at the final pose, 0 to 1; 1 if the scans
+            do not fit the map, on which no pose is right then.
         rival_poses: Other poses at the last scan that the whole run fits, the most probable first.
         lost_fraction: Fraction of the scans at which the robot was reported lost.
         final_pose: Last estimated pose of base_link, x m, y m, θ rad, map frame.
@@ -305,7 +306,7 @@ class LocalizationRun:
             fits_map=fit.is_fitting,
             fit=fit.value,
             map_coverage=fit.coverage,
-            lost_probability=last.lost_probability,
+            lost_probability=last.lost_probability if fit.value >= MIN_FIT else 1.0,
             rival_poses=rival_poses(last),
             lost_fraction=float(np.mean(self.lost_probabilities > LOST_PROBABILITY_THRESHOLD)),
             final_pose=(x, y, theta),
