@@ -16,6 +16,7 @@ from wherry.evaluation import (
     absolute_trajectory_error,
     align,
     load_relations,
+    matching_times,
     position_errors,
     relation_errors,
     root_mean_square,
@@ -151,3 +152,10 @@ def test_the_reference_trajectory_of_intel_has_the_published_error() -> None:
     relations = load_relations(shared_data("intel/intel.relations.gz"))
     found = relation_errors(reference, relations, dense)
     assert found.translational_error_m == pytest.approx(0.062, abs=0.006)
+
+
+def test_a_reference_matches_times_near_its_poses_and_between_close_ones() -> None:
+    reference = np.array([0.0, 0.5, 10.0, 11.5])
+    times = np.array([-0.02, -0.005, 0.2, 0.509, 5.0, 9.995, 10.7, 11.505, 12.0])
+    expected = [False, True, True, True, False, True, False, True, False]
+    assert matching_times(reference, times).tolist() == expected

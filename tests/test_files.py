@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from wherry.errors import InputError
-from wherry.files import ensure_writable_folder, partial_file, read_bytes, read_text
+from wherry.files import create_unused_folder, ensure_writable_folder, partial_file, read_bytes, read_text
 
 
 def test_missing_folders_are_created_and_left_empty(tmp_path: Path) -> None:
@@ -53,6 +53,19 @@ def test_a_partial_file_gets_its_name_when_the_block_ends_even_by_an_exception(t
         interrupted_writing()
     assert path.read_bytes() == b"content"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_unused_folder_has_the_first_free_number(tmp_path: Path) -> None:
+    names = [create_unused_folder(tmp_path / "runs" / "a").name for _ in range(3)]
+    assert names == ["a", "a-2", "a-3"]
+    (tmp_path / "runs" / "a-2").rmdir()
+    assert create_unused_folder(tmp_path / "runs" / "a").name == "a-2"
+
+
+def test_a_folder_that_cannot_be_created_is_named(tmp_path: Path) -> None:
+    (tmp_path / "runs").write_text("a file")
+    with pytest.raises(InputError, match="cannot be created"):
+        create_unused_folder(tmp_path / "runs" / "a")
 
 
 @pytest.mark.parametrize("data", [b"\xc3\xa4: 1", b"\xef\xbb\xbf\xc3\xa4: 1"])

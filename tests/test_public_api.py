@@ -43,7 +43,7 @@ PUBLIC_API = {
             InputError
         """,
         "wherry.evaluation": """
-            RelationErrors Relations absolute_trajectory_error align load_relations position_errors
+            RelationErrors Relations absolute_trajectory_error align load_relations matching_times position_errors
             relation_errors root_mean_square
         """,
         "wherry.floorplan": """

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from wherry.robot import Scan
+from wherry.robot import Scan, mark_no_return
 from wherry.space.pose import Pose
 
 LIDAR = Pose(0.2, -0.1, 0.3)
@@ -60,3 +60,14 @@ def test_given_beam_angles_replace_the_even_ones():
     scan = Scan(0.0, np.array([1.0, 2.0, 3.0]), 0.0, 0.1, 0.1, 10.0, beam_angles=angles)
     assert scan.angles is angles
     assert scan.points()[2] == pytest.approx([-3.0, 0.0])
+
+
+def test_beam_times_begin_with_the_beam_that_was_measured_first():
+    scan = Scan(5.0, np.ones(4), 0.0, 0.1, 0.1, 10.0, time_increment=0.01)
+    assert scan.beam_times == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    assert scan.mirrored().beam_times == pytest.approx([0.03, 0.02, 0.01, 0.0])
+
+
+def test_readings_less_than_a_tolerance_below_the_longest_range_are_no_return():
+    ranges = np.array([[1.0, 7.985], [7.9999, 9.0]])
+    assert mark_no_return(ranges, 8.0).tolist() == [[1.0, 7.985], [math.inf, math.inf]]

@@ -98,8 +98,11 @@ def test_the_mount_of_the_lidar_can_be_stated(run_command: RunCommand, tmp_path:
     [
         (["--lidar", "0.1,0"], "--lidar: 0.1,0: must be x,y,θ in metres and degrees"),
         (["--lidar", "0,0,nan"], "--lidar: 0,0,nan: must be finite"),
-        (["--scan-topic", "/scan"], "--scan-topic: /scan: is for bags only; LOG is a text log, which has no topics"),
-        (["--odom-topic", "/odom"], "--odom-topic: /odom: is for bags only; LOG is a text log, which has no topics"),
+        (["--scan-topic", "RLASER"], "LOG: --scan-topic: RLASER has no scans in it; there are FLASER (16)"),
+        (
+            ["--odom-topic", "/odom"],
+            "--odom-topic: /odom: is for bags only; LOG is a text log, whose odometry is in its lines",
+        ),
         (["--trajectory-format", "xml"], "--trajectory-format: xml: is none of tum, csv, kitti"),
     ],
 )
@@ -137,12 +140,11 @@ def test_a_map_that_does_not_fit_its_own_scans_is_doubtful(run_command: RunComma
     assert (status, json.loads(out)["is_doubtful"]) == (1, True)
 
 
-def test_a_log_in_which_no_beam_met_anything_gives_a_doubtful_map(run_command: RunCommand, tmp_path: Path) -> None:
+def test_a_log_in_which_no_beam_met_anything_is_refused(run_command: RunCommand, tmp_path: Path) -> None:
     log = write_scans(tmp_path / "void.clf", [np.full(181, 81.91)] * 16, POSES)
-    status, out, _ = run_command("map", log)
-    assert status == 1
-    assert out.startswith("The map is doubtful: its own scans do not fit it (fit 0.00).")
-    assert "Note: Only 0 of 2,896 beams met anything.\n" in out
+    line = f"wherry: {log}: has no range within the limits of its lidar, 0.02 to 80 m, in any scan\n"
+    assert run_command("map", log) == (2, "", line)
+    assert not Path("runs").exists()
 
 
 def test_reference_relations_are_scored_only_if_there_are_some(

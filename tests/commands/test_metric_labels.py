@@ -19,6 +19,7 @@ from wherry.views.metrics_tables import (
     LEARNING_METRICS,
     LOCALIZATION_METRICS,
     MAPPING_METRICS,
+    REFERENCE_METRICS,
     ROS_TRAFFIC_METRICS,
     MetricLabels,
 )
@@ -39,8 +40,11 @@ def field_names(result: type) -> set[str]:
 @pytest.mark.parametrize(
     ("names", "labels"),
     [
-        (field_names(MappingResult) - {"log", "notes", "is_doubtful"}, MAPPING_METRICS),
-        (field_names(LocalizationResult) - {"verdict", "fits_map", "reference_verdict"}, LOCALIZATION_METRICS),
+        (field_names(MappingResult) - {"log", "notes", "verdict", "is_doubtful"}, MAPPING_METRICS),
+        (
+            field_names(LocalizationResult) - {"verdict", "fits_map", "reference_verdict", "reference_offset"},
+            {**LOCALIZATION_METRICS, **REFERENCE_METRICS},
+        ),
         (field_names(DriveSummary) - {"notes"}, DRIVE_METRICS),
         (field_names(LearningResult) - {"settings", "runs"} | {"learner", "seed"}, LEARNING_METRICS),
         (set(Monitor(cast(Transport, SilentTransport()), load_names()).statistics()), ROS_TRAFFIC_METRICS),

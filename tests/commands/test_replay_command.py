@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wherry.floorplan.world_files import find_world
 from wherry.ros.bags.reading import read_bag
+from wherry.simulation.ground_truth import true_map
+from wherry.space.map_files import save_map
 from wherry_testing.command_line import RunCommand
 from wherry_testing.recorded_drives import SCANS, RecordedDrive, record_drive
 
@@ -27,6 +30,52 @@ def test_replay_prints_the_metrics_of_both_stages(
     assert metrics["bag"] == str(drive.ros1)
     assert metrics["mapping"]["scans"] == metrics["localization"]["scans"] == SCANS
     assert f"Written to {tmp_path}" in err
+
+
+def test_every_replay_gets_a_folder_of_its_own(run_command: RunCommand, drive: RecordedDrive) -> None:
+    for folder in (Path("runs/run-replay"), Path("runs/run-replay-2")):
+        status, out, _ = run_command("replay", drive.ros1, "--json")
+        assert status == 0
+        metrics = json.loads(out)
+        assert metrics == json.loads((folder / "result.json").read_text())
+        assert {path.name for path in folder.iterdir()} == {"mapping", "localization", "result.json"}
+        assert metrics["localization"]["fits_map"] is True
+        assert metrics["mapping"]["is_doubtful"] is False
+        assert metrics["notes"] == list(dict.fromkeys(metrics["mapping"]["notes"] + metrics["localization"]["notes"]))
+
+
+def test_verdicts_and_notes_of_both_stages_are_printed_once(
+    run_command: RunCommand, drive: RecordedDrive, tmp_path: Path
+) -> None:
+    out = run_command("replay", drive.ros2, "--out", tmp_path, "--lidar", "0.5,0,0").out
+    metrics = json.loads((tmp_path / "result.json").read_text())
+    for line in (metrics["mapping"]["verdict"], metrics["localization"]["verdict"]):
+        assert out.count(f"{line}\n") == 1
+    assert [note for note in metrics["notes"] if "--lidar" in note]  # the transforms have it elsewhere
+    for note in metrics["notes"]:
+        assert out.count(f"Note: {note}\n") == 1
+
+
+@pytest.mark.parametrize(("world", "fits"), [("rooms", False), ("offices", True)])  # the latter only in part
+def test_a_map_of_another_building_ends_with_status_1(
+    run_command: RunCommand, drive: RecordedDrive, tmp_path: Path, world: str, fits: bool
+) -> None:
+    map_file = save_map(true_map(find_world(world)), tmp_path / "map.yaml")
+    status, out, _ = run_command("replay", drive.ros1, "--map", map_file, "--global", "--out", tmp_path / "out", "-q")
+    assert (status, out) == (1, "")
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["localization"]["fits_map"] is fits
+    verdict = "The scans fit the map only in part" if fits else "These scans do not fit this map"
+    assert result["localization"]["verdict"].startswith(verdict)
+
+
+def test_a_refused_replay_leaves_no_folder(run_command: RunCommand, drive: RecordedDrive, tmp_path: Path) -> None:
+    (tmp_path / "log.clf").write_text("FLASER")
+    for arguments in ((tmp_path / "log.clf",), (drive.ros1, "--scan-topic", "/none"), (drive.ros1, "--lidar", "0")):
+        status, _, err = run_command("replay", *arguments)
+        assert status == 2
+        assert err.count("\n") == 1
+        assert list(Path("runs").glob("*")) == []
 
 
 @pytest.mark.parametrize("name", ["map.bag", "map.mcap", "map"])

@@ -64,3 +64,16 @@ def test_pictures_are_written_beside_the_chosen_file(
 def test_unknown_names_and_folders_are_rejected(run_command: RunCommand, arguments: list[str], line: str) -> None:
     status, out, err = run_command("reproduce", *arguments)
     assert (status, out, err) == (2, "", line)
+
+
+@pytest.mark.parametrize(("name", "others"), [("slam", 5), ("localization", 7)])
+def test_missing_logs_are_reported_before_anything_is_computed(
+    run_command: RunCommand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, others: int
+) -> None:
+    monkeypatch.setenv("WHERRY_DATA", str(tmp_path / "nowhere"))
+    status, out, err = run_command("reproduce", name, "--out", tmp_path / "results.md", "--quiet")
+    log = tmp_path / "nowhere" / "intel" / "intel_910_rawodom.clf.gz"
+    assert (status, out) == (2, "")
+    assert err.startswith(f"wherry: {log}: is missing (and {others} more); set WHERRY_DATA or --data to the folder ")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "results.md").exists()

@@ -207,6 +207,20 @@ def test_constant_stamps_are_replaced_by_times_of_the_recorder_or_by_a_period(re
         assert set(log.scan_odometry) == {None}
 
 
+@pytest.mark.parametrize("is_odometry_coarse", [False, True])
+def test_stamps_of_whole_seconds_are_spread_and_said(is_odometry_coarse: bool) -> None:
+    recorded = [entry.at(math.floor(entry.scan.time + 1e-6)) for entry in scans()]
+    readings = odometry(first=START)
+    if is_odometry_coarse:
+        readings = [entry.at(math.floor(entry.time + 1e-6)) for entry in readings]
+    log = assembled(recorded, readings)
+    coarse = "the scans and of odometry" if is_odometry_coarse else "the scans"
+    assert log.notes == (f"the stamps of {coarse} are coarse: they are spread evenly up to the next stamp",)
+    for index, reading in enumerate(log.scan_odometry):
+        assert reading is not None
+        assert reading.pose.is_near(pose_at(START + index * PERIOD), 1e-6, 1e-6)
+
+
 @pytest.mark.parametrize("ahead", [-3600.0, -2.0, 2.0, 3600.0])
 def test_odometry_of_another_clock_is_left_out_and_the_offset_said(ahead: float) -> None:
     log = assembled(scans(received=True), odometry(ahead=ahead, received=True))

@@ -203,6 +203,14 @@ def test_unix_times_in_small_units_are_converted(tmp_path: Path, unit: float, na
     assert len(log.odometry.times) == 40
 
 
+def test_an_impossible_time_is_named(tmp_path: Path) -> None:
+    lines = [flaser(n, pose, pose) for n, pose in enumerate(poses())]
+    lines[7] = lines[7].replace(" 7 host", " 1e19 host")
+    with pytest.raises(InputError, match=r"line 8: has a time beyond 1e\+12 s"):
+        read_log(write(tmp_path, lines))
+    assert len(read_log(write(tmp_path, lines), ReadingOptions(lenient=True)).scans) == 19
+
+
 @pytest.mark.parametrize(("unit", "name"), [(1e6, "microseconds"), (1e9, "nanoseconds")])
 def test_counted_small_units_are_told_by_their_steps(tmp_path: Path, unit: float, name: str) -> None:
     lines = [flaser(n, p, p).replace(f" {n} host", f" {int(0.1 * n * unit)} host") for n, p in enumerate(poses())]
@@ -217,6 +225,15 @@ def test_readings_at_the_stated_longest_range_are_no_return(tmp_path: Path) -> N
     assert read_log(write(tmp_path, [line])).scans[0].ranges[:4].tolist() == [math.inf, math.inf, 49.98, 2.0]
 
 
+@pytest.mark.parametrize("longest", ["0", "-1", "81910"])
+def test_a_longest_range_that_no_lidar_has_is_named(tmp_path: Path, longest: str) -> None:
+    line = laser("ROBOTLASER1", "-1.570796 3.141593 0.017453", 1.0, Pose()).replace(" 50.0 0.01", f" {longest} 0.01")
+    with pytest.raises(InputError, match=r"line 1: the longest range is -?\d+, not above 0 and up to 1000 m"):
+        read_log(write(tmp_path, [line]))
+
+
 def test_beam_counts_that_jitter_are_read(tmp_path: Path) -> None:
     lines = [flaser(n, pose, pose, beams=357 + n % 7) for n, pose in enumerate(poses())]
-    assert {len(scan.ranges) for scan in read_log(write(tmp_path, lines)).scans} == set(range(357, 364))
+    log = read_log(write(tmp_path, lines))
+    assert {len(scan.ranges) for scan in log.scans} == set(range(357, 364))
+    assert [note.partition(":")[0] for note in log.notes] == ["FLASER"]

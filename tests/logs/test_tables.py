@@ -120,6 +120,7 @@ REFUSED = {
     r"line 1: has the columns time,? ?x y z; t x y θ or TUM": "time,x,y,z\n1,2,3,4\n2,2,3,4\n",
     r"line 3: time runs backwards": "# t\n2 0 0 0\n1 0 0 0\n",
     r"has one pose only": "2 0 0 0\n",
+    r"line 3: has a time beyond 1e\+12 s": "1 0 0 0\n2 0 0 0\n1e19 0 0 0\n",
     r"has no numbers in it": "# nothing\n",
     r"line 1: has a number that is not finite": "nan 0 0 0\n2 0 0 0\n",
     r"line 2: has a pose beyond 1e\+09 m": "1 0 0 0\n2 1e10 0 0\n",

@@ -39,12 +39,13 @@ def test_variants_of_text_are_read_whatever_the_name(tmp_path: Path, content: by
 
 
 OTHERS = {
-    "is empty": b"",
+    "has no (scans|numbers) in it": b"",
     "is text in UTF-16: convert it to UTF-8": TEXT.encode("utf-16"),
     "is a binary file, not text": TEXT.encode("utf-16-le"),
     "is a ROS 1 bag": b"#ROSBAG V2.0\n" + bytes(100),
     r"ends in .mcap": b"\x89MCAP0\r\n" + bytes(100),
     r"ends in .db3": b"SQLite format 3\x00" + bytes(100),
+    "lines that end in a carriage return only": TEXT.replace("\n", "\r").encode(),
     "compressed by xz": lzma.compress(TEXT.encode()),
     "compressed by bzip2": bz2.compress(TEXT.encode()),
     "gzipped twice": gzip.compress(gzip.compress(TEXT.encode())),
@@ -90,4 +91,16 @@ def test_more_malformed_lines_than_a_share_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "some.log"
     path.write_text(TEXT + "\n".join(f"FLASER 4 1.0 {n}" for n in range(4)))
     with pytest.raises(InputError, match=r"4 of 12 .* cannot be used, more than the 25% that --lenient leaves out"):
+        read_log(path, ReadingOptions(lenient=True))
+
+
+def test_logs_that_do_not_fit_into_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "some.log"
+    path.write_text(TEXT)
+    monkeypatch.setattr("wherry.logs.collector.MAX_MESSAGES", 5)
+    with pytest.raises(InputError, match="line 6: exceeds the 5 messages and"):
+        read_log(path)
+    monkeypatch.setattr("wherry.logs.rejections.MAX_REJECTED", 3)
+    path.write_text("FLASER 4 1.0\n" * 1000)
+    with pytest.raises(InputError, match="line 4: is the last of over 3 that cannot be used: has 3 words"):
         read_log(path, ReadingOptions(lenient=True))

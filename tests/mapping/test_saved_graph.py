@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,49 @@ def test_mapping_continues_to_the_same_bytes(driven: Drive, half: Path, tmp_path
         save_graph(slam.snapshot(), tmp_path / f"{number}.npz")
     assert (tmp_path / "0.npz").read_bytes() == (tmp_path / "1.npz").read_bytes()
     np.testing.assert_array_equal(at_once.grid().probability, in_halves.grid().probability)
+
+
+def test_beam_angles_and_contradictions_are_saved(driven: Drive, tmp_path: Path) -> None:
+    slam = GraphSlam(LIDAR)
+    scans = [
+        replace(scan, beam_angles=scan.angles + 1e-3 * np.sin(scan.angles), time_increment=1e-5) if n % 3 else scan
+        for n, scan in enumerate(driven.scans[:90])
+    ]
+    for scan in scans:  # odometry that never changes, so that it is contradicted
+        slam.add(scan, driven.odometry[0])
+    snapshot = slam.snapshot()
+    assert snapshot.odometry_contradictions
+    assert not snapshot.tracking.is_odometry_trusted
+    save_graph(snapshot, tmp_path / "graph.npz")
+    loaded = load_graph(tmp_path / "graph.npz")
+    assert loaded.odometry_contradictions == snapshot.odometry_contradictions
+    for first, second in zip(snapshot.keyframes, loaded.keyframes, strict=True):
+        np.testing.assert_array_equal(first.scan.angles, second.scan.angles)
+        assert (first.scan.beam_angles is None) == (second.scan.beam_angles is None)
+        assert first.scan.time_increment == second.scan.time_increment
+        np.testing.assert_array_equal(first.cloud.points, second.cloud.points)
+    again = GraphSlam.from_snapshot(loaded)
+    for at, continued in ((90, slam), (90, again)):
+        for scan in driven.scans[at : at + 40]:
+            continued.add(scan, driven.odometry[0])
+    np.testing.assert_array_equal(slam.trajectory.poses, again.trajectory.poses)
+
+
+def test_files_of_the_first_version_are_read(driven: Drive, half: Path, tmp_path: Path) -> None:
+    with np.load(half) as archive:
+        head = json.loads(archive["head"].tobytes())
+    head["wherry-graph"] = 1
+    for name in ("odometry_credit", "odometry_bias", "scan_time"):
+        del head["front"][name]
+    added = ("scan_time_increment", "scan_angle_count", "scan_angles", "contradiction_times", "contradiction_motions")
+    old = changed(
+        half, tmp_path / "old.npz", head=np.frombuffer(json.dumps(head).encode(), np.uint8), **dict.fromkeys(added)
+    )
+    slams = [GraphSlam.from_snapshot(load_graph(path)) for path in (half, old)]
+    middle = len(driven.scans) // 2
+    for slam in slams:
+        add(slam, driven, middle, middle + 40)
+    np.testing.assert_array_equal(slams[0].trajectory.poses, slams[1].trajectory.poses)
 
 
 def test_a_graph_without_scans_cannot_be_saved(tmp_path: Path) -> None:
@@ -103,6 +147,7 @@ def test_an_array_that_is_missing_or_invalid_is_named(half: Path, tmp_path: Path
     cases = {
         "nodes": [None, nodes[:, :2], nodes.astype(np.int64), nodes * np.nan, nodes + 1e10, nodes[:-1]],
         "edge_ends": [ends + 10_000, ends - 10_000, ends[:-1]],
+        "scan_angles": [np.zeros(1)],
         "edge_covariance": [-covariance],
         "scan_fields": [fields * [1, 1, 100, 1, 1, 1], fields * [1, 1, 1, 1, 0, 1]],
         "scan_ranges": [ranges[:-1]],
@@ -112,7 +157,8 @@ def test_an_array_that_is_missing_or_invalid_is_named(half: Path, tmp_path: Path
             with pytest.raises(InputError) as caught:
                 load_graph(changed(half, out, **{name: value}))
             assert caught.value.field == name
-    for broken in ({**head, "wherry-graph": 99}, {**head, "settings": {"speed": 1}}, [1]):
+    wrong_credit = {**head, "front": {**head["front"], "odometry_credit": 1000}}
+    for broken in ({**head, "wherry-graph": 99}, {**head, "settings": {"speed": 1}}, [1], wrong_credit):
         with pytest.raises(InputError):
             load_graph(changed(half, out, head=np.frombuffer(json.dumps(broken).encode(), np.uint8)))
 

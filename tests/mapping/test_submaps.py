@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.submaps import MatchingGridCache
-from wherry.robot import Odometry, Scan, Velocity
-from wherry.space.pose import Pose
+from wherry_testing.buildings import LIDAR, drive
 
 
 def test_evicted_grids_are_rebuilt_bit_for_bit() -> None:
-    rng = np.random.default_rng(0)
-    slam = GraphSlam()
-    for n in range(60):
-        ranges = 5.0 + np.sin(np.linspace(0.0, 9.0, 360) + 0.1 * n) + 0.01 * rng.normal(size=360)
-        scan = Scan(float(n), ranges, -math.pi, math.tau / 360, 0.05, 20.0)
-        slam.add(scan, Odometry(float(n), Pose(0.3 * n, 0.0, 0.0), Velocity()))
+    slam, driven = GraphSlam(LIDAR), drive(noise=0.01, spacing=0.25)
+    for scan, odometry in zip(driven.scans[:150], driven.odometry[:150], strict=True):
+        slam.add(scan, odometry)
     submaps = slam.snapshot().submaps
     assert len(submaps) > 3
     large, small = MatchingGridCache(slam.keyframes), MatchingGridCache(slam.keyframes, capacity=0)

@@ -73,3 +73,15 @@ def test_loop_closures_are_narrated_when_their_number_changes() -> None:
 def closure(rejection: Rejection | None) -> LoopClosure:
     """A candidate loop closure, rejected for a reason unless that is empty."""
     return LoopClosure(1000.0, 1, 0, Pose(), np.eye(3), 0.5, 0.0, 1.0, rejection)
+
+
+def test_points_are_corrected_for_the_motion_during_the_scan() -> None:
+    """The second beam is measured half a second later, half a metre further on."""
+    scan = Scan(1000.0, np.array([2.0, 2.0]), 0.0, 1e-9, 0.1, 10.0, time_increment=0.5)
+    odometry = Trajectory(np.array([1000.0, 1001.0]), np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
+    driving = LidarLog((scan,), (Odometry(1000.0, Pose(), Velocity()),), odometry, LIDAR, ())
+    records: list[Record] = []
+    LogTrace(Phase.MAP, "walk.log", driving, records.append).scan(0, Pose())
+    seen = records[-1]
+    assert isinstance(seen, RobotSnapshot)
+    np.testing.assert_allclose(seen.points, [[2.1, 0.0], [2.6, 0.0]], atol=1e-6)

@@ -68,7 +68,8 @@ def test_with_a_map_only_localization_runs(drive: RecordedDrive, tmp_path: Path)
     second = replayed(drive.ros2, tmp_path / "second", map_file=first.map_file)
     assert second.mapping is None
     assert second.localization.scans == SCANS
-    assert set(files_of(tmp_path / "second")) == {"localization/localization.png", "localization/trajectory.tum"}
+    names = {"localization.png", "localization.csv", "trajectory.tum"}
+    assert set(files_of(tmp_path / "second")) == {f"localization/{name}" for name in names}
 
 
 def write_bag_without_odometry(path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from wherry.errors import InputError
+from wherry.logs.options import ReadingOptions
 from wherry.logs.reading import read_log
 from wherry.logs.tables import read_odometry
 from wherry.mapping.graph_slam import GraphSlam
@@ -77,6 +78,21 @@ def test_the_same_seed_gives_the_same_bytes(log: Path, tmp_path: Path, backend: 
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
 
 
+@pytest.mark.parametrize(("backend", "tolerance"), [("graph", 0.05), ("particles", 0.1)])
+def test_odometry_that_never_changes_does_not_keep_the_robot_in_place(
+    log: Path, tmp_path: Path, backend: str, tolerance: float
+) -> None:
+    constant = tmp_path / "constant.clf"
+    lines = [line.split() for line in log.read_text().splitlines()]
+    constant.write_text("".join(f"{' '.join([*words[:183], *['0'] * 6, *words[189:]])}\n" for words in lines))
+    mapping = prepare(MappingSettings(constant, relations=log.parent / "room.relations", backend=backend))
+    for _ in mapping.steps():
+        pass
+    assert mapping.result.translational_error_m is not None
+    assert mapping.result.translational_error_m < tolerance
+    assert mapping.slam.odometry_contradictions
+
+
 def test_without_relations_and_folder_nothing_is_scored_or_written(log: Path) -> None:
     result = run(MappingSettings(log))
     assert result.translational_error_m is None
@@ -134,7 +150,7 @@ def test_localizing_does_not_change_the_map(log: Path, mapped: Path, next_day: P
 
 
 def test_options_that_cannot_continue_a_graph_are_named(log: Path, mapped: Path, next_day: Path) -> None:
-    graph = mapped / "graph.npz"
+    graph, mount = mapped / "graph.npz", ReadingOptions(lidar=Pose(0.1))
     for settings, source, reason in (
         (MappingSettings(next_day, localize=True), "--localize", "--continue"),
         (MappingSettings(next_day, start=Pose()), "--start", "--continue"),
@@ -143,6 +159,12 @@ def test_options_that_cannot_continue_a_graph_are_named(log: Path, mapped: Path,
         (MappingSettings(log, graph=graph), "room.clf", "time runs backwards"),
         (MappingSettings(next_day, graph=graph, start=Pose(50.0)), "next.clf", "matches the map at no pose"),
         (MappingSettings(next_day, graph=log), "room.clf", "not a saved pose graph"),
+        (
+            MappingSettings(next_day, graph=graph, reading=mount),
+            "next.clf",
+            r"the lidar at \(0.1.*graph at \(0.0.*--lidar",
+        ),
+        (MappingSettings(next_day, graph=graph, resolution=0.1), "--resolution", "cannot be changed by --continue"),
     ):
         with pytest.raises(InputError, match=reason) as caught:
             prepare(settings)

@@ -22,6 +22,7 @@ from wherry.ros.names import load_names
 from wherry.ros.transforms import StampedTransform
 from wherry.space.pose import Pose
 from wherry_testing.bus import Bus
+from wherry_testing.recorded_drives import record_drive
 
 pytest.importorskip("rosbags", reason="the rosbags package is not installed")
 from wherry_testing.recorded_bags import KINDS, OLD_TF, Link, SmallBag, link, quaternion
@@ -39,6 +40,7 @@ def bag(request: pytest.FixtureRequest) -> SmallBag:
 
 def read(bag: SmallBag, folder: Path, **options: object) -> LidarLog:
     """Write a bag and read it again."""
+    folder.mkdir(exist_ok=True)
     return read_bag(bag.write(folder / f"run{'.bag' * (bag.kind == 'ros1')}"), ReadingOptions(**options))  # type: ignore[arg-type]
 
 
@@ -244,6 +246,28 @@ def test_a_lidar_upside_down_sees_what_is_there(bag: SmallBag, tmp_path: Path, t
     np.testing.assert_allclose(log.lidar.transform(log.scans[0].points()), [TARGET], atol=1e-6)
 
 
+def test_a_drive_is_the_same_with_the_lidar_upside_down(tmp_path: Path) -> None:
+    """In a namespace, over a reversed link, and with range_max less 0.1 mm where a beam meets nothing."""
+    log = read_bag(record_drive(tmp_path).ros1)
+    to_mast = link("robot1/base_link", "robot1/mast", log.lidar.x, log.lidar.y, 0.3, quaternion(yaw=log.lidar.theta))
+    to_laser = link("robot1/laser", "robot1/mast", rotation=quaternion(roll=math.pi))
+    bag = SmallBag("mcap").transforms([to_mast, to_laser], topic="/robot1/tf_static")
+    for time, pose in zip(log.odometry.times.tolist(), log.odometry.poses.tolist(), strict=True):
+        names = {"topic": "/robot1/odom", "frame": "robot1/odom", "child": "robot1/base_link"}
+        bag.odometry(time, pose[0], pose[2], y=pose[1], **names)
+    for scan in log.scans:
+        turned = scan.mirrored()
+        ranges = np.where(np.isinf(turned.ranges), scan.range_max - 1e-4, turned.ranges)
+        fields = {name: getattr(turned, name) for name in ("angle_min", "angle_increment", "range_min", "range_max")}
+        bag.scan(scan.time, "/robot1/scan", ranges=ranges, **fields)
+    again = read(bag, tmp_path / "again")
+    assert_lidar(again, log.lidar.x, log.lidar.y, log.lidar.theta)
+    np.testing.assert_allclose(again.odometry.poses, log.odometry.poses, atol=1e-9)
+    for scan, other in zip(log.scans, again.scans, strict=True):
+        np.testing.assert_array_equal(scan.ranges, other.ranges)
+        np.testing.assert_allclose(scan.angles, other.angles, atol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("turn", "degrees"),
     [
@@ -276,13 +300,13 @@ def test_an_unknown_mount_is_refused_with_the_option_that_states_it(bag: SmallBa
     with pytest.raises(InputError) as caught:
         read(bag, tmp_path)
     assert "frame 'laser': where the lidar sits on base_link is unknown" in str(caught.value)
-    assert "(frames of the transforms: base_link, camera, lens)" in str(caught.value)
+    assert str(caught.value).endswith("; frames of the transforms: base_link, camera, lens")
     assert "--lidar x,y,theta states it (m, m, degrees)" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_a_bag_with_odometry_and_no_transforms_is_refused(bag: SmallBag, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"frames of the transforms: none\); --lidar"):
+    with pytest.raises(InputError, match=r"--lidar x,y,theta states it .*; frames of the transforms: none"):
         read(bag.drive().scan(), tmp_path)
 
 

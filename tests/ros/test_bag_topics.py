@@ -230,6 +230,16 @@ def test_metadata_that_cannot_be_read_is_not_used(tmp_path: Path, content: str) 
     assert "metadata.yaml cannot be read and was not used" in log.notes
 
 
+def test_metadata_that_would_fill_the_memory_is_not_used(tmp_path: Path) -> None:
+    folder = SmallBag("mcap").drive().transforms(MOUNT).scan(1.0).write(tmp_path / "run")
+    layers = "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 30))
+    files = "rosbag2_bagfile_information: {relative_file_paths: [*a29]}\n"
+    (folder / "metadata.yaml").write_text(f"a0: &a0 [x]\n{layers}{files}")
+    assert times(read_bag(folder)) == [1.0]
+    (folder / "metadata.yaml").write_bytes(b"#" * 3_000_000)
+    assert "metadata.yaml is too large and was not used" in read_bag(folder).notes
+
+
 @pytest.mark.parametrize("kind", ROS2_KINDS)
 def test_an_empty_storage_identifier_does_not_matter(tmp_path: Path, kind: str) -> None:
     folder = SmallBag(kind).drive().transforms(MOUNT).scan(1.0).write(tmp_path / "run")

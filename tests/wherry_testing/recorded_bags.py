@@ -101,11 +101,12 @@ class SmallBag:
         topic: str = "/odom",
         frame: str = "odom",
         child: str = "base_link",
+        y: float = 0.0,
         orientation: Quaternion | None = None,
         received: float | None = None,
     ) -> SmallBag:
         """Add odometry."""
-        pose = SimpleNamespace(position=vector(x, 0.0, 0.0), orientation=rotation(orientation or quaternion(yaw=yaw)))
+        pose = SimpleNamespace(position=vector(x, y, 0.0), orientation=rotation(orientation or quaternion(yaw=yaw)))
         twist = SimpleNamespace(linear=vector(0.0, 0.0, 0.0), angular=vector(0.0, 0.0, 0.0))
         content = SimpleNamespace(
             header=header(time, frame),

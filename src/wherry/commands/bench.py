@@ -21,7 +21,8 @@ NAMES = ("learning", "slam", "localization", "planning")
 def bench(
     name: Annotated[str, typer.Argument(help=f"{', '.join(NAMES)}.", autocompletion=name_completion(NAMES))],
     data: Annotated[
-        Path, typer.Option(envvar="WHERRY_DATA", help="For slam: folder of recorded logs that contains intel/.")
+        Path,
+        typer.Option(envvar="WHERRY_DATA", help="For slam: folder of recorded logs (docs/how-to/logs.md)."),
     ] = Path("../shared/data"),
     efficient_rl: Annotated[
         Path | None,

@@ -74,19 +74,29 @@ def localize(
         say(console, "Written: " + ", ".join(str(path) for path in written))
     if output.as_json:
         print_json(metrics)
-    raise typer.Exit(0 if result.fits_map else 1)
+    raise typer.Exit(localization_status(result))
 
 
 def print_localization(console: Console, title: str, result: LocalizationResult, drive: DriveSummary) -> None:
     """Print verdicts, notes and metrics of a localization run and of its drive."""
-    from wherry.views.metrics_tables import DRIVE_METRICS, LOCALIZATION_METRICS
+    from wherry.views.metrics_tables import DRIVE_METRICS, LOCALIZATION_METRICS, REFERENCE_METRICS
     from wherry.views.terminal import print_metrics
 
     for line in (result.verdict, result.reference_verdict):
         if line is not None:
             say(console, line)
     say_notes(console, drive.notes)
-    print_metrics(console, title, result.as_dict() | asdict(drive), {**DRIVE_METRICS, **LOCALIZATION_METRICS})
+    labels = {**DRIVE_METRICS, **LOCALIZATION_METRICS, **(REFERENCE_METRICS if result.reference_scans else {})}
+    print_metrics(console, title, result.as_dict() | asdict(drive), labels)
+
+
+def localization_status(result: LocalizationResult) -> int:
+    """The exit status: 1 if the scans do not fit the map, or fit in part only and the robot is lost at the end."""
+    from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD
+    from wherry.pipelines.logs.verdicts import GOOD_FIT
+
+    is_lost_on_other_map = result.fit < GOOD_FIT and result.lost_probability > LOST_PROBABILITY_THRESHOLD
+    return 0 if result.fits_map and not is_lost_on_other_map else 1
 
 
 def _localize_scans(run: LocalizationRun, trace: LogTrace, record: Path | None, console: Console) -> None:

@@ -117,9 +117,8 @@ def _print_result(console: Console, log: Path, run: MappingRun, metrics: Mapping
     from wherry.mapping.loop_closure import count_rejections
     from wherry.views.metrics_tables import MAP_METRICS, MAPPING_METRICS
     from wherry.views.terminal import print_metrics, print_table
-    from wherry.views.verdicts import mapping_verdict
 
-    say(console, mapping_verdict(metrics))
+    say(console, run.result.verdict)
     say_notes(console, run.result.notes)
     labels = MAP_METRICS if run.settings.relations is None else MAPPING_METRICS
     print_metrics(console, f"Map of {log.name}", metrics, labels)

@@ -46,11 +46,10 @@ class ReadingGroup:
         typer.Option(metavar="X,Y,θ", help="Pose of the lidar on the robot, instead of the log's; m, m, degrees."),
     ] = None
     scan_topic: Annotated[
-        str | None, typer.Option(metavar="TOPIC", help="Bags: topic of the scans, if there are several.")
+        str | None,
+        typer.Option(metavar="TOPIC", help="Topic of the scans in a bag; in a text log their type, as FLASER."),
     ] = None
-    odom_topic: Annotated[
-        str | None, typer.Option(metavar="TOPIC", help="Bags: topic of odometry, if there are several.")
-    ] = None
+    odom_topic: Annotated[str | None, typer.Option(metavar="TOPIC", help="Topic of odometry in a bag.")] = None
 
     def options(self) -> ReadingOptions:
         """The options for the pipelines.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wherry.commands.common import OutputOptions, ParamsOption, SeedOption, print_json, progress_bar, say
-from wherry.commands.localize import print_localization
+from wherry.commands.localize import localization_status, print_localization
 from wherry.commands.option_groups import with_option_groups
 from wherry.commands.reading import ReadingGroup, TrajectoryFormatOption, say_notes
 from wherry.commands.run_folders import run_folder, write_result
@@ -66,7 +66,7 @@ def replay(
     if output.as_json:
         print_json(metrics)
     is_doubtful = run.mapping is not None and run.mapping.is_doubtful
-    raise typer.Exit(1 if is_doubtful or not run.localization.fits_map else 0)
+    raise typer.Exit(1 if is_doubtful else localization_status(run.localization))
 
 
 def _run(run: ReplayRun, console: Console) -> None:
@@ -91,11 +91,10 @@ def _print_result(console: Console, bag: Path, run: ReplayRun) -> None:
     """Print verdicts, notes and metrics of both stages."""
     from wherry.views.metrics_tables import MAP_METRICS
     from wherry.views.terminal import print_metrics
-    from wherry.views.verdicts import mapping_verdict
 
     if run.mapping is not None:
         metrics = asdict(run.mapping)
-        say(console, mapping_verdict(metrics))
+        say(console, run.mapping.verdict)
         say_notes(console, [note for note in run.mapping.notes if note not in run.drive.notes])
         print_metrics(console, f"Map of {bag.name}", metrics, MAP_METRICS)
     print_localization(console, f"{bag.name} on {run.map_file.name}", run.localization, run.drive)

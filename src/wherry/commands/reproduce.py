@@ -81,7 +81,7 @@ def reproduce(
         ),
     ],
     data: Annotated[
-        Path, typer.Option(envvar="WHERRY_DATA", help="Folder of recorded logs that contains intel/.")
+        Path, typer.Option(envvar="WHERRY_DATA", help="Folder of recorded logs (docs/how-to/logs.md).")
     ] = Path("../shared/data"),
     out: Annotated[
         Path | None,

@@ -22,6 +22,7 @@ import numpy as np
 from wherry.domains.delivery import DeliveryHeuristic, boxes_left, delivery_grid
 from wherry.domains.taxi import taxi_grid
 from wherry.errors import InputError
+from wherry.experiments.data_folder import check_logs
 from wherry.experiments.localization.recorded import INTEL
 from wherry.experiments.localization.speed import MAX_RANGE, beam_angles, straight_drive
 from wherry.experiments.machine import machine_load
@@ -207,6 +208,7 @@ def _delivery_plan(progress: Progress) -> Timing:
 
 def slam(settings: BenchSettings, progress: Progress) -> list[Timing]:
     """Measure mapping per scan of the Intel log, and yag_slam's where it is installed."""
+    check_logs(settings.data, [INTEL])
     progress("mapping Intel")
     log, task = settings.data / INTEL, "a scan of Intel"
     own = [Timing.own(task, milliseconds, method) for method, milliseconds in measure_own(log).items()]

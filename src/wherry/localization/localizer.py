@@ -65,6 +65,7 @@ class Localization:
         agreement: Agreement of the scan with the map at the estimated pose.
         hypotheses: Hypotheses around which the particles were redrawn at this scan; empty if they were not.
         rivals: Other poses that agree with the scans so far, the most probable first.
+        tracking_lost_probability: As ``lost_probability``, but given that none of the rivals is right.
     """
 
     estimate: PoseEstimate
@@ -72,6 +73,7 @@ class Localization:
     agreement: ScanAgreement
     hypotheses: tuple[Hypothesis, ...] = ()
     rivals: tuple[Rival, ...] = ()
+    tracking_lost_probability: float = 0.0
 
     @property
     def pose(self) -> Pose:
@@ -163,9 +165,21 @@ class Localizer:
             if not hypotheses:
                 estimate, agreement, hypotheses = self._switch_to_rival(estimate, agreement, odometry.pose)
             self.fit = self.fit.with_scan(agreement)
-        rivals = self._rivals.at(odometry.pose)
-        at_estimate = min(estimate.weight, 1.0 - self._rivals.probability) * (1.0 - lost)
-        return Localization(estimate, min(max(1.0 - at_estimate, 0.0), 1.0), agreement, hypotheses, rivals)
+        return self._localization(estimate, lost, agreement, hypotheses, odometry.pose)
+
+    def _localization(
+        self,
+        estimate: PoseEstimate,
+        lost: float,
+        agreement: ScanAgreement,
+        hypotheses: tuple[Hypothesis, ...],
+        odometry: Pose,
+    ) -> Localization:
+        """The estimate with the probabilities that the robot is elsewhere."""
+        tracking = 1.0 - estimate.weight * (1.0 - lost)
+        overall = 1.0 - min(estimate.weight, 1.0 - self._rivals.probability) * (1.0 - lost)
+        rivals = self._rivals.at(odometry)
+        return Localization(estimate, _clipped(overall), agreement, hypotheses, rivals, _clipped(tracking))
 
     def _restart(self, *, is_global: bool) -> None:
         """Forget all scans; a map of which nothing is known is searched with the next one."""
@@ -297,6 +311,11 @@ class Localizer:
             LOST_WINDOW_PROBABILITY
         )
         return is_lost and self._window.is_full
+
+
+def _clipped(probability: float) -> float:
+    """A probability without rounding errors, 0 to 1."""
+    return min(max(probability, 0.0), 1.0)
 
 
 def _modes(hypotheses: tuple[Hypothesis, ...]) -> list[PoseMode]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from wherry.errors import InputError
 from wherry.logs.beam_times import with_usable_beam_times
-from wherry.logs.clocks import of_same_clock, with_usable_stamps
+from wherry.logs.clocks import of_same_clock, with_spread_stamps, with_usable_stamps
 from wherry.logs.lidar_log import LidarLog
 from wherry.logs.majority import kept_odometry, kept_scans, without_repetitions
 from wherry.logs.max_range_readings import mark_beams_without_return
@@ -55,6 +55,7 @@ def assemble_log(
     rejections.check_share(len(timed) - len(kept) + skipped_scans, len(timed) + skipped_scans, "scans")
     readings, odometry_jumps_note = kept_odometry(kept, timed_odometry, rejections)
     rejections.check_share(len(rejections.entries), total, "lines or messages")
+    kept, readings, coarse_note = with_spread_stamps(kept, readings)
     readings, difference_note = of_same_clock(kept, readings)
     at_scans, trajectory, coverage_note = odometry_at_scans(kept, readings)
     marked, marking_note = mark_beams_without_return([recorded.scan for recorded in kept], at_scans)
@@ -64,6 +65,7 @@ def assemble_log(
             *notes,
             rejections.note(total),
             clock_note,
+            coarse_note,
             scan_jumps_note or odometry_jumps_note,
             difference_note,
             coverage_note if readings or not odometry else "",  # another note says why odometry was left out

@@ -5,20 +5,22 @@ Source: http://carmen.sourceforge.net/logger_playback.html, the header that CARM
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 from wherry.logs.carmen_angles import stated_angles, unstated_angles
-from wherry.logs.collector import LogCollector
+from wherry.logs.collector import RANGE_PARAMETER, LogCollector
 from wherry.logs.log_lines import (
     RANGE_MIN,
     MalformedLineError,
+    check_range_max,
     parse_count,
     parse_numbers,
     parse_pose,
     parse_ranges,
+    parse_stamp,
 )
 from wherry.robot import Scan
 
@@ -33,7 +35,7 @@ def _old_laser(collector: LogCollector, words: list[str]) -> None:
         raise MalformedLineError(f"has {len(words)} words, where {count} beams need {count + 11}")
     ranges = parse_ranges(words[2 : 2 + count], collector.range_max)
     poses = parse_numbers(words[2 + count : 8 + count])
-    (time,) = parse_numbers(words[8 + count : 9 + count])
+    time = parse_stamp(words[8 + count])
     angles = unstated_angles(count, collector.front_field_of_view, collector.front_resolution)
     collector.note_of(words[0], angles.note)
     scan = Scan(time, ranges, angles.start, angles.increment, RANGE_MIN, collector.range_max)
@@ -49,9 +51,9 @@ def _robot_laser(collector: LogCollector, words: list[str]) -> None:
     if len(words) != first + 14:
         raise MalformedLineError(f"has {len(words)} words, where {len(scan.ranges)} beams need {first + 14}")
     poses = parse_numbers(words[first : first + 6])
-    (time,) = parse_numbers(words[first + 11 : first + 12])
+    time = parse_stamp(words[first + 11])
     robot, lidar = parse_pose(poses[3:]), parse_pose(poses[:3])
-    collector.add_scan(words[0], _at(scan, time), robot, lidar, _logger_time(words))
+    collector.add_scan(words[0], replace(scan, time=time), robot, lidar, _logger_time(words))
 
 
 def _raw_laser(collector: LogCollector, words: list[str]) -> None:
@@ -59,8 +61,8 @@ def _raw_laser(collector: LogCollector, words: list[str]) -> None:
     scan, first = _laser(collector, words)
     if len(words) != first + 3:
         raise MalformedLineError(f"has {len(words)} words, where {len(scan.ranges)} beams need {first + 3}")
-    (time,) = parse_numbers(words[first : first + 1])
-    collector.add_scan(words[0], _at(scan, time), None, None, _logger_time(words))
+    time = parse_stamp(words[first])
+    collector.add_scan(words[0], replace(scan, time=time), None, None, _logger_time(words))
 
 
 def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
@@ -71,8 +73,7 @@ def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
     count = parse_count(words, 8)
     if len(words) <= 9 + count:
         raise MalformedLineError(f"has {len(words)} words, too few for {count} beams")
-    if range_max <= 0.0:
-        raise MalformedLineError("the longest range must be above 0")
+    check_range_max(range_max)
     angles = stated_angles(count, start, field_of_view, resolution)
     collector.note_of(words[0], angles.note)
     ranges = parse_ranges(words[9 : 9 + count], range_max)
@@ -83,32 +84,28 @@ def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
     return Scan(0.0, ranges, angles.start, angles.increment, RANGE_MIN, range_max), 10 + count + remissions
 
 
-def _at(scan: Scan, time: float) -> Scan:
-    """A scan with its time, s."""
-    return Scan(time, scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
-
-
 def _logger_time(words: list[str]) -> float | None:
     """Time at which the logger received a message, s since it began, its last word; None if that is no number."""
     try:
-        time = float(words[-1])
-    except ValueError:
+        return parse_stamp(words[-1])
+    except MalformedLineError:
         return None
-    return time if math.isfinite(time) else None
 
 
 def _odom(collector: LogCollector, words: list[str]) -> None:
     """``ODOM x y θ tv rv accel time host logger_time``."""
     if len(words) != 10:
         raise MalformedLineError(f"has {len(words)} words, not 10")
-    values = parse_numbers(words[1:8])
-    collector.add_odometry(values[6], parse_pose(values[:3]), _logger_time(words))
+    values = parse_numbers(words[1:7])
+    collector.add_odometry(parse_stamp(words[7]), parse_pose(values[:3]), _logger_time(words))
 
 
 def _param(collector: LogCollector, words: list[str]) -> None:
     """``PARAM name value …``, of which those of the lidars are used."""
     if len(words) >= 3 and words[1] in collector.parameters:
         (value,) = parse_numbers(words[2:3])
+        if words[1] == RANGE_PARAMETER and value > 0.0:
+            check_range_max(value)
         collector.parameters[words[1]] = value
 
 

@@ -8,10 +8,11 @@ import numpy as np
 
 from wherry.logs.coverage import agree, clock_difference, covered
 from wherry.logs.recorded import RecordedOdometry, RecordedScan, trajectory_of
-from wherry.logs.timestamps import ASSUMED_SCAN_PERIOD, has_constant_stamps
+from wherry.logs.timestamps import ASSUMED_SCAN_PERIOD, has_constant_stamps, increasing_times
 from wherry.space.pose import Floats
 
 MIN_DISTINCT_SHARE = 0.5  # share of distinct stamps of odometry below which its poses are not compared with others
+READINGS_PER_STAMP = 3.0  # mean number of scans or readings with the same stamp from which stamps are coarse
 MIN_CLOCK_READINGS = 3  # scans, and readings of odometry, from which two clocks are compared
 
 
@@ -49,6 +50,40 @@ def _with_usable_odometry_stamps(
     delay = float(np.median(np.array([recorded.scan.time for recorded in scans]) - received_scans))
     timed = [reading.at(float(time)) for reading, time in zip(odometry, received + delay, strict=True)]
     return timed, f"{reason}: the times at which the recorder received it are used"
+
+
+def with_spread_stamps(
+    scans: list[RecordedScan], odometry: list[RecordedOdometry]
+) -> tuple[list[RecordedScan], list[RecordedOdometry], str]:
+    """Scans and odometry with coarse stamps spread evenly up to the next stamp, and a note that says so.
+
+    Poses recorded with the scans do not depend on stamps, which then stay as they are.
+
+    Args:
+        scans: Scans in the order of time.
+        odometry: Odometry in the order of time.
+    """
+    if any(recorded.pose is not None for recorded in scans) or not odometry:
+        return scans, odometry, ""
+    distinct = [
+        reading
+        for index, reading in enumerate(odometry)
+        if index == 0 or (reading.time, reading.pose) != (odometry[index - 1].time, odometry[index - 1].pose)
+    ]
+    stamps = np.array([recorded.scan.time for recorded in scans])
+    odometry_stamps = np.array([reading.time for reading in distinct])
+    coarse = [
+        name
+        for name, times in (("the scans", stamps), ("odometry", odometry_stamps))
+        if len(times) >= READINGS_PER_STAMP * len(np.unique(times))
+    ]
+    if "the scans" in coarse:
+        scans = [entry.at(time) for entry, time in zip(scans, increasing_times(stamps).tolist(), strict=True)]
+    if "odometry" in coarse:
+        times = increasing_times(odometry_stamps).tolist()
+        odometry = [entry.at(time) for entry, time in zip(distinct, times, strict=True)]
+    note = f"the stamps of {' and of '.join(coarse)} are coarse: they are spread evenly up to the next stamp"
+    return scans, odometry, note if coarse else ""
 
 
 def _received(recorded: Sequence[RecordedScan] | Sequence[RecordedOdometry]) -> Floats:

@@ -14,13 +14,14 @@ from wherry.logs.lidar_log import LidarLog
 from wherry.logs.mounts import find_mount
 from wherry.logs.options import ReadingOptions
 from wherry.logs.recorded import Recorded, RecordedOdometry, RecordedScan
-from wherry.logs.rejections import Rejections
-from wherry.logs.timestamps import unit_of
+from wherry.logs.rejections import Rejections, without_numbers
+from wherry.logs.timestamps import MAX_TIME, unit_of
 from wherry.robot import Scan
-from wherry.space.pose import Pose
+from wherry.space.pose import Floats, Pose
 
 SICK_RANGE_MAX = 80.0  # m, longest valid range if a log gives none; without a return, SICK lidars read 81.83 or 81.91
 MAX_RANGES = 50_000_000  # total of all scans of a log, 0.4 GB
+MAX_MESSAGES = 1_500_000  # total of scans and odometry of a log, seven hours at 10 Hz and 50 Hz
 MOUNTS = ("offset", "side_offset", "angular_offset")  # ends of the names of parameters: m ahead, m to the left, rad
 FRONT, REAR = "robot_frontlaser_", "robot_rearlaser_"
 FRONT_MESSAGES, REAR_MESSAGES = ("FLASER", "ROBOTLASER1", "RAWLASER1"), ("RLASER", "ROBOTLASER2", "RAWLASER2")
@@ -50,8 +51,9 @@ class LogCollector:
         odometry: Odometry messages.
         unread_lasers: Numbers of messages that may be scans, but of an unknown format, by type.
         rejections: Lines that were left out, with reasons.
+        messages: Number of scans and odometry messages.
         ranges: Number of ranges of all scans.
-        scan_notes: What was assumed about the scans, once each, by the type of the message.
+        scan_notes: What was assumed about the scans, by the type of the message and the kind of the assumption.
         notes: What was decided about the log.
     """
 
@@ -64,8 +66,9 @@ class LogCollector:
     odometry: list[RecordedOdometry] = field(default_factory=list)
     unread_lasers: Counter[str] = field(default_factory=Counter)
     rejections: Rejections = field(init=False)
-    scan_notes: dict[str, dict[str, None]] = field(default_factory=dict)
+    scan_notes: dict[str, dict[str, str]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    messages: int = 0
     ranges: int = 0
 
     def __post_init__(self) -> None:
@@ -89,9 +92,9 @@ class LogCollector:
         return self.parameters[RESOLUTION_PARAMETER]
 
     def note_of(self, message: str, text: str) -> None:
-        """Note an assumption about the scans of a type of message; an empty text or a repeated one is ignored."""
+        """Note an assumption about the scans of a type of message, the first of each kind; an empty text is ignored."""
         if text:
-            self.scan_notes.setdefault(message, {})[f"{message}: {text}"] = None
+            self.scan_notes.setdefault(message, {}).setdefault(without_numbers(text), f"{message}: {text}")
 
     def skip_line(self, reason: str) -> None:
         """Leave the malformed line out.
@@ -117,8 +120,7 @@ class LogCollector:
             InputError: The scans of the log do not fit into memory.
         """
         self.ranges += len(scan.ranges)
-        if self.ranges > MAX_RANGES:
-            raise InputError(self.source, self._name, f"exceeds the {MAX_RANGES:,} ranges that fit into memory")
+        self._count_message()
         self.scans.setdefault(message, []).append(RecordedScan(self._name, scan, robot, received))
         if robot is not None and lidar is not None:
             self.lidars.setdefault(message, []).append((robot, lidar))
@@ -130,10 +132,21 @@ class LogCollector:
             time: Time, s; gmapping repeats the poses of scans with time 0.
             pose: base_link in the odom frame.
             received: Time at which the recorder received it, s; None if it was not recorded.
+
+        Raises:
+            InputError: The odometry of the log does not fit into memory.
         """
         if time == 0.0 and self.odometry:
             return
+        self._count_message()
         self.odometry.append(RecordedOdometry(self._name, time, pose, received))
+
+    def _count_message(self) -> None:
+        """Count a message, and check that the log fits into memory."""
+        self.messages += 1
+        if self.messages > MAX_MESSAGES or self.ranges > MAX_RANGES:
+            limit = f"{MAX_MESSAGES:,} messages and {MAX_RANGES:,} ranges that fit into memory"
+            raise InputError(self.source, self._name, f"exceeds the {limit}")
 
     def log(self) -> LidarLog:
         """The log of all messages.
@@ -148,15 +161,19 @@ class LogCollector:
         if scans:
             pairs = self.lidars.get(message, [])
             mount, mount_note = find_mount(self.source, pairs, self._stated_mount(message), self.options.lidar)
-            self.notes += [*self.scan_notes.get(message, {}), *([mount_note] if mount_note else [])]
+            self.notes += [*self.scan_notes.get(message, {}).values(), *([mount_note] if mount_note else [])]
+        times = np.array([recorded.scan.time for recorded in scans])
+        odometry_times = np.array([reading.time for reading in self.odometry])
+        timed = self._in_seconds(scans, times, "scans")
         return assemble_log(
             self.source,
-            self._in_seconds(scans, np.array([recorded.scan.time for recorded in scans]), "scans"),
-            self._in_seconds(self.odometry, np.array([reading.time for reading in self.odometry]), "odometry"),
+            timed,
+            self._in_seconds(self.odometry, odometry_times, "odometry"),
             mount,
             self.options,
             skipped=self.rejections.entries,
             notes=self.notes,
+            skipped_scans=len(scans) - len(timed),
         )
 
     @property
@@ -197,10 +214,15 @@ class LogCollector:
             np.array([values[0] or 0.0, values[1] or 0.0, default_angle if values[2] is None else values[2]])
         )
 
-    def _in_seconds(self, recorded: Sequence[Recorded], times: np.ndarray, name: str) -> list[Recorded]:
-        """What was recorded with its stamps, [N], in seconds."""
+    def _in_seconds(self, recorded: Sequence[Recorded], times: Floats, name: str) -> list[Recorded]:
+        """What was recorded with its stamps, [N], in seconds, without impossible ones."""
         unit, unit_name = unit_of(times)
-        if unit == 1.0:
-            return list(recorded)
-        self.notes.append(f"the times of the {name} are in {unit_name}: they are converted to seconds")
-        return [entry.at(float(time * unit)) for entry, time in zip(recorded, times, strict=True)]
+        if unit != 1.0:
+            self.notes.append(f"the times of the {name} are in {unit_name}: they are converted to seconds")
+        kept: list[Recorded] = []
+        for entry, time in zip(recorded, times.tolist(), strict=True):
+            if abs(time * unit) > MAX_TIME:
+                self.rejections.reject(entry.name, f"has a time beyond {MAX_TIME:g} s")
+            else:
+                kept.append(entry if unit == 1.0 else entry.at(time * unit))
+        return kept

@@ -11,7 +11,9 @@ from wherry.logs.lidar_log import MAX_BEAMS
 from wherry.robot import mark_no_return
 from wherry.space.pose import Floats, Pose
 
-MAX_NUMBER = 1e20  # largest absolute value of a number in a log
+MAX_NUMBER = 1e18  # largest absolute value of a number in a log
+MAX_STAMP = 1e20  # largest absolute value of a stamp; Unix times in nanoseconds are above 1e18
+MAX_RANGE = 1000.0  # m, longest range of any lidar
 MAX_COORDINATE = 1e9  # m
 MAX_WORD_LENGTH = 40  # characters of a word shown in a message
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
@@ -22,8 +24,21 @@ class MalformedLineError(Exception):
     """A line that cannot be used; the message is the reason."""
 
 
-def parse_numbers(words: list[str]) -> list[float]:
+def parse_stamp(word: str) -> float:
+    """A stamp, in any unit.
+
+    Raises:
+        MalformedLineError: It is no finite number, or too large.
+    """
+    return parse_numbers([word], MAX_STAMP)[0]
+
+
+def parse_numbers(words: list[str], largest: float = MAX_NUMBER) -> list[float]:
     """The words as finite numbers.
+
+    Args:
+        words: Numbers as text.
+        largest: Largest possible absolute value.
 
     Raises:
         MalformedLineError: A word is no finite number, or too large.
@@ -40,8 +55,8 @@ def parse_numbers(words: list[str]) -> list[float]:
         raise MalformedLineError("has an underscore in a number")
     if not all(math.isfinite(value) for value in values):
         raise MalformedLineError("has a number that is not finite")
-    if any(abs(value) > MAX_NUMBER for value in values):
-        raise MalformedLineError(f"has a number beyond {MAX_NUMBER:g}")
+    if any(abs(value) > largest for value in values):
+        raise MalformedLineError(f"has a number beyond {largest:g}")
     return values
 
 
@@ -67,6 +82,16 @@ def parse_count(words: list[str], index: int, minimum: int = 1) -> int:
     if not minimum <= count <= MAX_BEAMS:
         raise MalformedLineError(f"has {count} beams; {minimum} to {MAX_BEAMS:,} are possible")
     return count
+
+
+def check_range_max(range_max: float) -> None:
+    """Check the longest range that a log states for its lidar, m.
+
+    Raises:
+        MalformedLineError: No lidar has it.
+    """
+    if not 0.0 < range_max <= MAX_RANGE:
+        raise MalformedLineError(f"the longest range is {range_max:g}, not above 0 and up to {MAX_RANGE:g} m")
 
 
 def parse_ranges(words: list[str], range_max: float, unit: float = 1.0) -> Floats:

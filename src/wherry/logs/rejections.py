@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from wherry.errors import InputError, on_one_line
 
 MAX_REJECTED_SHARE = 0.25  # share of the lines or messages above which a recording is refused even if lenient
+MAX_REJECTED = 200_000  # lines or messages above which a recording is refused without reading the rest
 MIN_REJECTED = 4  # lines or messages below which the share is not checked, as in files of a few lines
 REPORTED_REASONS = 2  # reasons named in a note, the most frequent ones
 MAX_EXAMPLE_LENGTH = 100  # characters of an example in a note
@@ -38,11 +39,13 @@ class Rejections:
             reason: Why it cannot be used, as a predicate.
 
         Raises:
-            InputError: The reader is not lenient; the error names the line and the reason.
+            InputError: The reader is not lenient, or too much was left out; the error names the line and the reason.
         """
         if not self.lenient:
             raise InputError(self.source, name, f"{reason} (--lenient leaves it out)")
         self.entries.append(on_one_line(f"{name}: {reason}"))
+        if len(self.entries) > MAX_REJECTED:
+            raise InputError(self.source, name, f"is the last of over {MAX_REJECTED:,} that cannot be used: {reason}")
 
     def check_share(self, rejected: int, total: int, what: str) -> None:
         """Refuse a recording most of which would be left out.
@@ -83,10 +86,15 @@ def are_too_many(rejected: int, total: int) -> bool:
     return rejected >= MIN_REJECTED and rejected > MAX_REJECTED_SHARE * total
 
 
+def without_numbers(text: str) -> str:
+    """A text with a mark in place of each number, by which texts of one kind are equal."""
+    return NUMBER.sub("#", text)
+
+
 def _kind(entry: str) -> str:
     """The reason of an entry without its numbers and quoted words."""
     reason = entry.partition(": ")[2]
-    return NUMBER.sub("#", reason.partition("'")[0])
+    return without_numbers(reason.partition("'")[0])
 
 
 def _shortened(text: str) -> str:

@@ -11,15 +11,15 @@ from types import MappingProxyType
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.logs.log_lines import MAX_COORDINATE, MalformedLineError, parse_numbers
+from wherry.logs.log_lines import MAX_COORDINATE, MalformedLineError, parse_numbers, parse_stamp
 from wherry.logs.text_files import is_comment, numbered_lines
-from wherry.logs.timestamps import unit_of
+from wherry.logs.timestamps import MAX_TIME, unit_of
 from wherry.space.pose import Floats
 from wherry.space.trajectory import Trajectory
 
 POSE_WIDTH, TUM_WIDTH, KITTI_WIDTH = 4, 8, 12  # numbers in a line
 FORMATS = "t x y θ or TUM's t x y z qx qy qz qw"
-MAX_ROWS = 10_000_000
+MAX_ROWS = 2_000_000  # eleven hours at 50 Hz
 NORM_TOLERANCE = 0.1  # deviation of a quaternion's norm from 1 that is corrected
 MAX_TILT = 0.35  # rad, between the z axes of base_link and of the map
 HEADER_WORD = re.compile(r"[^\W\d_]\w*")
@@ -79,6 +79,9 @@ def read_trajectory(path: str | Path) -> tuple[Trajectory, tuple[str, ...]]:
     headings = rows[:, 3] if rows.shape[1] == POSE_WIDTH else _headings(path, table)
     unit, unit_name = unit_of(rows[:, 0])
     times = rows[:, 0] * unit if unit != 1.0 else rows[:, 0]
+    distant = np.flatnonzero(np.abs(times) > MAX_TIME)
+    if len(distant):
+        raise InputError(path, f"line {table.lines[int(distant[0])]}", f"has a time beyond {MAX_TIME:g} s")
     backwards = np.flatnonzero(np.diff(times) < 0.0)
     if len(backwards):
         line = table.lines[int(backwards[0]) + 1]
@@ -157,7 +160,7 @@ def _read_table(path: str | Path, widths: tuple[int, ...]) -> _Table:
             continue
         words = _words(line)
         try:
-            numbers = parse_numbers(words)
+            numbers = [parse_stamp(words[0]), *parse_numbers(words[1:])]
         except MalformedLineError as error:
             raise InputError(path, f"line {number}", str(error)) from error
         _check_width(path, number, len(numbers), (len(rows[0]),) if rows else widths)

@@ -44,7 +44,7 @@ def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
     Whether it is gzipped is recognized by its first bytes, not by its name.
 
     Raises:
-        InputError: The file cannot be read, is empty or no text, or it or a line is too long.
+        InputError: The file cannot be read, is no text, or it or a line is too long.
     """
     try:
         with path.open("rb") as file:
@@ -85,11 +85,11 @@ def _checked_lines(path: Path, file: io.BufferedReader[Any], packed: int) -> Ite
 
 
 def _check_kind(path: Path, head: bytes) -> None:
-    """Refuse a file that is empty or no text by its first bytes."""
-    if not head:
-        raise InputError(path, "", "is empty")
+    """Refuse a file that is no text by its first bytes."""
     for first_bytes, reason in OTHER_KINDS:
         if head.startswith(first_bytes):
             raise InputError(path, "", reason)
+    if b"\r" in head.rstrip(b"\r") and b"\n" not in head:
+        raise InputError(path, "", "has lines that end in a carriage return only: convert it, as by tr '\\r' '\\n'")
     if len(head) - len(head.translate(None, CONTROL_CHARACTERS)) > MAX_CONTROL_SHARE * len(head):
         raise InputError(path, "", "is a binary file, not text")

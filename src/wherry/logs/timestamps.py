@@ -6,6 +6,7 @@ import numpy as np
 
 from wherry.space.pose import Floats
 
+MAX_TIME = 1e12  # s, largest absolute value of a stamp
 UNITS = ((1e-9, "nanoseconds", 1e17), (1e-6, "microseconds", 1e14), (1e-3, "milliseconds", 1e11))
 """Units smaller than a second: s, name, and the number of them above which a stamp is a Unix time in this unit."""
 COUNTED_UNITS = ((1e-9, "nanoseconds", 5e6), (1e-6, "microseconds", 1e4))
@@ -21,17 +22,22 @@ def unit_of(times: Floats) -> tuple[float, str]:
     """The unit of stamps, [N], by their size and, of whole numbers, by their steps: s, and its name."""
     if not len(times):
         return 1.0, "seconds"
-    size = float(np.median(np.abs(times)))
+    size = _lower_median(np.abs(times))
     for unit, name, smallest in UNITS:
         if size >= smallest:
             return unit, name
     steps = np.abs(np.diff(times))
     if len(steps) and (times == np.round(times)).all():
-        step = float(np.median(steps))
+        step = _lower_median(steps)
         for unit, name, smallest in COUNTED_UNITS:
             if step >= smallest:
                 return unit, name
     return 1.0, "seconds"
+
+
+def _lower_median(values: Floats) -> float:
+    """The lower one of the two middle values, which one outlier among few cannot move."""
+    return float(np.sort(values)[(len(values) - 1) // 2])
 
 
 def has_constant_stamps(times: Floats) -> bool:

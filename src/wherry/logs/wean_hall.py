@@ -8,7 +8,7 @@ from types import MappingProxyType
 from wherry.logs.carmen_angles import HALF_CIRCLE, unstated_angles
 from wherry.logs.collector import LogCollector
 from wherry.logs.lidar_log import MAX_BEAMS
-from wherry.logs.log_lines import RANGE_MIN, MalformedLineError, parse_numbers, parse_pose, parse_ranges
+from wherry.logs.log_lines import RANGE_MIN, MalformedLineError, parse_numbers, parse_pose, parse_ranges, parse_stamp
 from wherry.robot import Scan
 
 RANGE_MAX = 80.0  # m, longest valid range of the lidar
@@ -24,7 +24,7 @@ def _lidar(collector: LogCollector, words: list[str]) -> None:
     robot = [values[0] * CENTIMETRE, values[1] * CENTIMETRE, values[2]]
     lidar = [values[3] * CENTIMETRE, values[4] * CENTIMETRE, values[5]]
     ranges = parse_ranges(words[7:-1], RANGE_MAX, unit=CENTIMETRE)
-    (time,) = parse_numbers(words[-1:])
+    time = parse_stamp(words[-1])
     angles = unstated_angles(count, HALF_CIRCLE, None)
     scan = Scan(time, ranges, angles.start, angles.increment, RANGE_MIN, RANGE_MAX)
     collector.add_scan("L", scan, parse_pose(robot), parse_pose(lidar))
@@ -34,8 +34,8 @@ def _odometry(collector: LogCollector, words: list[str]) -> None:
     """``O x y θ t``: cm, rad and s."""
     if len(words) != 5:
         raise MalformedLineError(f"has {len(words)} words, not 5")
-    x, y, theta, time = parse_numbers(words[1:])
-    collector.add_odometry(time, parse_pose([x * CENTIMETRE, y * CENTIMETRE, theta]))
+    x, y, theta = parse_numbers(words[1:4])
+    collector.add_odometry(parse_stamp(words[4]), parse_pose([x * CENTIMETRE, y * CENTIMETRE, theta]))
 
 
 WEAN_HALL_PARSERS: Mapping[str, Callable[[LogCollector, list[str]], None]] = MappingProxyType(

@@ -6,16 +6,20 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from wherry.mapping.constraints import Constraint
 from wherry.mapping.covariances import regularized_inverse, rotate_covariance
 from wherry.mapping.keyframe_graph import KeyframeGraph
 from wherry.mapping.keyframes import Keyframe
 from wherry.mapping.motion_noise import CONSTANT_VELOCITY_NOISE, ODOMETRY_NOISE, is_within
 from wherry.mapping.odometry_check import (
+    MAX_BIAS,
     OdometryContradiction,
     is_contradicted,
     is_determined,
     is_plausible,
+    normalized_error,
 )
 from wherry.mapping.placement import PlacedScan, Placement, Prediction, ScanPlacer
 from wherry.mapping.point_cloud import PointCloud
@@ -163,11 +167,14 @@ class FrontEnd:
             return tracking, None
         measured = odometry.pose.relative_to(tracking.keyframe_odometry.pose)
         motion = placement.pose.relative_to(tracking.keyframe_pose)
-        if _contradicts(placement, measured, motion):
+        is_informative = placement.match is not None and is_determined(placement.match)
+        if is_informative:
+            tracking = tracking.with_odometry_error(normalized_error(measured, motion), motion)
+        if _contradicts(placement, measured, motion) or np.linalg.norm(tracking.odometry_bias) > MAX_BIAS:
             since = self._graph.keyframes[tracking.keyframe].scan.time
             self._contradictions.append(OdometryContradiction(time, since, measured, motion))
             return tracking.contradicted(), None
-        if placement.match is not None and is_determined(placement.match):
+        if is_informative:
             tracking = tracking.agreed()
         return tracking, measured if tracking.is_odometry_trusted else None
 

@@ -17,9 +17,12 @@ import numpy as np
 from wherry.mapping.covariances import invert, regularized_inverse, rotate_covariance
 from wherry.mapping.motion_noise import ODOMETRY_NOISE
 from wherry.mapping.refinement import Refinement
-from wherry.space.pose import Pose, wrap
+from wherry.space.pose import Floats, Pose, wrap
 
 MAX_DISAGREEMENT = 4.5  # standard deviations; 99.99 % of the χ distribution with three degrees of freedom lie below
+MAX_BIAS = 1.5  # standard deviations of the mean error beyond which odometry has a wrong scale or sign
+BIAS_GAIN = 1.0 / 8.0  # weight of a new error in the moving average, which spans about 8 keyframes
+TELLING_DISTANCE, TELLING_ANGLE = 0.2, math.radians(10.0)  # m and rad, motions that show a scale in full
 MAX_LINEAR_SPEED = 5.0  # m/s, faster than indoor robots drive
 MAX_ANGULAR_SPEED = math.tau  # rad/s, faster than indoor robots turn
 MIN_STEP_TIME = 0.1  # s, shortest time that a speed is computed over, since time stamps jitter
@@ -83,6 +86,13 @@ def is_plausible(motion: Pose, elapsed: float) -> bool:
     return is_slow and abs(wrap(motion.theta)) <= MAX_ANGULAR_SPEED * time
 
 
+def normalized_error(odometry: Pose, matched: Pose) -> Floats:
+    """Error of a motion by odometry against the matched one, [3] standard deviations of odometry, base_link frame."""
+    error = odometry.relative_to(matched)
+    distance, angle = ODOMETRY_NOISE.deviations(matched)
+    return np.array([error.x / distance, error.y / distance, error.theta / angle])
+
+
 def is_contradicted(odometry: Pose, matched: Pose, match: Refinement) -> bool:
     """Whether a match contradicts a motion by odometry, by their Mahalanobis distance.
 
@@ -91,13 +101,11 @@ def is_contradicted(odometry: Pose, matched: Pose, match: Refinement) -> bool:
         matched: The motion to the pose of the match.
         match: The match that the motion ends at.
     """
-    error = odometry.relative_to(matched)
-    distance, angle = ODOMETRY_NOISE.deviations(matched)
-    if math.hypot(error.x / distance, error.y / distance, error.theta / angle) <= MAX_DISAGREEMENT:
+    if np.linalg.norm(normalized_error(odometry, matched)) <= MAX_DISAGREEMENT:
         return False  # the covariance of the match would only reduce the distance
     information = rotate_covariance(match.information, -match.pose.theta)
     covariance = ODOMETRY_NOISE.covariance(matched) + regularized_inverse(information)
-    offset = error.as_array()
+    offset = odometry.relative_to(matched).as_array()
     return float(offset @ invert(covariance) @ offset) > MAX_DISAGREEMENT**2
 
 

@@ -145,6 +145,7 @@ def _head(snapshot: GraphSnapshot, tracking: TrackingState) -> dict[str, Any]:
             "time": tracking.time,
             "key": tracking.keyframe,
             "odometry_credit": tracking.odometry_credit,
+            "odometry_bias": tracking.odometry_bias.tolist(),
             "scan_time": tracking.scan_time,
         },
         "odometry": _odometry_fields(tracking.odometry),
@@ -339,6 +340,7 @@ def _tracking(head: Mapping[str, Any], arrays: Arrays) -> TrackingState:
         covariance=covariance,
         next_covariance=next_covariance,
         odometry_credit=credit,
+        odometry_bias=np.array([_finite(value) for value in front["odometry_bias"]]),
         scan_time=_finite(front["scan_time"]),
     )
 
@@ -385,7 +387,7 @@ def _completed(head: dict[str, Any], arrays: Arrays) -> tuple[Mapping[str, Any],
         "contradiction_times": np.zeros((0, 2)),
         "contradiction_motions": np.zeros((0, 2, 3)),
     }
-    front = front | {"odometry_credit": FULL_CREDIT, "scan_time": front.get("time")}
+    front = front | {"odometry_credit": FULL_CREDIT, "odometry_bias": [0.0] * 3, "scan_time": front.get("time")}
     return head | {"wherry-graph": FORMAT_VERSION, "front": front}, {**missing, **arrays}
 
 

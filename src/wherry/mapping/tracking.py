@@ -9,7 +9,16 @@ import numpy as np
 
 from wherry.mapping.covariances import invert, transform_covariance
 from wherry.mapping.motion_noise import CONSTANT_VELOCITY_NOISE, ODOMETRY_NOISE, MotionNoise
-from wherry.mapping.odometry_check import CONTRADICTION_COST, FULL_CREDIT, TRUSTED_CREDIT, is_plausible
+from wherry.mapping.odometry_check import (
+    BIAS_GAIN,
+    CONTRADICTION_COST,
+    FULL_CREDIT,
+    MAX_DISAGREEMENT,
+    TELLING_ANGLE,
+    TELLING_DISTANCE,
+    TRUSTED_CREDIT,
+    is_plausible,
+)
 from wherry.mapping.placement import Prediction
 from wherry.mapping.submaps import NO_COVARIANCE
 from wherry.robot import Odometry
@@ -38,6 +47,7 @@ class TrackingState:
         next_covariance: Covariance of the last keyframe's pose in the next submap, in the base_link frame, [3, 3]
             m, m, rad.
         odometry_credit: How far odometry is trusted, 0 to `FULL_CREDIT`, see `wherry.mapping.odometry_check`.
+        odometry_bias: Moving average of the normalized errors of odometry between keyframes, [3] standard deviations.
         scan_time: Time of the last scan, also of one at which the robot stood still, s.
     """
 
@@ -52,6 +62,7 @@ class TrackingState:
     covariance: Floats
     next_covariance: Floats
     odometry_credit: int
+    odometry_bias: Floats
     scan_time: float
 
     @classmethod
@@ -69,6 +80,7 @@ class TrackingState:
             covariance=NO_COVARIANCE,
             next_covariance=NO_COVARIANCE,
             odometry_credit=FULL_CREDIT,
+            odometry_bias=np.zeros(3),
             scan_time=time,
         )
 
@@ -130,6 +142,21 @@ class TrackingState:
         """The state after a contradiction between odometry and scan matching."""
         credit = max(self.odometry_credit - CONTRADICTION_COST, 0)
         return replace(self, odometry_credit=credit, keyframe_odometry=None)
+
+    def with_odometry_error(self, error: Floats, motion: Pose) -> TrackingState:
+        """The state after an error of odometry since the last keyframe.
+
+        A turn on the spot tells nothing about distances, and a straight drive nothing about angles.
+
+        Args:
+            error: The error, [3] standard deviations.
+            motion: The matched motion.
+        """
+        distance = min(math.hypot(motion.x, motion.y) / TELLING_DISTANCE, 1.0)
+        angle = min(abs(motion.theta) / TELLING_ANGLE, 1.0)
+        clipped = np.clip(error, -MAX_DISAGREEMENT, MAX_DISAGREEMENT)
+        gain = BIAS_GAIN * np.array([distance, distance, angle])
+        return replace(self, odometry_bias=self.odometry_bias + gain * (clipped - self.odometry_bias))
 
     def agreed(self) -> TrackingState:
         """The state after a motion on which odometry and scan matching agree."""

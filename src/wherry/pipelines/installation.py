@@ -150,7 +150,7 @@ def _check_logs() -> CheckResult:
     """Whether the recorded lidar logs are in the data folder."""
     folder = Path(os.environ.get("WHERRY_DATA", "../shared/data"))
     works = (folder / "intel").is_dir()
-    advice = "set WHERRY_DATA to the folder that contains intel/; needed by reproduce and bench"
+    advice = "set WHERRY_DATA to the folder that contains intel/ (docs/how-to/logs.md); for reproduce and bench"
     return CheckResult("recorded logs", works, str(folder) if works else f"not in {folder}", advice)
 
 

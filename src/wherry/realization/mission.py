@@ -110,6 +110,7 @@ class Mission:
         self._rng = rng
         self._mapper = mapper
         self._localizer = localizer or self._amcl
+        self._is_map_given = False
 
     def explore(self) -> SurveyedWorld:
         """Build a map by frontier exploration, search it for boxes, and return the surveyed world.
@@ -130,8 +131,10 @@ class Mission:
         """Localize globally on a given map, search it for boxes, and return the surveyed world.
 
         Raises:
-            InputError: The robot could not be localized on the map, or the map has no walls to align cells with.
+            InputError: The scans do not fit the map, the robot could not be localized on it, or it has no walls to
+                align cells with.
         """
+        self._is_map_given = True
         pilot, map_from_start = localize_globally(self._robot, grid, self._sink, self._rng)
         surveyor = Surveyor(pilot, self._order.cell_size, grid=grid)
         surveyor.survey()
@@ -157,7 +160,7 @@ class Mission:
         """Create the particle filter on a map, initialized at base_link in the map frame."""
         localizer = Localizer(grid, self._robot.body.lidar, PRECISE_PARAMETERS, self._rng)
         localizer.initialize(pose, INITIAL_POSE_COVARIANCE)
-        return MapPoseEstimator(localizer)
+        return MapPoseEstimator(localizer, is_map_given=self._is_map_given)
 
     def _set_up_environment(self, surveyor: Surveyor, cell_map: CellMap, map_from_start: Pose) -> SurveyedWorld:
         """Create the environment, and drive to the centre of a cell."""

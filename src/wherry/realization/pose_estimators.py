@@ -7,6 +7,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from wherry.errors import InputError
+from wherry.localization.agreement import ScanAgreement
+from wherry.localization.fit import MIN_FIT, MapFit
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD
 from wherry.mapping.graph_slam import GraphSlam
@@ -16,6 +19,9 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Pose
 
 LOCALIZED_THRESHOLD = 0.1  # lost probability below which an unreliable pose becomes reliable again
+FIT_MIN_SCANS = 200  # scans from which their fit decides whether a given map is the right one
+FIT_DECAY = 1.0 - 1.0 / 600  # factor of the earlier scans' weights in the fit, of which a minute's count
+MAX_TIMES_LOST, LOST_PERIOD = 5, 600.0  # times that the robot gets lost in s after which a given map is given up
 LOCALIZED_MIN_SCANS = 10  # consecutive scans below LOCALIZED_THRESHOLD that end global localization
 
 
@@ -86,19 +92,58 @@ class SlamMapper:
         self._pose_estimator.resume(pose)
 
 
-class MapPoseEstimator:
-    """Estimates the pose on a finished map, with hysteresis between lost and localized."""
+def check_fit(fit: MapFit) -> None:
+    """Give up on a map that the scans do not fit.
 
-    def __init__(self, localizer: Localizer) -> None:
+    Raises:
+        InputError: Enough scans were compared with the map, and they do not fit it.
+    """
+    if fit.scans >= FIT_MIN_SCANS and not fit.is_fitting:
+        raise InputError(
+            "map", "", f"does not fit what the lidar sees (fit {fit.value:.2f}, on the right map {MIN_FIT:g})"
+        )
+
+
+class MapPoseEstimator:
+    """Estimates the pose on a finished map, with hysteresis between lost and localized.
+
+    In a building whose wings look the same the pose stays reliable in its own wing; which wing it is does not matter
+    for driving.
+
+    Args:
+        localizer: The localizer, already initialized.
+        is_map_given: Whether somebody else made the map, so that it may be of another building.
+    """
+
+    def __init__(self, localizer: Localizer, *, is_map_given: bool = False) -> None:
         self._localizer = localizer
+        self._is_map_given = is_map_given
         self._is_lost = False
+        self._fit = MapFit()
+        self._times_lost: list[float] = []
 
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
-        """As `PoseEstimator.update`."""
+        """As `PoseEstimator.update`.
+
+        Raises:
+            InputError: The map was given, and the scans do not fit it.
+        """
         estimate = self._localizer.update(odometry, scan)
         threshold = LOCALIZED_THRESHOLD if self._is_lost else LOST_PROBABILITY_THRESHOLD
-        self._is_lost = estimate.lost_probability > threshold
+        was_lost, self._is_lost = self._is_lost, estimate.tracking_lost_probability > threshold
+        if self._is_map_given:
+            self._check_map(scan.time, estimate.agreement, got_lost=self._is_lost and not was_lost)
         return estimate.pose
+
+    def _check_map(self, time: float, agreement: ScanAgreement, *, got_lost: bool) -> None:
+        """Give up if the last minute's scans do not fit the map, or if the robot gets lost on it again and again."""
+        self._fit = self._fit.with_scan(agreement, decay=FIT_DECAY)
+        check_fit(self._fit)
+        if got_lost:
+            self._times_lost = [*(past for past in self._times_lost if past > time - LOST_PERIOD), time]
+        if len(self._times_lost) >= MAX_TIMES_LOST:
+            reason = f"does not fit what the lidar sees: the robot got lost on it {MAX_TIMES_LOST} times"
+            raise InputError("map", "", f"{reason} in {LOST_PERIOD / 60.0:g} minutes")
 
     @property
     def particles(self) -> NDArray[np.float64]:
@@ -123,6 +168,7 @@ class GlobalPoseEstimator(SinglePoseEstimator):
     def __init__(self, localizer: Localizer) -> None:
         self._localizer = localizer
         self._localized_scans = 0
+        self._tracked_scans = 0
         self.map_pose = Pose()
 
     @property
@@ -130,9 +176,21 @@ class GlobalPoseEstimator(SinglePoseEstimator):
         """Whether the lost probability was below `LOCALIZED_THRESHOLD` in the last `LOCALIZED_MIN_SCANS` scans."""
         return self._localized_scans >= LOCALIZED_MIN_SCANS
 
+    @property
+    def is_localized_up_to_symmetry(self) -> bool:
+        """As `is_localized`, but other poses that agree as well with all scans are disregarded."""
+        return self._tracked_scans >= LOCALIZED_MIN_SCANS
+
+    @property
+    def fit(self) -> MapFit:
+        """How well all scans fit the map."""
+        return self._localizer.fit
+
     def update(self, odometry: Odometry, scan: Scan) -> Pose:
         """Return base_link in the odom frame, and update `map_pose`."""
         estimate = self._localizer.update(odometry, scan)
         self._localized_scans = self._localized_scans + 1 if estimate.lost_probability < LOCALIZED_THRESHOLD else 0
+        is_tracked = estimate.tracking_lost_probability < LOCALIZED_THRESHOLD
+        self._tracked_scans = self._tracked_scans + 1 if is_tracked else 0
         self.map_pose = estimate.pose
         return odometry.pose

@@ -268,8 +268,9 @@ def _ranges(message: LaserScanLike, range_min: float, range_max: float) -> NDArr
     ranges = message.ranges.astype(np.float64)
     ranges[ranges == -np.inf] = range_min
     ranges[ranges >= range_max - MAX_RANGE_TOLERANCE] = np.inf
+    ranges[ranges < 0.0] = np.nan
     if range_min == 0.0:
-        ranges[ranges <= 0.0] = np.nan  # 0 would be an obstacle in the lidar
+        ranges[ranges == 0.0] = np.nan  # it would be an obstacle in the lidar
     return ranges
 
 

@@ -133,18 +133,21 @@ LOCALIZATION_METRICS: MetricLabels = {
     "relocalizations": ("relocalizations", count),
     "final_pose": ("final pose", pose),
     "rival_poses": ("other poses that fit as well", rivals),
-    "rmse_m": ("position error to the reference (rms)", metres),
-    "median_m": ("position error to the reference (median)", metres),
-    "p99_m": ("position error to the reference (99th percentile)", metres),
-    "aligned_rmse_m": ("position error to the reference (rms, aligned)", metres),
-    "reference_offset": ("reference's frame on the map", pose),
-    "reference_scans": ("scans with a reference pose", count),
     "particles_mean": ("particles (mean)", count),
     "ms_per_update_median": ("time per update (median)", milliseconds),
     "unknown_parameters": ("unknown parameters", names),
     "seed": ("seed", str),
 }
-"""Metrics of a localization run (`wherry.pipelines.logs.localization`)."""
+"""Metrics of every localization run (`wherry.pipelines.logs.localization`)."""
+
+REFERENCE_METRICS: MetricLabels = {
+    "rmse_m": ("position error to the reference (rms)", metres),
+    "aligned_rmse_m": ("position error to the reference (rms, aligned)", metres),
+    "median_m": ("position error to the reference (median)", metres),
+    "p99_m": ("position error to the reference (99th percentile)", metres),
+    "reference_scans": ("scans with a reference pose", count),
+}
+"""Metrics of a localization run with a reference trajectory (`wherry.pipelines.logs.reference`)."""
 
 DRIVE_METRICS: MetricLabels = {
     "distance_m": ("way driven", long_metres),
@@ -194,6 +197,7 @@ def format_metrics(metrics: Mapping[str, object], labels: MetricLabels) -> list[
 
 
 def unmeasured_metrics(metrics: Mapping[str, object], labels: MetricLabels) -> list[str]:
-    """Labels of the metrics that were not measured; statistics of one quantity are listed once."""
-    unmeasured = (label for name, (label, _) in labels.items() if metrics[name] is None)
-    return list(dict.fromkeys(label.partition(" (")[0] for label in unmeasured))
+    """Labels of the quantities of which no statistic was measured, each once."""
+    quantities = {name: label.partition(" (")[0] for name, (label, _) in labels.items()}
+    measured = {quantity for name, quantity in quantities.items() if metrics[name] is not None}
+    return [quantity for quantity in dict.fromkeys(quantities.values()) if quantity not in measured]

@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from wherry.views.metrics_tables import count, duration, long_metres, size, square_metres
 
-POSSIBLE_CAUSES = "The pose of the lidar (--lidar X,Y,θ), the odometry or the stamps may be wrong."
 
-
-def mapping_verdict(metrics: Mapping[str, Any]) -> str:
-    """The verdict on a map.
+def doubtful_map(doubt: str) -> str:
+    """The verdict on a map that is probably wrong.
 
     Args:
-        metrics: Metrics of a mapping run by their names in JSON.
+        doubt: What speaks against it.
     """
-    if metrics["is_doubtful"]:
-        return f"The map is doubtful: its own scans do not fit it (fit {metrics['fit']:.2f}). {POSSIBLE_CAUSES}"
-    closures = metrics["closures_accepted"]
-    return (
-        f"A map of {size(metrics['size_m'])} ({square_metres(metrics['free_area_m2'])} free) from "
-        f"{_counted(metrics['scans'], 'scan')}: the robot drove {long_metres(metrics['distance_m'])} in "
-        f"{duration(metrics['duration_s'])}; {_counted(closures, 'loop')} closed."
-    )
+    return f"The map is doubtful: {doubt}."
+
+
+def finished_map(
+    size_m: tuple[float, float], free_area: float, scans: int, distance: float, seconds: float, closures: int
+) -> str:
+    """The verdict on a map that nothing speaks against.
+
+    Args:
+        size_m: Width and height, m.
+        free_area: Area of the free space, m².
+        scans: Number of scans.
+        distance: Length of the robot's way, m.
+        seconds: Duration of the log, s.
+        closures: Number of closed loops.
+    """
+    drive = f"the robot drove {long_metres(distance)} in {duration(seconds)}; {_counted(closures, 'loop')} closed"
+    return f"A map of {size(size_m)} ({square_metres(free_area)} free) from {_counted(scans, 'scan')}: {drive}."
 
 
 def _counted(number: int, noun: str) -> str:

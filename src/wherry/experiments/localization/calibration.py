@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wherry.experiments.localization import kidnapping
 from wherry.experiments.localization.recorded import SEGMENT_SCANS, GroundTruthLog, play_segments
-from wherry.experiments.mapping.drifting_odometry import BUILDINGS, drifting_odometry
+from wherry.experiments.mapping.drifting_odometry import BUILDINGS, building_log, drifting_odometry
 from wherry.localization.agreement import ScanAgreement
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.lost import EvidenceModel, LostCalibration, LostDetector
@@ -119,7 +119,7 @@ def calibration_runs(data: Path) -> Iterator[LabelledScans]:
         InputError: A log cannot be read.
     """
     yield from (label_simulation(settings) for settings in WORLDS)
-    yield from (label_building(data / f"radish/{name}-corrected.log.gz", seed=1) for name in BUILDINGS)
+    yield from (label_building(data / building_log(name), seed=1) for name in BUILDINGS)
 
 
 def label_simulation(settings: kidnapping.KidnappingSettings) -> LabelledScans:

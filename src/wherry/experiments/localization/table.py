@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from wherry.experiments.data_folder import check_logs
 from wherry.experiments.localization import calibration, filter_comparison, kidnapping, recorded, speed
 from wherry.experiments.localization.filter_comparison import FilterComparisonSettings
 from wherry.experiments.localization.kidnapping import KidnappingSettings
 from wherry.experiments.localization.reliability import Reliability, reliability_table
 from wherry.experiments.machine import machine_load
-from wherry.experiments.mapping.drifting_odometry import BUILDINGS
+from wherry.experiments.mapping.drifting_odometry import BUILDINGS, building_log
 from wherry.experiments.results import markdown_table, write_picture
 from wherry.localization.lost import LostCalibration
 from wherry.views.filter_bars import filter_bars
@@ -64,6 +65,8 @@ def reproduce(data: Path, images: Path, progress: Progress, settings: Localizati
     Raises:
         InputError: A log or a map is missing or broken.
     """
+    buildings = [building_log(name) for name in BUILDINGS]
+    check_logs(data, [recorded.INTEL, recorded.WEAN_MAP, *recorded.WEAN_LOGS, *buildings])
     chosen = settings or LocalizationTableSettings()
     sections = [f"## Localization\n\nTimes are processor times of one core, on a machine with a {machine_load()}."]
     progress(0, len(PARTS))

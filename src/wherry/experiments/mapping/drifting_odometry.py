@@ -71,6 +71,11 @@ def drifting_odometry(poses: Floats, rng: np.random.Generator) -> Floats:
     return odometry
 
 
+def building_log(name: str) -> Path:
+    """Path of a building's log below the folder of recorded logs."""
+    return Path("radish") / f"{name}-corrected.log.gz"
+
+
 def map_building(log_file: Path, name: str, seed: int) -> BuildingResult:
     """Map a building whose log has corrected poses.
 

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from wherry.experiments.data_folder import check_logs
 from wherry.experiments.mapping import simulated
-from wherry.experiments.mapping.drifting_odometry import BUILDINGS, BuildingResult, map_building
+from wherry.experiments.mapping.drifting_odometry import BUILDINGS, BuildingResult, building_log, map_building
 from wherry.experiments.mapping.speed import measure_external
 from wherry.experiments.results import markdown_table
 from wherry.floorplan.world_files import find_world
@@ -52,6 +53,9 @@ def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
     Raises:
         InputError: A file is missing.
     """
+    settings = intel_settings(Path("intel"), "graph")
+    intel_files = [path for path in (settings.log, settings.odometry, settings.relations) if path is not None]
+    check_logs(data, [*intel_files, *(building_log(name) for name in BUILDINGS)])
     total = len(SLAM_METHODS) + len(BUILDINGS) * DRIFT_SEEDS + SIMULATED_SEEDS
     progress(0, total)
     intel = []
@@ -61,7 +65,7 @@ def reproduce(data: Path, progress: Callable[[int, int], None]) -> str:
     drifting: list[BuildingResult] = []
     for name in BUILDINGS:
         for seed in range(DRIFT_SEEDS):
-            drifting.append(map_building(data / "radish" / f"{name}-corrected.log.gz", name, seed))
+            drifting.append(map_building(data / building_log(name), name, seed))
             progress(len(intel) + len(drifting), total)
     simulated.warm_up()
     world = find_world(simulated.WORLD)

@@ -151,7 +151,7 @@ def prepare(settings: LocalizationSettings, log: LidarLog | None = None) -> Loca
     parameters = given or (GLOBAL_PARAMETERS if start.pose is None else LOG_PARAMETERS)
     localizer = _localizer(grid, log, parameters, start, settings.seed)
     log = replace(log, notes=(*log.notes, *(loaded.notes if loaded else ()), *start.notes))
-    return LocalizationRun(settings, grid, log, reference, localizer, loaded)
+    return LocalizationRun(settings, grid, log, reference, localizer, is_global=start.pose is None, loaded=loaded)
 
 
 def _localizer(grid: OccupancyGrid, log: LidarLog, parameters: AmclParameters, start: Start, seed: int) -> Localizer:
@@ -232,6 +232,7 @@ class LocalizationRun:
         log: The scans, all with odometry.
         reference: The reference trajectory; None if there is none.
         localizer: The localizer, already initialized.
+        is_global: Whether the localizer searches the whole map for the start.
         loaded: Content of the parameter file; None if there is none.
 
     Attributes:
@@ -248,6 +249,8 @@ class LocalizationRun:
         log: LidarLog,
         reference: Reference | None,
         localizer: Localizer,
+        *,
+        is_global: bool,
         loaded: LoadedParameters | None = None,
     ) -> None:
         self._settings = settings
@@ -255,6 +258,7 @@ class LocalizationRun:
         self.log = log
         self._odometry = odometry_of_scans(log, settings.log)
         self._reference = reference
+        self._is_global = is_global
         self._unknown = loaded.unknown if loaded else ()
         self.localizer = localizer
         self.localized: list[LocalizedScan] = []
@@ -297,7 +301,7 @@ class LocalizationRun:
         x, y, theta = last.pose.as_array().tolist()
         return LocalizationResult(
             **asdict(errors),
-            verdict=localization_verdict(fit, last, is_global=self._settings.is_global),
+            verdict=localization_verdict(fit, last, is_global=self._is_global),
             fits_map=fit.is_fitting,
             fit=fit.value,
             map_coverage=fit.coverage,

@@ -17,6 +17,7 @@ from wherry.logs.lidar_log import LidarLog
 from wherry.logs.odometry_files import with_odometry_file
 from wherry.logs.options import DEFAULT_READING, ReadingOptions
 from wherry.mapping.graph_slam import GraphSlam
+from wherry.mapping.graph_snapshot import GraphSnapshot
 from wherry.mapping.loop_closure import LoopClosure
 from wherry.mapping.methods import SLAM_METHODS
 from wherry.mapping.odometry_check import describe_contradictions
@@ -24,8 +25,8 @@ from wherry.mapping.saved_graph import load_graph, save_graph
 from wherry.mapping.scan_matching_localizer import ScanMatchingLocalizer, locate_on_map
 from wherry.mapping.settings import SlamSettings
 from wherry.mapping.slam import Slam
-from wherry.pipelines.logs.consistency import own_fit
 from wherry.pipelines.logs.files import check_trajectory_format, save_trajectories
+from wherry.pipelines.logs.map_quality import MapQuality
 from wherry.pipelines.logs.pictures import draw_map
 from wherry.pipelines.logs.reading import read_recording
 from wherry.pipelines.logs.summary import DriveSummary, MapExtent, as_sentences
@@ -36,9 +37,12 @@ from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.trajectory import Trajectory
+from wherry.views.verdicts import doubtful_map, finished_map
 
 WARM_UP_SCANS = 30  # scans that are mapped beforehand, so that all kernels are compiled
 RELATION_MARGIN = 1.0  # s by which a relation may be outside of a log's time
+DEFAULT_RESOLUTION = 0.05  # m, side of a grid cell
+EQUAL_DISTANCE, EQUAL_ANGLE = 0.005, math.radians(0.5)  # m and rad, difference up to which two mounts are the same
 MIN_RESOLUTION, MAX_RESOLUTION = 0.005, 1.0  # m, sides of a grid cell
 
 
@@ -68,7 +72,7 @@ class MappingSettings:
     backend: str = "graph"
     out: Path | None = None
     seed: int = 0
-    resolution: float = 0.05
+    resolution: float = DEFAULT_RESOLUTION
     reading: ReadingOptions = DEFAULT_READING
     trajectory_format: str = "tum"
     graph: Path | None = None
@@ -81,6 +85,7 @@ class MappingResult:
     """Metrics of a mapped log; the errors are None without relations.
 
     Attributes:
+        verdict: What came out of it, in a sentence.
         translational_error_m: Mean translational error of the relations, m.
         translational_sd_m: Standard deviation of the translational error, m.
         rotational_error_deg: Mean absolute rotational error of the relations, degrees.
@@ -103,10 +108,11 @@ class MappingResult:
         distance_m: Length of the robot's way, m.
         duration_s: Time from the first scan to the last, s.
         fit: How well the scans fit the map that was made of them, 0 to 1; see `localization.fit.MapFit`.
-        is_doubtful: Whether the scans do not fit the map that was made of them.
+        is_doubtful: Whether the map is probably wrong, see `MapQuality`.
         notes: What was decided, assumed or left out, and what the map cannot show, as sentences for people.
     """
 
+    verdict: str
     translational_error_m: float | None
     translational_sd_m: float | None
     rotational_error_deg: float | None
@@ -194,6 +200,7 @@ def _continued_slam(path: Path, settings: MappingSettings, log: LidarLog) -> tup
     if snapshot.tracking is not None and scan.time <= snapshot.tracking.time:
         times = f"taken at {scan.time:.3f} s, but the graph ends at {snapshot.tracking.time:.3f} s"
         raise InputError(settings.log, "first scan", f"time runs backwards: {times}")
+    _check_continued(snapshot, settings, log)
     slam = GraphSlam.from_snapshot(snapshot)
     start = slam.pose if settings.start is None else settings.start
     first = locate_on_map(slam, scan, start)
@@ -205,6 +212,23 @@ def _continued_slam(path: Path, settings: MappingSettings, log: LidarLog) -> tup
         localizer = ScanMatchingLocalizer(slam, first)
         return localizer, localizer.add
     return slam, lambda scan, odometry: slam.resume(scan, odometry, first)
+
+
+def _check_continued(snapshot: GraphSnapshot, settings: MappingSettings, log: LidarLog) -> None:
+    """Raise an `InputError` if the log's lidar or the resolution differs from that of a saved graph, which is used."""
+    difference = log.lidar.relative_to(snapshot.lidar)
+    if math.hypot(difference.x, difference.y) > EQUAL_DISTANCE or abs(difference.theta) > EQUAL_ANGLE:
+        reason = f"has the lidar at {_mount(log.lidar)}, but the graph at {_mount(snapshot.lidar)}"
+        raise InputError(settings.log, "lidar", f"{reason}; --lidar X,Y,θ states it")
+    resolution = snapshot.settings.resolution
+    if settings.resolution not in (DEFAULT_RESOLUTION, resolution):
+        reason = f"cannot be changed by --continue: the graph's is {resolution:g} m"
+        raise InputError("--resolution", str(settings.resolution), reason)
+
+
+def _mount(lidar: Pose) -> str:
+    """The pose of a lidar in the units of the option."""
+    return f"({lidar.x:.3f} m, {lidar.y:.3f} m, {math.degrees(lidar.theta):.1f}°)"
 
 
 class MappingRun:
@@ -306,10 +330,14 @@ class MappingRun:
         if self._relations is not None:
             errors = relation_errors(self.slam.trajectory, self._relations, self._odometry)
         far = errors.far_translational_error_m if errors and math.isfinite(errors.far_translational_error_m) else None
-        accepted = sum(closure.is_accepted for closure in self.slam.loop_closures)
+        closures = self.slam.loop_closures
+        accepted = sum(closure.is_accepted for closure in closures)
         extent, drive = MapExtent.of(self.grid), DriveSummary.of(self.log, self.poses)
-        fit = own_fit(self.grid, self.log, self.poses)
+        quality = MapQuality.of(self.grid, self.log, self.poses)
         return MappingResult(
+            verdict=doubtful_map(quality.doubt)
+            if quality.is_doubtful
+            else finished_map(extent.size, extent.free_area, self.scans, drive.distance_m, drive.duration_s, accepted),
             translational_error_m=errors.translational_error_m if errors else None,
             translational_sd_m=errors.translational_sd_m if errors else None,
             rotational_error_deg=errors.rotational_error_deg if errors else None,
@@ -320,7 +348,7 @@ class MappingRun:
             ms_per_scan_p99=float(np.percentile(milliseconds, 99)),
             seconds=seconds,
             closures_accepted=accepted,
-            closures_refused=len(self.slam.loop_closures) - accepted,
+            closures_refused=len(closures) - accepted,
             scans=self.scans,
             skipped=len(self.log.skipped),
             backend=self.settings.backend,
@@ -330,9 +358,9 @@ class MappingRun:
             resolution_m=extent.resolution,
             distance_m=drive.distance_m,
             duration_s=drive.duration_s,
-            fit=fit.value,
-            is_doubtful=not fit.is_fitting,
-            notes=(*drive.notes, *as_sentences(self._contradictions())),
+            fit=quality.fit,
+            is_doubtful=quality.is_doubtful,
+            notes=(*drive.notes, *as_sentences((*quality.notes, *self._contradictions()))),
         )
 
     def _contradictions(self) -> Iterator[str]:

@@ -15,15 +15,14 @@ def read_recording(path: Path, options: ReadingOptions = DEFAULT_READING) -> Lid
     """Read a bag, or a text log as `wherry.logs.read_log`.
 
     Raises:
-        InputError: The recording cannot be used, or a topic is chosen in a recording without topics.
+        InputError: The recording cannot be used, or a topic of odometry is chosen in a text log.
     """
     if is_bag(path):
         return read_bag(path, options)
-    log = read_log(path, options)
-    for option, topic in (("--scan-topic", options.scan_topic), ("--odom-topic", options.odometry_topic)):
-        if topic is not None:
-            raise InputError(option, topic, f"is for bags only; {path} is a text log, which has no topics")
-    return log
+    if options.odometry_topic is not None and path.exists():
+        reason = f"is for bags only; {path} is a text log, whose odometry is in its lines"
+        raise InputError("--odom-topic", options.odometry_topic, reason)
+    return read_log(path, options)
 
 
 def recording_name(path: Path) -> str:

@@ -16,7 +16,6 @@ from wherry.space.trajectory import Trajectory
 
 OTHER_FRAME_MIN_ERROR = 0.5  # m, root mean square error in the map frame from which the reference may be in another one
 OTHER_FRAME_MIN_RATIO = 3.0  # error in the map frame ÷ aligned error from which the reference is in another one
-NANOSECONDS = 1e9  # per s
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,9 +119,7 @@ def _verdict(offset: Pose | None, rmse: float, compared: int, scans: int) -> str
 
 def _time_mismatch(reference: Floats, times: Floats) -> str:
     """Why the reference has no pose for any scan."""
-    reason = (
+    return (
         f"has no pose at the time of any scan: it covers {reference[0]:.3f} to {reference[-1]:.3f} s, "
         f"the log {times[0]:.3f} to {times[-1]:.3f} s"
     )
-    is_nanoseconds = len(times) and matching_times(reference / NANOSECONDS, times).any()
-    return f"{reason}; its times are nanoseconds" if is_nanoseconds else reason

@@ -34,9 +34,9 @@ class MapExtent:
     @classmethod
     def of(cls, grid: OccupancyGrid) -> MapExtent:
         """The extent of a map; unknown cells around the known ones do not count."""
-        rows, columns = np.nonzero(~grid.unknown)
-        size = (_span(columns) * grid.resolution, _span(rows) * grid.resolution)
-        return cls(size, float(grid.free.sum()) * grid.resolution**2, grid.resolution)
+        known = ~grid.unknown
+        width, height = (_span(np.flatnonzero(known.any(axis=axis))) * grid.resolution for axis in (0, 1))
+        return cls((width, height), float(grid.free.sum()) * grid.resolution**2, grid.resolution)
 
 
 def _span(indices: NDArray[np.int64]) -> int:
@@ -76,8 +76,13 @@ class DriveSummary:
 
 
 def as_sentences(notes: Iterable[str]) -> tuple[str, ...]:
-    """The notes, each once, with a capital letter and a full stop."""
-    return tuple(dict.fromkeys(f"{note[:1].upper()}{note[1:].removesuffix('.')}." for note in notes))
+    """The notes, each once, with a full stop and, unless they begin with the name of a field, a capital letter."""
+    return tuple(dict.fromkeys(_as_sentence(note) for note in notes))
+
+
+def _as_sentence(note: str) -> str:
+    begins_with_word = note.partition(" ")[0].isalpha()
+    return f"{note[:1].upper() if begins_with_word else note[:1]}{note[1:].removesuffix('.')}."
 
 
 def _scope_notes(log: LidarLog, poses: Floats) -> Iterator[str]:

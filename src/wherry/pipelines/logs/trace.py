@@ -65,7 +65,7 @@ class LogTrace:
             particles: [N, 3] m, m, rad, map frame; none by default.
         """
         lidar = pose @ self._log.lidar
-        points = lidar.transform(self._log.scans[index].points()).astype(np.float32)
+        points = lidar.transform(self._log.deskewed(index).points()).astype(np.float32)
         samples = particles.astype(np.float32)
         self._sink(RobotSnapshot(self._time(index), pose, lidar, points, samples, NO_POINTS, NO_POINTS, has_load=False))
 

@@ -10,6 +10,7 @@ from wherry.localization.localizer import Localization
 from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD
 from wherry.space.pose import Pose
 
+GOOD_FIT = 0.85  # fit from which a map agrees with the scans in all parts
 EQUAL_MIN_ODDS = 0.25  # odds of a rival against the estimate from which both are said to fit equally well
 MAX_LISTED = 3  # poses that are listed
 
@@ -52,6 +53,8 @@ def localization_verdict(fit: MapFit, last: Localization, *, is_global: bool) ->
     if not fit.is_fitting:
         return f"These scans do not fit this map: fit {fit.value:.2f}, at least {MIN_FIT:g} on the right map.{hint}"
     fits = f"The scans fit the map (fit {fit.value:.2f})"
+    if fit.value < GOOD_FIT:
+        fits = f"The scans fit the map only in part (fit {fit.value:.2f}): it may be old, mirrored or at a wrong scale"
     rivals = rival_poses(last)
     if rivals:
         poses = [last.pose, *(Pose(*rival.pose) for rival in rivals)]

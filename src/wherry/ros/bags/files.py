@@ -15,7 +15,7 @@ ROS1_SUFFIX = ".bag"
 ROS2_SUFFIXES = (".mcap", ".db3")
 SUFFIXES = (ROS1_SUFFIX, *ROS2_SUFFIXES, UNFINISHED)
 METADATA = "metadata.yaml"
-MAX_METADATA_SIZE = 20_000_000  # bytes
+MAX_METADATA_SIZE = 500_000  # bytes
 MAX_FILES = 1000  # of a recording
 MAX_FILES_NAMED = 4  # files that a message lists
 DATE = re.compile(r"\d{4}[-_]\d\d[-_]\d\d[-_T]\d\d[-_]\d\d[-_]\d\d")
@@ -116,7 +116,8 @@ def _listed_files(folder: Path) -> tuple[list[str], str]:
         if path.stat().st_size > MAX_METADATA_SIZE:
             return [], f"{METADATA} is too large and was not used"
         document = read_yaml(path, max_bytes=MAX_METADATA_SIZE)
-        names = [PurePath(str(name)).name for name in document["rosbag2_bagfile_information"]["relative_file_paths"]]
+        listed = document["rosbag2_bagfile_information"]["relative_file_paths"]
+        names = [PurePath(name).name for name in listed if isinstance(name, str)]
     except (InputError, OSError, TypeError, KeyError):
         return [], f"{METADATA} cannot be read and was not used"
     return names, f"{METADATA} lists {_named([Path(name) for name in names])}, which the folder does not hold"

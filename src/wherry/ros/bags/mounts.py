@@ -5,18 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from wherry.errors import InputError
+from wherry.logs.rejections import Rejections
 from wherry.ros.bags.recorded_transforms import RecordedTransforms, TransformTable
-from wherry.ros.bags.rejections import Rejections
-from wherry.ros.decoding import MessageError
-from wherry.ros.transforms import (
-    Mount,
-    MountError,
-    is_base_frame,
-    is_odometry_frame,
-    is_world_frame,
-    listed_frames,
-    resolve_frame,
-)
+from wherry.ros.frame_names import is_base_frame, is_odometry_frame, is_world_frame, listed_frames, resolve_frame, shown
+from wherry.ros.transforms import Mount, MountError
 from wherry.space.pose import Pose, wrap
 
 STATED = "--lidar x,y,theta states it (m, m, degrees)"
@@ -105,17 +97,17 @@ class MountFinder:
         for named in [frames.base] if frames.base else filter(is_base_frame, sorted(tree.all_frames)):
             base = resolve_frame(named, tree.all_frames, frames.prefix) or named
             for name, reason in tree.rejected_between(base, laser, frames.is_world):
-                return InputError(self.rejections.path, name, reason)
+                return InputError(self.rejections.source, name, reason)
         return None
 
     def unknown(self) -> InputError:
         """The error that says what is missing to know the mount."""
-        frames, path = self.frames, self.rejections.path
+        frames = self.frames
         *_, table = self._transforms.tables(frames.prefix, static_only=False)
         known = listed_frames(frame for frame in table.tree.frames if not frames.is_world(frame))
-        base = frames.base or "base_link"
-        reason = f"where the lidar sits on {base} is unknown (frames of the transforms: {known}); {STATED}"
-        return InputError(path, f"frame {frames.laser!r}", reason)
+        base = shown(frames.base or "base_link")
+        reason = f"where the lidar sits on {base} is unknown; {STATED}; frames of the transforms: {known}"
+        return InputError(self.rejections.source, f"frame {shown(frames.laser)!r}", reason)
 
     def _mount_in(self, table: TransformTable, bases: list[str]) -> Mount | None:
         """The mount by one table of transforms."""
@@ -128,8 +120,8 @@ class MountFinder:
                     self._report(table, base, laser)
                     return Mount.from_transform(transform)
             except MountError as error:
-                reason = f"where the lidar sits on {base} cannot be used: {error}; {STATED}"
-                raise InputError(self.rejections.path, f"frame {frames.laser!r}", reason) from error
+                reason = f"where the lidar sits on {shown(base)} cannot be used: {error}; {STATED}"
+                raise InputError(self.rejections.source, f"frame {shown(frames.laser)!r}", reason) from error
         return None
 
     def _report(self, table: TransformTable, base: str, laser: str) -> None:
@@ -139,12 +131,14 @@ class MountFinder:
             InputError: There are unusable ones, and the reader is not lenient.
         """
         for name, reason in table.tree.rejected_between(base, laser, self.frames.is_world):
-            self.rejections.add(name, MessageError(reason))
+            self.rejections.reject(name, reason)
         for found, named in ((laser, self.frames.laser), (base, self.frames.base)):
             if named and found != named:
-                self.notes.append(f"the frame {named!r} of the messages is taken for {found!r} of the transforms")
+                self.notes.append(
+                    f"the frame {shown(named)!r} of the messages is taken for {shown(found)!r} of the transforms"
+                )
         if self.frames.has_odometry and not self.frames.base:
-            self.notes.append(f"odometry does not name the robot's frame; {base!r} is taken for it")
+            self.notes.append(f"odometry does not name the robot's frame; {shown(base)!r} is taken for it")
 
     def _bases(self, table: TransformTable) -> list[str]:
         """Candidates for the base frame: that of odometry; without its name, what the transforms have in odom."""

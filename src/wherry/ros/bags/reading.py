@@ -12,12 +12,12 @@ from wherry.errors import InputError
 from wherry.logs.assembly import assemble_log
 from wherry.logs.lidar_log import LidarLog
 from wherry.logs.options import DEFAULT_READING, ReadingOptions
+from wherry.logs.rejections import Rejections
 from wherry.ros.bags.files import RecordingFiles, find_files, is_bag
 from wherry.ros.bags.mounts import MountFinder, RobotFrames
 from wherry.ros.bags.recorded_odometry import read_odometry_messages, read_odometry_transforms
 from wherry.ros.bags.recorded_scans import read_scans
 from wherry.ros.bags.recorded_transforms import RecordedTransforms
-from wherry.ros.bags.rejections import Rejections
 from wherry.ros.bags.storage import ODOMETRY, BagTopic, OpenBag, open_bag, open_other_parts
 from wherry.ros.bags.topics import choose_odometry_topic, choose_scan_topic
 from wherry.ros.transforms import Mount
@@ -52,7 +52,7 @@ def read_bag(path: str | Path, options: ReadingOptions = DEFAULT_READING) -> Lid
 
 def _read_log(bag: OpenBag, recording: RecordingFiles, options: ReadingOptions) -> LidarLog:
     """The log of an open bag."""
-    rejections, notes = Rejections(bag.path, options.lenient), [*recording.notes]
+    rejections, notes = Rejections(str(bag.path), options.lenient), [*recording.notes]
     topic = choose_scan_topic(bag, options.scan_topic, notes)
     odometry_topic = choose_odometry_topic(bag, topic, options.odometry_topic, notes)
     scans = read_scans(bag, topic, rejections)
@@ -73,7 +73,8 @@ def _read_log(bag: OpenBag, recording: RecordingFiles, options: ReadingOptions) 
         odometry.readings,
         mount.pose,
         options,
-        skipped=rejections.skipped,
+        skipped=rejections.entries,
+        skipped_scans=scans.rejected,
         notes=notes,
     )
 
@@ -102,7 +103,7 @@ def _mount(finder: MountFinder, options: ReadingOptions, find_elsewhere: Callabl
 def _mount_in_other_parts(recording: RecordingFiles, scans: BagTopic, finder: MountFinder) -> Mount | None:
     """The mount by the transforms in the other files of a split recording; None if they do not tell it."""
     rejections = finder.rejections
-    with open_other_parts(rejections.path, recording) as bag:
+    with open_other_parts(Path(rejections.source), recording) as bag:
         if bag is None:
             return None
         elsewhere = MountFinder(RecordedTransforms(bag, scans, rejections), finder.frames, rejections, finder.notes)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 from wherry.errors import InputError
 from wherry.logs.assembly import RecordedOdometry
+from wherry.logs.rejections import Rejections
 from wherry.ros.bags.recorded_transforms import RecordedTransforms, TransformTable
-from wherry.ros.bags.rejections import Rejections
 from wherry.ros.bags.storage import BagTopic, OpenBag
 from wherry.ros.decoding import MessageError, decode_odometry, decode_transform, frames_of
-from wherry.ros.transforms import Pair, is_base_frame, is_odometry_frame, is_world_frame, resolve_frame
+from wherry.ros.frame_names import arrow, is_base_frame, is_odometry_frame, is_world_frame, resolve_frame, shown
+from wherry.ros.transform_tree import Pair
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,20 +44,19 @@ def read_odometry_messages(bag: OpenBag, topic: BagTopic, rejections: Rejections
             content = message.decode()
             odometry = decode_odometry(content)
         except MessageError as error:
-            rejections.add(message.name, error)
+            rejections.reject(message.name, str(error))
             continue
         pair = content.header.frame_id.strip("/"), content.child_frame_id.strip("/")
         found.append((pair, RecordedOdometry(message.name, odometry.time, odometry.pose, message.received)))
     if not found:
-        raise InputError(bag.path, topic.name, unusable_reason(topic, rejections, "--odom-topic"))
+        raise InputError(bag.path, shown(topic.name), unusable_reason(topic, rejections, "--odom-topic"))
     counts = Counter(pair for pair, _ in found)
     (odom, base), count = counts.most_common(1)[0]
     readings = tuple(reading for pair, reading in found if pair == (odom, base))
     notes = []
     if count < len(found):
-        notes.append(
-            f"{topic.name} has odometry of several frames; {count} of {len(found)} messages, {odom} → {base}, are used"
-        )
+        used = f"{count} of {len(found)} messages, {arrow(odom, base)}, are used"
+        notes.append(f"{shown(topic.name)} has odometry of several frames; {used}")
     base = "" if base == odom or is_world_frame(base) else base
     return OdometrySeries(readings, odom, base, tuple(notes))
 
@@ -93,10 +93,12 @@ def read_odometry_transforms(
     topics = [topic for topic in table.topics if pairs[0] in transforms.table(topic).counts]
     readings = [reading for topic in topics for reading in _readings(bag, topic, pairs[0], rejections)]
     if not readings:
-        raise InputError(bag.path, f"{odom} → {base}", f"no transform can be used (the first: {rejections.skipped[0]})")
-    notes = [f"odometry is taken from the transforms {odom} → {base}"]
+        raise InputError(
+            bag.path, f"{arrow(odom, base)}", f"no transform can be used (the first: {rejections.entries[0]})"
+        )
+    notes = [f"odometry is taken from the transforms {arrow(odom, base)}"]
     if len(pairs) > 1:
-        notes[0] += f", not from {' → '.join(pairs[1])}"
+        notes[0] += f", not from {arrow(*pairs[1])}"
     return OdometrySeries(tuple(readings), odom, base, tuple(notes))
 
 
@@ -127,7 +129,7 @@ def _readings(bag: OpenBag, topic: BagTopic, pair: Pair, rejections: Rejections)
             try:
                 transform = decode_transform(link)
             except MessageError as error:
-                rejections.add(message.name, error)
+                rejections.reject(message.name, str(error))
             else:
                 readings.append(RecordedOdometry(message.name, transform.time, transform.pose, message.received))
     return readings
@@ -135,5 +137,5 @@ def _readings(bag: OpenBag, topic: BagTopic, pair: Pair, rejections: Rejections)
 
 def unusable_reason(topic: BagTopic, rejections: Rejections, option: str) -> str:
     """Why nothing of a topic can be used."""
-    first = next((line for line in rejections.skipped if line.startswith(f"{topic.name}, ")), "")
+    first = next((line for line in rejections.entries if line.startswith(f"{shown(topic.name)}, ")), "")
     return f"none of its {topic.count} messages can be used (the first: {first}); {option} chooses another topic"

@@ -9,14 +9,13 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.logs.assembly import RecordedScan
-from wherry.robot import Scan
-from wherry.ros.bags.rejections import Rejections
+from wherry.logs.rejections import Rejections, joined
 from wherry.ros.bags.storage import BagTopic, OpenBag
 from wherry.ros.decoding import MessageError, decode_laser_scan
+from wherry.ros.frame_names import shown
 
 MAX_RANGES = 200_000_000  # total of all scans, 1.6 GB
 MAX_FRAMES_NAMED = 3  # frames of scans that a note lists
-MAX_SWEEP_RATIO = 1.1  # time from the first beam to the last ÷ time from a scan to the next
 MIN_NEAREST_COUNT = 100  # readings at range_min from which on they may be no measurements
 MIN_NEAREST_SHARE = 0.02  # share of readings at range_min above which they are no measurements, but not obstacles
 
@@ -28,11 +27,13 @@ class ScanSeries:
     Attributes:
         scans: The scans in the order of the recording.
         frame: Frame of the lidar, without slashes around it.
+        rejected: Number of scans that were left out as invalid.
         notes: What was decided or corrected, as sentences.
     """
 
     scans: tuple[RecordedScan, ...]
     frame: str
+    rejected: int
     notes: tuple[str, ...]
 
 
@@ -42,7 +43,30 @@ def read_scans(bag: OpenBag, topic: BagTopic, rejections: Rejections) -> ScanSer
     Raises:
         InputError: There are too many, none can be used, or (unless the reader is lenient) one is invalid.
     """
+    rejected_before, name = len(rejections.entries), shown(topic.name)
     remarks: Counter[str] = Counter()
+    found = _decoded(bag, topic, rejections, remarks)
+    rejected = len(rejections.entries) - rejected_before
+    if not found:
+        raise InputError(bag.path, name, _unusable_reason(rejections))
+    notes = [f"{name}: {remark} ({count} of {topic.count} scans)" for remark, count in sorted(remarks.items())]
+    counts = Counter(frame for frame, _ in found)
+    frame = counts.most_common(1)[0][0]
+    if len(counts) > 1:
+        listed = ", ".join(f"{shown(each)!r} ({count})" for each, count in counts.most_common(MAX_FRAMES_NAMED))
+        notes.append(f"{name} has scans in the frames {listed}; those in {shown(frame)!r} are used")
+    scans, note = _without_nearest_readings(name, [recorded for each, recorded in found if each == frame])
+    return ScanSeries(tuple(scans), frame, rejected, joined([*notes, note]))
+
+
+def _decoded(
+    bag: OpenBag, topic: BagTopic, rejections: Rejections, remarks: Counter[str]
+) -> list[tuple[str, RecordedScan]]:
+    """The usable scans of a topic, each with its frame; what was corrected in them is counted in ``remarks``.
+
+    Raises:
+        InputError: There are too many, or (unless the reader is lenient) one is invalid.
+    """
     found: list[tuple[str, RecordedScan]] = []
     ranges = 0
     for message in bag.messages(topic):
@@ -50,43 +74,13 @@ def read_scans(bag: OpenBag, topic: BagTopic, rejections: Rejections) -> ScanSer
             content = message.decode()
             scan = decode_laser_scan(content, on_remark=lambda remark: remarks.update([remark]))
         except MessageError as error:
-            rejections.add(message.name, error)
+            rejections.reject(message.name, str(error))
             continue
         ranges += len(scan.ranges)
         if ranges > MAX_RANGES:
             raise InputError(bag.path, message.name, f"exceeds the {MAX_RANGES:,} ranges that fit into memory")
         found.append((content.header.frame_id.strip("/"), RecordedScan(message.name, scan, None, message.received)))
-    if not found:
-        raise InputError(bag.path, topic.name, _unusable_reason(topic, rejections))
-    notes = [f"{topic.name}: {remark} ({count} of {topic.count} scans)" for remark, count in sorted(remarks.items())]
-    counts = Counter(frame for frame, _ in found)
-    frame = counts.most_common(1)[0][0]
-    if len(counts) > 1:
-        listed = ", ".join(f"{name!r} ({count})" for name, count in counts.most_common(MAX_FRAMES_NAMED))
-        notes.append(f"{topic.name} has scans in the frames {listed}; those in {frame!r} are used")
-    scans = [recorded for name, recorded in found if name == frame]
-    for correct in (_without_impossible_times, _without_nearest_readings):
-        scans, note = correct(topic.name, scans)
-        notes += [note] if note else []
-    return ScanSeries(tuple(scans), frame, tuple(notes))
-
-
-def _without_impossible_times(topic: str, scans: list[RecordedScan]) -> tuple[list[RecordedScan], str]:
-    """The scans, without beam times that would make a sweep longer than the time from a scan to the next."""
-    steps = np.diff([recorded.scan.time for recorded in scans])
-    steps = steps[steps > 0.0]
-    if len(steps) == 0:
-        return scans, ""
-    limit = MAX_SWEEP_RATIO * float(np.median(steps))
-    excess = sum(recorded.scan.duration > limit for recorded in scans)
-    if excess <= len(scans) / 2:
-        return scans, ""
-    longest = max(recorded.scan.duration for recorded in scans)
-    note = (
-        f"{topic}: time_increment would make a scan last {longest:.3g} s where the next one follows after "
-        f"{limit / MAX_SWEEP_RATIO:.3g} s, so the scans are not corrected for motion"
-    )
-    return [_with_scan(recorded, replace(recorded.scan, time_increment=0.0)) for recorded in scans], note
+    return found
 
 
 def _without_nearest_readings(topic: str, scans: list[RecordedScan]) -> tuple[list[RecordedScan], str]:
@@ -98,17 +92,13 @@ def _without_nearest_readings(topic: str, scans: list[RecordedScan]) -> tuple[li
         return scans, ""
     note = f"{topic}: {share:.0%} of the readings are −inf or range_min, which is taken for no measurement"
     cleared = [
-        _with_scan(recorded, replace(recorded.scan, ranges=np.where(beams, np.nan, recorded.scan.ranges)))
+        replace(recorded, scan=replace(recorded.scan, ranges=np.where(beams, np.nan, recorded.scan.ranges)))
         for recorded, beams in zip(scans, near, strict=True)
     ]
     return cleared, note
 
 
-def _with_scan(recorded: RecordedScan, scan: Scan) -> RecordedScan:
-    return replace(recorded, scan=scan)
-
-
-def _unusable_reason(topic: BagTopic, rejections: Rejections) -> str:
+def _unusable_reason(rejections: Rejections) -> str:
     """Why no scan of a topic can be used."""
-    first = f", the first: {rejections.skipped[0]}" if rejections.skipped else ""
-    return f"has no usable LaserScan messages ({len(rejections.skipped)} skipped{first}); --scan-topic chooses another"
+    first = f", the first: {rejections.entries[0]}" if rejections.entries else ""
+    return f"has no usable LaserScan messages ({len(rejections.entries)} skipped{first}); --scan-topic chooses another"

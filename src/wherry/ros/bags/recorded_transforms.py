@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from wherry.ros.bags.rejections import Rejections
+from wherry.logs.rejections import Rejections
 from wherry.ros.bags.storage import BagTopic, OpenBag
 from wherry.ros.bags.topics import STATIC_NAME, transform_topics
 from wherry.ros.decoding import MessageError, decode_rigid_transform, frames_of
 from wherry.ros.message_protocols import TransformStampedLike
-from wherry.ros.transforms import Pair, TransformTree
+from wherry.ros.transform_tree import Pair, TransformTree
 
 
 @dataclass
@@ -47,7 +47,7 @@ class RecordedTransforms:
     def __init__(self, bag: OpenBag, scans: BagTopic, rejections: Rejections) -> None:
         self._bag, self._rejections = bag, rejections
         self._namespace = scans.namespace
-        self._tables: dict[str, TransformTable] = {}
+        self._tables: dict[BagTopic, TransformTable] = {}
         self.topics = transform_topics(bag)
 
     def tables(self, prefix: str, *, static_only: bool) -> Iterator[TransformTable]:
@@ -77,9 +77,9 @@ class RecordedTransforms:
 
     def table(self, topic: BagTopic) -> TransformTable:
         """The transforms of a topic."""
-        if topic.name not in self._tables:
-            self._tables[topic.name] = _read_table(self._bag, topic, self._rejections)
-        return self._tables[topic.name]
+        if topic not in self._tables:
+            self._tables[topic] = _read_table(self._bag, topic, self._rejections)
+        return self._tables[topic]
 
 
 def _read_table(bag: OpenBag, topic: BagTopic, rejections: Rejections) -> TransformTable:
@@ -89,7 +89,7 @@ def _read_table(bag: OpenBag, topic: BagTopic, rejections: Rejections) -> Transf
         try:
             transforms: Sequence[TransformStampedLike] = message.decode().transforms
         except MessageError as error:
-            rejections.add(message.name, error)
+            rejections.reject(message.name, str(error))
             continue
         for transform in transforms:
             pair = frames_of(transform)

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from heapq import merge
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +21,7 @@ from wherry.ros.bags.files import COMPRESSED, ROS1_SUFFIX, RecordingFiles, stora
 from wherry.ros.bags.formats import TF2_MESSAGE
 from wherry.ros.decoding import MessageError
 from wherry.ros.encoding import NANOSECONDS
+from wherry.ros.frame_names import shown
 
 SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")  # the second one is of the old tf of ROS 1
@@ -103,6 +104,8 @@ class OpenBag:
         counts: Counter[tuple[str, str]] = Counter()
         for reader in self.readers:
             for entry in reader.connections:
+                if not isinstance(entry.topic, str) or not isinstance(entry.msgtype, str):
+                    raise InputError(self.path, "", "is damaged: a topic has no name or no type")
                 counts[entry.topic, entry.msgtype] += entry.msgcount
         topics = tuple(BagTopic(name, kind, count) for (name, kind), count in sorted(counts.items()))
         object.__setattr__(self, "topics", topics)
@@ -117,12 +120,12 @@ class OpenBag:
         try:
             parts = [self._part(reader, topic) for reader in self.readers]
             for number, (received, raw) in enumerate(merge(*parts, key=lambda item: item[0]), start=1):
-                name = f"{topic.name}, message {number}"
+                name = f"{shown(topic.name)}, message {number}"
                 yield BagMessage(name, received / NANOSECONDS, partial(self._deserialize, raw, topic.type))
         except InputError:
             raise
         except Exception as error:  # rosbags raises errors of many types on damaged bags
-            name = f"{topic.name}, message {number + 1}"
+            name = f"{shown(topic.name)}, message {number + 1}"
             raise InputError(self.path, name, f"the bag is damaged here: {first_line(error)}") from error
 
     def _part(self, reader: Any, topic: BagTopic) -> Iterator[tuple[int, bytes]]:
@@ -151,7 +154,7 @@ class OpenBag:
             same = same and (not is_hash or connection.digest == self.types.hash_rihs01(connection.msgtype))
         if not same:
             reason = f"its {connection.msgtype} is defined otherwise than that of ROS"
-            raise InputError(self.path, connection.topic, reason)
+            raise InputError(self.path, shown(connection.topic), reason)
 
     def _deserialize(self, raw: bytes, kind: str) -> Any:
         try:
@@ -173,7 +176,7 @@ def open_bag(path: Path, files: Sequence[Path]) -> Iterator[OpenBag]:
         files: As `RecordingFiles.files`.
 
     Raises:
-        InputError: rosbags is not installed, or a file cannot be read.
+        InputError: rosbags is not installed, or a file cannot be read or is damaged.
     """
     try:
         from rosbags import rosbag1, rosbag2  # noqa: PLC0415 - optional
@@ -213,6 +216,7 @@ def first_line(error: Exception) -> str:
     return (lines[0] if lines else type(error).__name__)[:MAX_REASON_LENGTH]
 
 
+@cache
 def _typestore(*, is_ros1: bool) -> Any:
     """ROS's own message definitions."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - optional

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice, takewhile
 
 from wherry.errors import InputError
 from wherry.ros.bags.storage import ODOMETRY, SCAN, TRANSFORMS, BagTopic, OpenBag
+from wherry.ros.frame_names import shown
 
 MAX_TOPICS_NAMED = 4  # topics that a message lists
 STATIC_NAME = "tf_static"
@@ -87,9 +89,7 @@ def transform_topics(bag: OpenBag) -> list[BagTopic]:
 def _odometry_rank(topic: BagTopic, scans: BagTopic) -> tuple[object, ...]:
     """Order in which topics of odometry are preferred."""
     pairs = zip(topic.namespace, scans.namespace, strict=False)
-    shared = next(
-        (depth for depth, (a, b) in enumerate(pairs) if a != b), min(len(topic.namespace), len(scans.namespace))
-    )
+    shared = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
     return (-shared, topic.last != "odom", "odom" not in topic.name, len(topic.namespace), -topic.count, topic.name)
 
 
@@ -97,9 +97,8 @@ def _is_of_other_robot(bag: OpenBag, topic: BagTopic, scans: BagTopic) -> bool:
     """Whether a topic is in the namespace of other scans only."""
     if not topic.namespace or topic.namespace[:1] == scans.namespace[:1]:
         return False
-    return any(
-        other.type == SCAN and other.count and other.namespace[:1] == topic.namespace[:1] for other in bag.topics
-    )
+    others = (other for other in bag.topics if other.type == SCAN and other.count)
+    return any(other.namespace[:1] == topic.namespace[:1] for other in others)
 
 
 def _requested_topic(
@@ -117,7 +116,7 @@ def _requested_topic(
     found = [topic for topic in bag.topics if topic.absolute == name]
     reason = "is not in the bag"
     if found:
-        reason = f"is of {found[0].type}" if found[0].count else "has no messages"
+        reason = f"is of {shown(found[0].type)}" if found[0].count else "has no messages"
     raise InputError(bag.path, f"{option} {requested}", f"{reason}; topics of {type_names} messages: {_named(usable)}")
 
 
@@ -129,10 +128,8 @@ def _choice(what: str, chosen: BagTopic, topics: Sequence[BagTopic], option: str
 
 def _named(topics: Sequence[BagTopic]) -> str:
     """Names of topics and their numbers of messages."""
-    counts = (f"{topic.count} message{'s' * (topic.count != 1)}" for topic in topics)
-    names = ", ".join(
-        f"{topic.name} ({count})" for topic, count in zip(topics[:MAX_TOPICS_NAMED], counts, strict=False)
-    )
+    named = (f"{shown(topic.name)} ({topic.count} message{'s' * (topic.count != 1)})" for topic in topics)
+    names = ", ".join(islice(named, MAX_TOPICS_NAMED))
     return f"{names}, … ({len(topics)} topics)" if len(topics) > MAX_TOPICS_NAMED else names or "none"
 
 
@@ -142,8 +139,8 @@ def _other_sensor(bag: OpenBag, topics: Sequence[BagTopic]) -> str:
         return f"; its {_named(topics)} is empty"
     for topic in bag.topics:
         if topic.type in OTHER_SENSORS and topic.count:
-            return f"; its {topic.name} is of {topic.short_type}, and {OTHER_SENSORS[topic.type]}"
+            return f"; its {shown(topic.name)} is of {topic.short_type}, and {OTHER_SENSORS[topic.type]}"
     for topic in bag.topics:
         if topic.last == "scan":
-            return f"; its {topic.name} is of {topic.type}"
+            return f"; its {shown(topic.name)} is of {shown(topic.type)}"
     return ""

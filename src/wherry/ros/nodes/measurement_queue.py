@@ -7,6 +7,7 @@ import time
 from collections import Counter, deque
 from dataclasses import dataclass, replace
 
+from wherry.logs.beam_times import SWEEP_TOLERANCE
 from wherry.robot import Odometry, Scan
 from wherry.ros import messages as ros
 from wherry.ros.decoding import TIMES_IGNORED, decode_laser_scan, decode_odometry
@@ -18,7 +19,6 @@ from wherry.ros.nodes.subscriptions import Subscriptions
 from wherry.ros.transforms import Mount
 from wherry.space.pose import Pose
 
-MAX_SWEEP_RATIO = 1.1  # time from the first beam to the last ÷ time since the scan before
 MAX_STAMP_LAG = 1.0  # s between the newest stamps of scans and odometry; more is a difference of clocks
 MAX_QUEUED_SCANS = 10  # scans queued for the agent; with more, only the latest one is kept
 SCAN_MAX_AGE = 0.4  # s, of the agent's last scan; with an older one the robot must not drive
@@ -154,7 +154,8 @@ class MeasurementQueue:
 
     def _with_possible_times(self, scan: Scan) -> Scan:
         """The scan, without the times of its beams if it would take longer than the time since the scan before."""
-        if scan.time_increment == 0.0 or scan.duration <= MAX_SWEEP_RATIO * (scan.time - self._newest_scan_time):
+        longest = (1.0 + SWEEP_TOLERANCE) * (scan.time - self._newest_scan_time)
+        if scan.time_increment == 0.0 or scan.duration <= longest:
             return scan
         self._remark(TIMES_IGNORED)
         return replace(scan, time_increment=0.0)

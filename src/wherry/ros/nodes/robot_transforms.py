@@ -5,10 +5,12 @@ from __future__ import annotations
 from wherry.errors import InputError
 from wherry.ros import messages as ros
 from wherry.ros.decoding import MessageError, decode_rigid_transform, frames_of
+from wherry.ros.frame_names import is_world_frame
 from wherry.ros.names import Frames, Topics
 from wherry.ros.nodes.subscriptions import Subscriptions
 from wherry.ros.topics import Topic
-from wherry.ros.transforms import Link, Mount, MountError, TransformTree, is_world_frame
+from wherry.ros.transform_tree import Link, TransformTree
+from wherry.ros.transforms import Mount, MountError
 
 
 class RobotTransforms:
@@ -49,7 +51,7 @@ class RobotTransforms:
     @property
     def moving_link(self) -> str:
         """The frames of a transform between base_link and the lidar that has moved since; empty if none has."""
-        return next((f"{link.parent} → {link.child}" for link in self._path if not link.is_fixed), "")
+        return next((str(link) for link in self._path if not link.is_fixed), "")
 
     def _is_world(self, frame: str) -> bool:
         return frame in (self._frames.odom, self._frames.map) or is_world_frame(frame)

@@ -54,7 +54,7 @@ class Subscriptions:
             while names := missing():
                 if time.monotonic() >= deadline:
                     reason = f"; rejected {self.rejected.last}" if self.rejected.last else ""
-                    raise InputError("ROS", ", ".join(names), f"not received within {timeout:g} s{reason}")
+                    raise InputError("ROS", "", f"{', '.join(names)}: not received within {timeout:g} s{reason}")
                 self.changed.wait(POLL_PERIOD)
 
     def _receive(self, topic: str, callback: Callable[[MessageT], None], message: MessageT) -> None:
