@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from wherry.errors import InputError
+from wherry.logs.log_lines import MAX_COORDINATE
 from wherry.logs.tables import read_rows
 from wherry.space.pose import Floats, Pose, relative
 from wherry.space.trajectory import Trajectory
@@ -50,6 +52,9 @@ def load_relations(path: str | Path) -> Relations:
         InputError: The file cannot be read, or a line is malformed.
     """
     rows = read_rows(path, widths=(8,))
+    beyond = np.flatnonzero((np.abs(rows[:, 2:]) > MAX_COORDINATE).any(axis=1))
+    if len(beyond):
+        raise InputError(path, f"relation {beyond[0] + 1}", f"has a coordinate beyond {MAX_COORDINATE:g} m")
     return Relations(rows[:, :2], rows[:, [2, 3, 7]])
 
 

@@ -75,7 +75,7 @@ def check_log(log: LidarLog) -> None:
 def check_relations(relations: Relations) -> None:
     """Times and poses are finite."""
     require(np.isfinite(relations.times).all() and np.isfinite(relations.poses).all(), "relations are finite")
-    require((np.abs(relations.poses) <= MAX_TIME).all(), "relations are bounded")
+    require((np.abs(relations.poses) <= MAX_COORDINATE).all(), "relations are bounded")
 
 
 def check_grid(grid: OccupancyGrid) -> None:

@@ -35,7 +35,7 @@ print("Collecting numpy>=2.0 (from wherry==0.1.0)")
 site_packages = Path(sys.prefix, "{SITE_PACKAGES}")
 (site_packages / "wherry.pth").write_text(str(Path.cwd() / "src"))
 if sys.argv[-1] == ".[dev]":
-    for module in ("pytest", "sphinx"):
+    for module in ("pytest", "sphinx", "fuzz"):
         program = f"import os, sys; print({{module!r}}, sys.argv[1:], 'in', os.getcwd()); sys.stdout.flush()"
         program += "; sys.exit(int(os.environ.get('REALTIME_STATUS' if sys.argv[-1] == 'realtime' else 'STATUS', '0')))"
         (site_packages / f"{{module}}.py").write_text(program)
@@ -294,6 +294,11 @@ def test_docs_builds_the_site(clone: Clone) -> None:
     status, output, _ = clone.run("docs", "--quiet")
     arguments = ["--fail-on-warning", "--keep-going", "--quiet", "docs", "site"]
     assert (status, output) == (0, f"sphinx {arguments} in {clone.root}\n")
+
+
+def test_fuzz_loads_damaged_files(clone: Clone) -> None:
+    status, output, _ = clone.run("fuzz", "--files", "10")
+    assert (status, output) == (0, f"fuzz ['--files', '10'] in {clone.root}\n")
 
 
 def test_uv_is_preferred_to_pip(clone: Clone) -> None:

@@ -253,3 +253,10 @@ def test_recorded_logs_are_read_completely(name: str, scans: int, mount: float) 
     assert len(log.scans) == scans
     assert not log.skipped
     assert log.lidar.x == pytest.approx(mount, abs=1e-3)
+
+
+def test_a_small_file_that_unpacks_to_millions_of_empty_lines_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "some.log.gz"
+    path.write_bytes(gzip.compress(f"{flaser(1.0)}\n".encode() + b"\n" * 3_000_000, 1))
+    with pytest.raises(InputError, match="lines that are almost empty"):
+        read_log(path)

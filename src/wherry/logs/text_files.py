@@ -15,6 +15,8 @@ MAX_FILE_SIZE = 1_000_000_000  # bytes, unpacked
 MAX_COMPRESSION_RATIO = 100  # unpacked size over the size of the gzipped file
 MIN_CHECKED_SIZE = 10_000_000  # bytes, unpacked size below which the compression ratio is not checked
 MAX_LINE_LENGTH = 200_000  # bytes
+MANY_LINES = 500_000  # lines from which their mean length is checked
+MIN_MEAN_LENGTH = 8  # bytes, of the lines of a long file; millions of empty lines fit a small gzipped file
 HEAD_SIZE = 4096  # bytes at the beginning by which the kind of a file is recognized
 MAX_CONTROL_SHARE = 0.05  # share of control characters among these above which a file is binary
 CONTROL_CHARACTERS = bytes(byte for byte in range(32) if byte not in b"\t\n\v\f\r")
@@ -75,6 +77,8 @@ def _checked_lines(path: Path, file: io.BufferedReader[Any], packed: int) -> Ite
         if size > max(MIN_CHECKED_SIZE, MAX_COMPRESSION_RATIO * packed):
             reason = f"unpacks to over {MAX_COMPRESSION_RATIO} times the file's size"
             raise InputError(path, f"line {number}", reason)
+        if number > MANY_LINES and size < MIN_MEAN_LENGTH * number:
+            raise InputError(path, f"line {number}", "comes after so many lines that are almost empty: this is no log")
         if number == 1:
             line = line.removeprefix(BYTE_ORDER_MARK)
         yield number, line.decode("utf-8", errors="replace")

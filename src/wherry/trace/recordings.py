@@ -21,7 +21,7 @@ from wherry.trace.records import Record, throttle_snapshots
 
 MAGIC = b"wherry-trace: 1\n"
 TRACE_FILE_NAME = "trace.wherry"
-MAX_FILE_SIZE = 400_000_000  # bytes, both compressed and decompressed
+MAX_FILE_SIZE = 300_000_000  # bytes, both compressed and decompressed
 SNAPSHOT_PERIOD = 0.4  # s between two recorded snapshots
 COMPRESSION_LEVEL = 1  # of zlib, during a run; level 6 makes files 8 % smaller in twice the time
 
