@@ -13,7 +13,32 @@ from wherry.experiments.mapping.drifting_odometry import BuildingResult, driftin
 from wherry.experiments.mapping.table import PUBLISHED, drifting_table, intel_table, reproduce
 from wherry.pipelines.logs.mapping import MappingResult
 
-RESULT = MappingResult(0.05, 0.07, 1.5, 2.9, 2984, 0.05, 0.9, 60.0, 6.0, 180, 214, 910, 0, "graph", "some.log")
+RESULT = MappingResult(
+    verdict="A map.",
+    translational_error_m=0.05,
+    translational_sd_m=0.07,
+    rotational_error_deg=1.5,
+    rotational_sd_deg=2.9,
+    relations=2984,
+    far_translational_error_m=0.05,
+    ms_per_scan_median=0.9,
+    ms_per_scan_p99=60.0,
+    seconds=6.0,
+    closures_accepted=180,
+    closures_refused=214,
+    scans=910,
+    skipped=0,
+    backend="graph",
+    log="some.log",
+    size_m=(30.0, 30.0),
+    free_area_m2=400.0,
+    resolution_m=0.05,
+    distance_m=500.0,
+    duration_s=2651.0,
+    fit=0.95,
+    is_doubtful=False,
+    notes=(),
+)
 
 
 def cells(table: str) -> list[list[str]]:
