@@ -6,6 +6,7 @@ distinguishes it is that the beams of many scans end where the map has nothing, 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from wherry.localization.agreement import ScanAgreement
@@ -71,3 +72,13 @@ class MapFit:
     def is_fitting(self) -> bool:
         """Whether the scans fit the map."""
         return self.coverage >= MIN_COVERAGE and self.value >= MIN_FIT
+
+    @property
+    def mismatch(self) -> str:
+        """Why the scans do not fit the map, as a clause; empty if they do."""
+        if self.coverage < MIN_COVERAGE:
+            return f"it covers only {self.coverage:.0%} of what the lidar sees"
+        if self.value < MIN_FIT:
+            below = math.floor(100.0 * self.value) / 100.0  # rounding up would show the smallest fit
+            return f"fit {below:.2f}, at least {MIN_FIT:g} on the right map"
+        return ""
