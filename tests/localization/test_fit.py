@@ -70,6 +70,7 @@ def test_a_moving_average_forgets() -> None:
     [
         (agreement(MIN_COVERAGE - 0.1, 0.0, 0.0), "it covers only 40% of what the lidar sees"),
         (agreement(0.6999, 0.0, 0.3001), "fit 0.69, at least 0.7 on the right map"),
+        (agreement(0.388, 0.0, 0.612), "fit 0.39, at least 0.7 on the right map"),
         (agreement(0.7, 0.0, 0.2), ""),
     ],
 )

@@ -6,7 +6,6 @@ distinguishes it is that the beams of many scans end where the map has nothing, 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from wherry.localization.agreement import ScanAgreement
@@ -79,6 +78,6 @@ class MapFit:
         if self.coverage < MIN_COVERAGE:
             return f"it covers only {self.coverage:.0%} of what the lidar sees"
         if self.value < MIN_FIT:
-            below = math.floor(100.0 * self.value) / 100.0  # rounding up would show the smallest fit
-            return f"fit {below:.2f}, at least {MIN_FIT:g} on the right map"
+            shown = min(self.value, MIN_FIT - 0.01)  # otherwise 0.699 is printed as 0.70
+            return f"fit {shown:.2f}, at least {MIN_FIT:g} on the right map"
         return ""
