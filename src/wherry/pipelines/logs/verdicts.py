@@ -11,7 +11,7 @@ from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD
 from wherry.space.pose import Pose
 
 GOOD_FIT = 0.85  # fit from which a map agrees with the scans in all parts
-EQUAL_MIN_ODDS = 0.25  # odds of a rival against the estimate from which both are said to fit equally well
+EQUAL_MIN_ODDS = 0.25  # odds of a rival against the estimate from which both are reported as fitting equally
 MAX_LISTED = 3  # poses that are listed
 
 
