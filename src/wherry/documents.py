@@ -25,9 +25,7 @@ MAX_VALUE_CHARACTERS = 40  # length of an invalid value as quoted in an error
 MAX_REASON_CHARACTERS = 200  # length of an error's reason; with file and field the line stays below 300
 
 # First line of OpenCV's files, which is not YAML
-OPENCV_DIRECTIVE = re.compile(
-    r"\A\ufeff?%YAML:1\.[0-9][ \t]*(?=\r?\n)"
-)  # first line of OpenCV's files, which is not YAML
+OPENCV_DIRECTIVE = re.compile(r"\A\ufeff?%YAML:1\.[0-9][ \t]*(?=\r?\n)")
 FLAGS = {  # words that yaml-cpp and ROS 2's parser of parameters read as booleans
     **dict.fromkeys(("true", "yes", "on", "y", "1"), True),
     **dict.fromkeys(("false", "no", "off", "n", "0"), False),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["InputError"]
+__all__ = ["InputError", "on_one_line"]
 
 MAX_FIELD_CHARACTERS, MAX_REASON_CHARACTERS = 60, 240  # of a field and a reason, which may quote a damaged file
 

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.errors import InputError
-from wherry.logs.log_lines import MAX_COORDINATE
 from wherry.logs.tables import read_rows
-from wherry.space.pose import Floats, Pose, relative
+from wherry.space.pose import MAX_COORDINATE, Floats, Pose, relative
 from wherry.space.trajectory import Trajectory
 
 __all__ = [

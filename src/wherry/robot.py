@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wherry.space.pose import Floats, Pose, wrap, wrap_angles
 
 BOX_HEIGHT = 0.30  # m, of a box to deliver
-NO_RETURN_TOLERANCE = 0.01  # m, readings less than this below the longest range of a lidar met nothing
+NO_RETURN_TOLERANCE = 0.01  # m below the longest range of a lidar, from which a reading is no return
 LOAD_RADIUS_RATIO = 1.5  # `Body.load_radius` ÷ radius of a box; a box in the fork may be off-centre
 
 

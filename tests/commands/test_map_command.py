@@ -130,14 +130,12 @@ def test_a_map_of_one_scan_is_noted(run_command: RunCommand, tmp_path: Path) -> 
 
 def test_a_map_that_does_not_fit_its_own_scans_is_doubtful(run_command: RunCommand, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    ranges = [rng.uniform(0.5, 6.0, 181) for _ in POSES]
-    log = write_scans(tmp_path / "noise.clf", ranges, POSES)
-    status, out, _ = run_command("map", log)
-    assert status == 1
-    assert out.startswith("The map is doubtful: its own scans do not fit it (fit 0.")
-    assert Path("runs/noise-map/map.yaml").exists()
-    status, out, _ = run_command("map", log, "--json", "-q")
+    poses = POSES[:6]
+    log = write_scans(tmp_path / "noise.clf", [rng.uniform(0.5, 6.0, 181) for _ in poses], poses)
+    status, out, err = run_command("map", log, "--json")
     assert (status, json.loads(out)["is_doubtful"]) == (1, True)
+    assert err.startswith("The map is doubtful: its own scans do not fit it (fit 0.")
+    assert Path("runs/noise-map/map.yaml").exists()
 
 
 def test_a_log_in_which_no_beam_met_anything_is_refused(run_command: RunCommand, tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ def test_every_replay_gets_a_folder_of_its_own(run_command: RunCommand, drive: R
         assert metrics == json.loads((folder / "result.json").read_text())
         assert {path.name for path in folder.iterdir()} == {"mapping", "localization", "result.json"}
         assert metrics["localization"]["fits_map"] is True
+        assert min(metrics["localization"]["fit"], metrics["mapping"]["fit"]) > 0.9
         assert metrics["mapping"]["is_doubtful"] is False
         assert metrics["notes"] == list(dict.fromkeys(metrics["mapping"]["notes"] + metrics["localization"]["notes"]))
 

@@ -63,3 +63,17 @@ def test_a_moving_average_forgets() -> None:
     for _ in range(20):
         fit = fit.with_scan(agreement(0.0, 0.0, 1.0), decay=0.5)
     assert fit.value < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("scan", "mismatch"),
+    [
+        (agreement(MIN_COVERAGE - 0.1, 0.0, 0.0), "it covers only 40% of what the lidar sees"),
+        (agreement(0.6999, 0.0, 0.3001), "fit 0.69, at least 0.7 on the right map"),
+        (agreement(0.388, 0.0, 0.612), "fit 0.39, at least 0.7 on the right map"),
+        (agreement(0.7, 0.0, 0.2), ""),
+    ],
+)
+def test_the_mismatch_is_that_of_the_limit_that_is_missed(scan: ScanAgreement, mismatch: str) -> None:
+    assert fit_of(scan).mismatch == mismatch
+    assert fit_of(scan).is_fitting is not bool(mismatch)

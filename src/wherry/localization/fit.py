@@ -71,3 +71,13 @@ class MapFit:
     def is_fitting(self) -> bool:
         """Whether the scans fit the map."""
         return self.coverage >= MIN_COVERAGE and self.value >= MIN_FIT
+
+    @property
+    def mismatch(self) -> str:
+        """Why the scans do not fit the map, as a clause; empty if they do."""
+        if self.coverage < MIN_COVERAGE:
+            return f"it covers only {self.coverage:.0%} of what the lidar sees"
+        if self.value < MIN_FIT:
+            shown = min(self.value, MIN_FIT - 0.01)  # otherwise 0.699 is printed as 0.70
+            return f"fit {shown:.2f}, at least {MIN_FIT:g} on the right map"
+        return ""

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.space.pose import IDENTITY, Pose
+from wherry.space.pose import IDENTITY, MAX_COORDINATE, Pose
 
 ROBOT_MODELS = ("differential", "omnidirectional")
 LASER_MODELS = ("likelihood_field", "likelihood_field_prob", "beam")
-MAX_COORDINATE = 1e9  # m and rad, of the initial pose
 MAX_PARTICLES_LIMIT = 10_000_000  # upper limit of max_particles, about 1 GB of memory
 LOST_PROBABILITY_THRESHOLD = 0.5  # probability of being lost above which a robot is reported as lost
 GLOBAL_MAX_PARTICLES = 50_000  # particles at a global start, of which KLD sampling soon drops most

@@ -7,14 +7,12 @@ import re
 
 import numpy as np
 
-from wherry.logs.lidar_log import MAX_BEAMS
+from wherry.logs.lidar_log import MAX_BEAMS, MAX_RANGE
 from wherry.robot import mark_no_return
-from wherry.space.pose import Floats, Pose
+from wherry.space.pose import MAX_COORDINATE, Floats, Pose
 
 MAX_NUMBER = 1e18  # largest absolute value of a number in a log
 MAX_STAMP = 1e20  # largest absolute value of a stamp; Unix times in nanoseconds are above 1e18
-MAX_RANGE = 1000.0  # m, longest range of any lidar
-MAX_COORDINATE = 1e9  # m
 MAX_WORD_LENGTH = 40  # characters of a word shown in a message
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 RANGE_MIN = 0.02  # m, shortest valid range of a lidar whose log does not give one

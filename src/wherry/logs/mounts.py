@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from wherry.errors import InputError
+from wherry.logs.options import LIDAR_HINT
 from wherry.space.pose import IDENTITY, Floats, Pose, relative, wrap_angles
 
 EQUAL_MOUNTS = 1e-3  # m and rad by which equal poses of the lidar on the robot differ
 MOUNT_TOLERANCE = 0.02  # m and rad by which rounding of the recorded poses changes it
 MOUNT_QUANTILE = 0.9  # share of the scans whose poses agree
 MAX_DISTANCE = 10.0  # m, of a lidar from the centre of its robot
-OPTION_HINT = "--lidar x,y,theta states it (m, m, degrees)"
 
 
 def find_mount(
@@ -41,7 +41,7 @@ def find_mount(
     if agreed is not None and math.hypot(agreed.x, agreed.y) > MAX_DISTANCE:
         agreed = None
     if given is None and parameter is not None and math.hypot(parameter.x, parameter.y) > MAX_DISTANCE:
-        raise InputError(source, "", f"states by PARAM that the lidar is at {_text(parameter)}; {OPTION_HINT}")
+        raise InputError(source, "", f"states by PARAM that the lidar is at {_text(parameter)}; {LIDAR_HINT}")
     stated = agreed if agreed is not None and not _is_equal(agreed, IDENTITY) else parameter or agreed
     if given is not None:
         if stated is None or _is_equal(stated, given):
@@ -49,10 +49,10 @@ def find_mount(
         return given, f"the log states the lidar at {_text(stated)}: the given {_text(given)} is used"
     if not pairs and parameter is None:
         reason = "has neither poses of the lidar nor PARAM robot_frontlaser_offset, which state where the lidar sits"
-        raise InputError(source, "", f"{reason}; {OPTION_HINT}")
+        raise InputError(source, "", f"{reason}; {LIDAR_HINT}")
     if agreed is None and parameter is None:
         reason = "the log does not state where the lidar sits, since the poses of its scans disagree on it"
-        return IDENTITY, f"{reason}: the centre of the robot is assumed; {OPTION_HINT}"
+        return IDENTITY, f"{reason}: the centre of the robot is assumed; {LIDAR_HINT}"
     if pairs and parameter is not None and stated is parameter and not _is_equal(stated, IDENTITY):
         return parameter, f"the lidar is at {_text(parameter)} by the log's parameters, not by the poses of its scans"
     return stated or IDENTITY, ""

@@ -1,4 +1,4 @@
-"""Odometry at the times of scans, and what is said about scans that have none."""
+"""Odometry at the times of scans, with a note on scans that have none."""
 
 from __future__ import annotations
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from wherry.space.pose import Pose
 
+LIDAR_HINT = "--lidar x,y,theta states it (m, m, degrees)"  # end of a message on a pose of the lidar that is not known
+
 
 @dataclass(frozen=True, slots=True)
 class ReadingOptions:

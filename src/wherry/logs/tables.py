@@ -11,10 +11,10 @@ from types import MappingProxyType
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.logs.log_lines import MAX_COORDINATE, MalformedLineError, parse_numbers, parse_stamp
+from wherry.logs.log_lines import MalformedLineError, parse_numbers, parse_stamp
 from wherry.logs.text_files import is_comment, numbered_lines
 from wherry.logs.timestamps import MAX_TIME, unit_of
-from wherry.space.pose import Floats
+from wherry.space.pose import MAX_COORDINATE, Floats
 from wherry.space.trajectory import Trajectory
 
 POSE_WIDTH, TUM_WIDTH, KITTI_WIDTH = 4, 8, 12  # numbers in a line

@@ -32,14 +32,13 @@ from wherry.mapping.settings import GraphSlamSettings
 from wherry.mapping.submaps import Submap
 from wherry.mapping.tracking import TrackingState
 from wherry.robot import Odometry, Scan, Velocity
-from wherry.space.pose import Floats, Pose
+from wherry.space.pose import MAX_COORDINATE, Floats, Pose
 
 FORMAT_VERSION = 2  # value of the key wherry-graph in the head
 FIRST_VERSION = 1  # oldest version that is read; it has neither beam angles nor contradictions of odometry
 NO_ANGLES = np.zeros(0)  # beam angles of a scan whose beams are evenly spaced
 MAX_FILE_SIZE = 300_000_000  # bytes, packed
 MAX_UNPACKED_SIZE = 600_000_000  # bytes, unpacked: scans of 1,081 beams at 69,000 keyframes
-MAX_COORDINATE = 1e9  # m and rad, of a pose
 EIGENVALUE_TOLERANCE = 1e-9  # negative eigenvalue that rounding explains, per largest entry
 MAX_SCAN_ANGLE = 4.0 * math.pi  # rad, between the first and the last beam of a scan
 POSE, COVARIANCE = (3,), (3, 3)  # shapes of an entry

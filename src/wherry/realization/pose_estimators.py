@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wherry.errors import InputError
 from wherry.localization.agreement import ScanAgreement
-from wherry.localization.fit import MIN_FIT, MapFit
+from wherry.localization.fit import MapFit
 from wherry.localization.localizer import Localizer
 from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD
 from wherry.mapping.graph_slam import GraphSlam
@@ -99,9 +99,7 @@ def check_fit(fit: MapFit) -> None:
         InputError: Enough scans were compared with the map, and they do not fit it.
     """
     if fit.scans >= FIT_MIN_SCANS and not fit.is_fitting:
-        raise InputError(
-            "map", "", f"does not fit what the lidar sees (fit {fit.value:.2f}, on the right map {MIN_FIT:g})"
-        )
+        raise InputError("map", "", f"does not fit what the lidar sees: {fit.mismatch}")
 
 
 class MapPoseEstimator:

@@ -34,6 +34,8 @@ VIEWPOINT_TOLERANCE = 0.3  # m, largest distance of a path's end from its viewpo
 CELL_TOLERANCE = 1.0  # m, largest distance of a path's end from the centre of the cell to observe
 FRONTIER_DEPTH = 1.0  # m, assumed depth of the unknown space behind frontiers, for the explored fraction
 OCCLUSION_RADIUS = 1.0  # m around a removed box within which viewpoints and cells are tried again
+SEARCH_TIMEOUT = 120.0  # s, robot's clock, without a newly covered cell after which the present target is abandoned
+MAX_SEARCH_TIMEOUTS = 3  # timeouts after which a finished map is refused
 
 
 @dataclass(frozen=True)
@@ -79,9 +81,15 @@ class Surveyor:
         self._visited_viewpoints: list[Floats] = []  # viewpoints of exploration, m, map frame
         self._abandoned_cells: list[Floats] = []  # centres of cells that could not be reached or observed, m, map frame
         self._search_area: tuple[CellMap, BoxCoverage] | None = None
+        self._search_timeouts = 0
 
     def survey(self) -> None:
-        """Explore until no reachable frontier is left, then search every reachable cell for boxes."""
+        """Explore until no reachable frontier is left, then search every reachable cell for boxes.
+
+        Raises:
+            InputError: The map has no walls to align cells with, or it is finished and shows free space where the robot
+                cannot drive.
+        """
         self.tracker.start()
         self.pilot.wait_for_scan()
         if self.mapper is not None:
@@ -171,6 +179,7 @@ class Surveyor:
         coverage = BoxCoverage(self.tracker, cell_map.frame, cell_map.plan)
         self._search_area = cell_map, coverage
         has_announced = False
+        covered, deadline = 0, self.pilot.time + SEARCH_TIMEOUT
         while True:
             boxes = self.tracker.publish(cell_map.grid)
             uncovered = self._uncovered_cells(cell_map, coverage, boxes)
@@ -182,9 +191,27 @@ class Surveyor:
             target = min(uncovered, key=lambda cell: (uncovered[cell], cell))
             costmap = costmap_around(self.pilot, cell_map.grid, boxes)
             path = self._path_to_observe(target, cell_map, coverage, boxes, costmap)
-            if path is None or not self._follower.follow(path, costmap):
+            if len(coverage.covered_cells()) > covered:
+                covered, deadline = len(coverage.covered_cells()), self.pilot.time + SEARCH_TIMEOUT
+            is_late = self.pilot.time > deadline
+            if is_late or path is None or not self._follower.follow(path, costmap):
                 self.pilot.wait_for_scan(DETECTION_PERIOD * MIN_OBSERVATIONS)
                 self._abandoned_cells.append(cell_map.frame.centre(target.x, target.y))
+            if is_late:
+                self._count_timeout()
+                deadline = self.pilot.time + SEARCH_TIMEOUT
+
+    def _count_timeout(self) -> None:
+        """Count a timeout of the search.
+
+        Raises:
+            InputError: There were too many for a finished map, which is probably of another place.
+        """
+        self._search_timeouts += 1
+        if self.mapper is None and self._search_timeouts >= MAX_SEARCH_TIMEOUTS:
+            self.pilot.stop()
+            reason = f"it shows free space that was not reached in {MAX_SEARCH_TIMEOUTS * SEARCH_TIMEOUT:g} s"
+            raise InputError("map", "", f"does not fit what the lidar sees: {reason}")
 
     def _uncovered_cells(self, cell_map: CellMap, coverage: BoxCoverage, boxes: Sequence[BoxTrack]) -> dict[Cell, int]:
         """Cells in which a box may be undetected, each with its number of moves from the robot, 0 if not reachable.

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from wherry.logs.lidar_log import MAX_BEAMS
-from wherry.robot import Odometry, Scan, Velocity
+from wherry.logs.lidar_log import MAX_BEAMS, MAX_RANGE
+from wherry.robot import Odometry, Scan, Velocity, mark_no_return
 from wherry.ros.encoding import NANOSECONDS, OCCUPIED, UNKNOWN_CELL
 from wherry.ros.message_protocols import (
     LaserScanLike,
@@ -38,8 +38,6 @@ MAX_SPEED = 100.0  # m/s and rad/s, absolute value
 MAX_TILT = 0.2  # rad, between the z axes of a frame and its parent
 QUATERNION_TOLERANCE = 0.01  # deviation of a quaternion's norm from 1
 MIN_CELL_SIZE, MAX_CELL_SIZE = 0.001, 10.0  # m
-MAX_RANGE = 1000.0  # m, of a lidar
-MAX_RANGE_TOLERANCE = 0.01  # m below range_max from which a reading means that the beam met nothing
 MAX_START_ANGLE = 2 * math.tau  # rad, absolute value of angle_min
 MAX_REVOLUTION = 1.03  # revolutions of a scan; lidars whose number of beams varies measure a few beams twice
 MAX_BEAMS_OFF = 2.5  # beams by which angle_max may disagree with angle_increment; drivers count one too many or too few
@@ -193,8 +191,8 @@ def decode_laser_scan(
 ) -> Scan:
     """A scan with counter-clockwise beams.
 
-    The beams of a clockwise lidar (negative increment) are reversed. A reading at ``range_max`` (less
-    `MAX_RANGE_TOLERANCE`) or beyond is no return, inf. As in REP 117, −inf is an obstacle closer than ``range_min``,
+    The beams of a clockwise lidar (negative increment) are reversed. A reading at ``range_max`` or beyond is no return,
+    inf, see `wherry.robot.mark_no_return`. As in REP 117, −inf is an obstacle closer than ``range_min``,
     and becomes ``range_min``, the safe side.
 
     Args:
@@ -267,7 +265,7 @@ def _ranges(message: LaserScanLike, range_min: float, range_max: float) -> NDArr
     """Ranges in the order of the message, m; inf where a beam met nothing."""
     ranges = message.ranges.astype(np.float64)
     ranges[ranges == -np.inf] = range_min
-    ranges[ranges >= range_max - MAX_RANGE_TOLERANCE] = np.inf
+    ranges = mark_no_return(ranges, range_max)
     ranges[ranges < 0.0] = np.nan
     if range_min == 0.0:
         ranges[ranges == 0.0] = np.nan  # it would be an obstacle in the lidar

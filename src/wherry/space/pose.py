@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+MAX_COORDINATE = 1e9  # m and rad, largest absolute value in a pose that a file states
+
 
 def wrap(angle: float) -> float:
     """The equivalent angle in (−π, π], rad."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from wherry.errors import InputError
 from wherry.space.frame import CellFrame
-from wherry.space.pose import Pose
+from wherry.space.pose import MAX_COORDINATE, Pose
 from wherry.trace.framing import Array, Arrays, Header, decode_frame, encode_frame
 from wherry.trace.map_tiles import TileDecoder, TileEncoder
 from wherry.trace.records import (
@@ -37,11 +37,10 @@ from wherry.trace.records import (
 
 MAX_PARTICLES = 2_000  # particles in a frame; more are indistinguishable on a screen
 POSITION_STEP = 0.005  # m, unit of stored positions
+ANGLE_STEP = 1e-4  # rad, unit of stored angles
 MAX_NUMBER = 1e12  # largest number in a frame, such as a time in s
-MAX_COORDINATE = 1e9  # m and rad, of a pose
 DAMAGE = (KeyError, ValueError, TypeError, AttributeError, OverflowError, RecursionError, struct.error)
 """What decoding a damaged frame raises."""
-ANGLE_STEP = 1e-4  # rad, unit of stored angles
 
 TAGS: Mapping[type[Record], str] = {
     RunStarted: "Began",

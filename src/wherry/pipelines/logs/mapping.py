@@ -15,7 +15,7 @@ from wherry.evaluation import RelationErrors, Relations, load_relations, relatio
 from wherry.files import ensure_writable_folder, write_atomically
 from wherry.logs.lidar_log import LidarLog
 from wherry.logs.odometry_files import with_odometry_file
-from wherry.logs.options import DEFAULT_READING, ReadingOptions
+from wherry.logs.options import DEFAULT_READING, LIDAR_HINT, ReadingOptions
 from wherry.mapping.graph_slam import GraphSlam
 from wherry.mapping.graph_snapshot import GraphSnapshot
 from wherry.mapping.loop_closure import LoopClosure
@@ -219,7 +219,7 @@ def _check_continued(snapshot: GraphSnapshot, settings: MappingSettings, log: Li
     difference = log.lidar.relative_to(snapshot.lidar)
     if math.hypot(difference.x, difference.y) > EQUAL_DISTANCE or abs(difference.theta) > EQUAL_ANGLE:
         reason = f"has the lidar at {_mount(log.lidar)}, but the graph at {_mount(snapshot.lidar)}"
-        raise InputError(settings.log, "lidar", f"{reason}; --lidar X,Y,θ states it")
+        raise InputError(settings.log, "lidar", f"{reason}; {LIDAR_HINT}")
     resolution = snapshot.settings.resolution
     if settings.resolution not in (DEFAULT_RESOLUTION, resolution):
         reason = f"cannot be changed by --continue: the graph's is {resolution:g} m"

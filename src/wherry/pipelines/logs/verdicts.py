@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from wherry.localization.fit import MIN_COVERAGE, MIN_FIT, MapFit
+from wherry.localization.fit import MapFit
 from wherry.localization.localizer import Localization
 from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD
 from wherry.space.pose import Pose
 
 GOOD_FIT = 0.85  # fit from which a map agrees with the scans in all parts
-EQUAL_MIN_ODDS = 0.25  # odds of a rival against the estimate from which both are said to fit equally well
+EQUAL_MIN_ODDS = 0.25  # odds of a rival against the estimate from which both are reported as fitting equally
 MAX_LISTED = 3  # poses that are listed
 
 
@@ -48,10 +48,8 @@ def localization_verdict(fit: MapFit, last: Localization, *, is_global: bool) ->
         is_global: Whether the whole map was searched for the start.
     """
     hint = "" if is_global else " If it is the right map, the start pose is wrong: --global searches the whole map."
-    if fit.coverage < MIN_COVERAGE:
-        return f"These scans do not fit this map: it covers only {fit.coverage:.0%} of what the lidar sees.{hint}"
     if not fit.is_fitting:
-        return f"These scans do not fit this map: fit {fit.value:.2f}, at least {MIN_FIT:g} on the right map.{hint}"
+        return f"These scans do not fit this map: {fit.mismatch}.{hint}"
     fits = f"The scans fit the map (fit {fit.value:.2f})"
     if fit.value < GOOD_FIT:
         fits = f"The scans fit the map only in part (fit {fit.value:.2f}): it may be old, mirrored or at a wrong scale"

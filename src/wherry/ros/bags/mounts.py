@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from wherry.errors import InputError
+from wherry.logs.options import LIDAR_HINT
 from wherry.logs.rejections import Rejections
 from wherry.ros.bags.recorded_transforms import RecordedTransforms, TransformTable
 from wherry.ros.frame_names import is_base_frame, is_odometry_frame, is_world_frame, listed_frames, resolve_frame, shown
 from wherry.ros.transforms import Mount, MountError
 from wherry.space.pose import Pose, wrap
 
-STATED = "--lidar x,y,theta states it (m, m, degrees)"
 MAX_STATED_DISTANCE, MAX_STATED_ANGLE = 0.02, 0.02  # m, rad, between the pose stated and that of the transforms
 
 
@@ -106,7 +106,7 @@ class MountFinder:
         *_, table = self._transforms.tables(frames.prefix, static_only=False)
         known = listed_frames(frame for frame in table.tree.frames if not frames.is_world(frame))
         base = shown(frames.base or "base_link")
-        reason = f"where the lidar sits on {base} is unknown; {STATED}; frames of the transforms: {known}"
+        reason = f"where the lidar sits on {base} is unknown; {LIDAR_HINT}; frames of the transforms: {known}"
         return InputError(self.rejections.source, f"frame {shown(frames.laser)!r}", reason)
 
     def _mount_in(self, table: TransformTable, bases: list[str]) -> Mount | None:
@@ -120,7 +120,7 @@ class MountFinder:
                     self._report(table, base, laser)
                     return Mount.from_transform(transform)
             except MountError as error:
-                reason = f"where the lidar sits on {shown(base)} cannot be used: {error}; {STATED}"
+                reason = f"where the lidar sits on {shown(base)} cannot be used: {error}; {LIDAR_HINT}"
                 raise InputError(self.rejections.source, f"frame {shown(frames.laser)!r}", reason) from error
         return None
 
