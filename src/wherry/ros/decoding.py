@@ -39,6 +39,7 @@ MAX_TILT = 0.2  # rad, between the z axes of a frame and its parent
 QUATERNION_TOLERANCE = 0.01  # deviation of a quaternion's norm from 1
 MIN_CELL_SIZE, MAX_CELL_SIZE = 0.001, 10.0  # m
 MAX_RANGE = 1000.0  # m, of a lidar
+MAX_RANGE_MIN = 10.0  # m, range_min of a lidar; a larger one is stated in mm
 MAX_RANGE_TOLERANCE = 0.01  # m below range_max from which a reading means that the beam met nothing
 MAX_START_ANGLE = 2 * math.tau  # rad, absolute value of angle_min
 MAX_REVOLUTION = 1.03  # revolutions of a scan; lidars whose number of beams varies measure a few beams twice
@@ -232,8 +233,11 @@ def _angles(message: LaserScanLike, on_remark: Callable[[str], None]) -> tuple[f
     has_increment = math.isfinite(increment) and increment != 0.0 and abs(increment) * (beams - 1) <= limit
     has_span = beams > 1 and 0.0 < abs(span) <= limit
     if has_increment and has_span:
-        off = abs(wrap(increment * (beams - 1) - span)) / abs(increment)
-        if off > max(MAX_BEAMS_OFF, MAX_SHARE_OFF * beams):
+        travel = increment * (beams - 1)
+        off = abs(wrap(travel - span)) / abs(increment)
+        tolerance = max(MAX_BEAMS_OFF, MAX_SHARE_OFF * beams)
+        is_opposite = travel * span < 0.0 and abs(travel + span) <= tolerance * abs(increment)
+        if off > tolerance or is_opposite:
             raise MessageError(
                 f"has {beams} beams, {increment:g} rad apart, from {start:g} to {message.angle_max:g} rad, "
                 "which contradict each other"
@@ -258,8 +262,8 @@ def _limits(message: LaserScanLike, on_remark: Callable[[str], None]) -> tuple[f
     if range_max == 0.0 or range_max > MAX_RANGE:
         on_remark(NO_RANGE_MAX)
         range_max = MAX_RANGE
-    if not 0.0 <= range_min < range_max:  # also NaN
-        raise MessageError(f"has ranges from {message.range_min:g} to {message.range_max:g} m")
+    if not 0.0 <= range_min < min(range_max, MAX_RANGE_MIN):  # also NaN
+        raise MessageError(f"has ranges from {message.range_min:g} to {message.range_max:g} m; ranges are stated in m")
     return range_min, range_max
 
 

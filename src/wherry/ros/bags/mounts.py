@@ -12,6 +12,7 @@ from wherry.ros.transforms import Mount, MountError
 from wherry.space.pose import Pose, wrap
 
 STATED = "--lidar x,y,theta states it (m, m, degrees)"
+STATED_PLACE = "--lidar x,y,theta states where the lidar sits (m, m, degrees)"
 MAX_STATED_DISTANCE, MAX_STATED_ANGLE = 0.02, 0.02  # m, rad, between the pose stated and that of the transforms
 
 
@@ -25,6 +26,7 @@ class RobotFrames:
         odom: Frame of odometry; empty if it is not named.
         has_odometry: Whether the bag has odometry.
         namespace: First component of the scan topic's namespace; empty if it has none.
+        has_other_scans: Whether the bag has other topics of scans.
     """
 
     laser: str
@@ -32,6 +34,7 @@ class RobotFrames:
     odom: str
     has_odometry: bool
     namespace: str = ""
+    has_other_scans: bool = False
 
     @property
     def prefix(self) -> str:
@@ -97,7 +100,7 @@ class MountFinder:
         for named in [frames.base] if frames.base else filter(is_base_frame, sorted(tree.all_frames)):
             base = resolve_frame(named, tree.all_frames, frames.prefix) or named
             for name, reason in tree.rejected_between(base, laser, frames.is_world):
-                return InputError(self.rejections.source, name, reason)
+                return InputError(self.rejections.source, name, f"{reason}; {STATED_PLACE}")
         return None
 
     def unknown(self) -> InputError:
@@ -106,7 +109,8 @@ class MountFinder:
         *_, table = self._transforms.tables(frames.prefix, static_only=False)
         known = listed_frames(frame for frame in table.tree.frames if not frames.is_world(frame))
         base = shown(frames.base or "base_link")
-        reason = f"where the lidar sits on {base} is unknown; {STATED}; frames of the transforms: {known}"
+        others = ", --scan-topic chooses other scans" if frames.has_other_scans else ""
+        reason = f"where the lidar sits on {base} is unknown; {STATED}{others}; frames of the transforms: {known}"
         return InputError(self.rejections.source, f"frame {shown(frames.laser)!r}", reason)
 
     def _mount_in(self, table: TransformTable, bases: list[str]) -> Mount | None:
