@@ -119,6 +119,12 @@ def test_the_beams_of_a_clockwise_lidar_are_reversed() -> None:
         ({"angle_increment": 3.0, "angle_max": 100.0}, "rad apart"),
         ({"angle_increment": 0.1}, "contradict each other"),
         ({"angle_increment": -0.5}, "contradict each other"),
+        ({"angle_min": math.pi, "angle_max": -math.pi}, "contradict each other"),
+        (
+            {"angle_min": -math.pi / 2, "angle_max": math.pi / 2, "angle_increment": -math.pi / 4},
+            "contradict each other",
+        ),
+        ({"range_min": 50.0, "range_max": 8000.0}, "ranges from 50 to 8000 m; ranges are stated in m"),
         ({"range_min": -1.0}, "ranges from"),
         ({"range_min": math.nan}, "ranges from"),
         ({"range_max": 0.01}, "ranges from"),
@@ -163,6 +169,11 @@ def test_an_impossible_increment_is_computed_from_the_limits(increment: float) -
     message = replace(MESSAGE, angle_min=-1.0, angle_max=1.0, angle_increment=increment)
     assert decode_laser_scan(message, None, remarks.append).angles.tolist() == [-1.0, -0.5, 0.0, 0.5, 1.0]
     assert remarks == [INCREMENT_REPLACED]
+
+
+def test_an_angle_max_that_is_wrapped_at_a_half_turn_agrees() -> None:
+    message = replace(MESSAGE, angle_min=0.75 * math.pi, angle_max=0.25 * math.pi, angle_increment=0.375 * math.pi)
+    np.testing.assert_allclose(decode_laser_scan(message).angles, 0.75 * math.pi + 0.375 * math.pi * np.arange(5))
 
 
 @pytest.mark.parametrize("beams", [357, 359, 360, 361, 363])

@@ -71,17 +71,18 @@ def _not_separated(times: Floats, received: Floats | None) -> slice:
     if len(steps) < 2:
         return slice(0, count)
     long = max(MIN_SEPARATION, SEPARATION_STEPS * float(np.sort(steps)[(len(steps) - 1) // 2]))
-    was_set = steps > CLOCK_SETTING
-    if received is not None:
-        was_set |= steps - np.diff(received) > MAX_UNRECEIVED_SILENCE
+    passed = steps if received is None else np.diff(received)
+    is_no_silence = (passed >= 0.0) & (steps - passed > MAX_UNRECEIVED_SILENCE)
     first, last = 0, count
-    for index in np.flatnonzero((steps > long) | was_set).tolist():
-        share = MAX_UNSET_SHARE if was_set[index] else MAX_SEPARATED_SHARE
+    for index in np.flatnonzero((steps > long) | is_no_silence).tolist():
+        was_set = is_no_silence[index] or steps[index] > CLOCK_SETTING
+        share = MAX_UNSET_SHARE if was_set else MAX_SEPARATED_SHARE
         few = max(1, int(share * count))
         before, after = index + 1, count - index - 1
-        if before <= few and before < after and steps[index] > times[count - 1 - few] - times[index + 1]:
+        rest_before, rest_after = times[index] - times[first], times[count - 1 - few] - times[index + 1]
+        if before <= few and before < after and (is_no_silence[index] or steps[index] > rest_after):
             first = before
-        elif after <= few and after < before and steps[index] > times[index] - times[first]:
+        elif after <= few and after < before and (is_no_silence[index] or steps[index] > rest_before):
             last = min(last, before)
     return slice(first, last)
 

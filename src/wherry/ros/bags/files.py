@@ -16,6 +16,7 @@ ROS2_SUFFIXES = (".mcap", ".db3")
 SUFFIXES = (ROS1_SUFFIX, *ROS2_SUFFIXES, UNFINISHED)
 METADATA = "metadata.yaml"
 MCAP_MAGIC = b"\x89MCAP0\r\n"  # at the beginning and at the end of an MCAP file
+URI_CHARACTERS = frozenset("#?%")  # with a meaning of their own in the path of an SQLite file that rosbags opens
 MAX_METADATA_SIZE = 500_000  # bytes
 MAX_FILES = 1000  # of a recording
 MAX_FILES_NAMED = 4  # files that a message lists
@@ -177,5 +178,5 @@ def _recovery_hint(path: Path) -> str:
         if file.suffix == ".db3":
             return f"{file} can be read, and ros2 bag reindex makes a bag of its folder"
         if file.suffix == ".mcap":
-            return f"mcap recover makes a bag of {file}"
+            return f"{file} can be read, and mcap recover makes a bag of it"
     return "rosbag reindex makes a bag of it"

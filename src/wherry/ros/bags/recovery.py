@@ -1,4 +1,4 @@
-"""Copies of bag files that rosbags can read: decompressed, or complete although their recorder was killed."""
+"""Copies of bag files that rosbags can read: decompressed, complete although their recorder was killed, or renamed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from struct import Struct
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
-from wherry.ros.bags.files import COMPRESSED, MCAP_MAGIC, is_cut_off, write_ahead_log
+from wherry.ros.bags.files import COMPRESSED, MCAP_MAGIC, URI_CHARACTERS, is_cut_off, write_ahead_log
 
 MAX_FILE_SIZE = 20_000_000_000  # bytes of a file that is copied
 BLOCK_SIZE = 1_000_000  # bytes copied at once
@@ -33,6 +33,9 @@ def readable_copy(file: Path, stack: ExitStack) -> Path:
     elif write_ahead_log(file) is not None:
         copy = _copy_path(file, stack, file.name)
         _copy_database(file, copy)
+    elif file.suffix == ".db3" and URI_CHARACTERS & set(str(file)):
+        copy = _copy_path(file, stack, "bag.db3")
+        copy.symlink_to(file.resolve())
     elif is_cut_off(file):
         copy = _copy_path(file, stack, file.name)
         _copy_complete_records(file, copy)
