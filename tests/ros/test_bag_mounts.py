@@ -63,6 +63,14 @@ def test_an_unusable_rotation_without_which_the_mount_is_unknown_names_the_optio
     assert_lidar(read(bag, tmp_path / "stated", lidar=Pose(0.2, 0.0)), 0.2, 0.0, 0.0)
 
 
+def test_scans_of_a_tilted_lidar_name_the_option_that_chooses_others(bag: SmallBag, tmp_path: Path) -> None:
+    bag.transforms([link("base_link", "tilting", 0.2, rotation=quaternion(pitch=0.5)), link("base_link", "laser", 0.2)])
+    bag.drive().scan(topic="/tilt", frame="tilting").scan(2.0, topic="/tilt", frame="tilting").scan(topic="/low")
+    with pytest.raises(InputError, match=r"tilted by 29°.*; --lidar x,y,theta .*, --scan-topic chooses other scans"):
+        read(bag, tmp_path)
+    assert_lidar(read(bag, tmp_path / "low", scan_topic="/low"), 0.2, 0.0, 0.0)
+
+
 def test_scans_of_an_unknown_lidar_name_the_option_that_chooses_others(bag: SmallBag, tmp_path: Path) -> None:
     bag.transforms([link("base_link", "front", 0.2)]).drive()
     bag.scan(topic="/rear", frame="rear").scan(2.0, topic="/rear", frame="rear")

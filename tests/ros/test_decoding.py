@@ -192,6 +192,13 @@ def test_an_angle_max_that_is_off_by_a_few_beams_is_said() -> None:
     assert remarks == [ANGLE_MAX_IGNORED]
 
 
+@pytest.mark.parametrize("norm", [0.992, 1.0, 1.008])
+def test_a_quaternion_rounded_by_its_sender_is_normalized(norm: float) -> None:
+    half = 0.5 * 1.9
+    quaternion = ros.Quaternion(0.0, 0.0, norm * math.sin(half), norm * math.cos(half))
+    assert decode_pose(ros.Pose(ros.Point(), quaternion)).theta == pytest.approx(1.9, abs=1e-12)
+
+
 def test_the_times_of_the_beams_follow_their_order() -> None:
     message = replace(MESSAGE, time_increment=0.01)
     assert decode_laser_scan(message).time_increment == 0.01

@@ -101,7 +101,7 @@ def _heading(quaternion: QuaternionLike) -> float:
 
 
 def _unit_quaternion(quaternion: QuaternionLike) -> tuple[float, float, float, float]:
-    """x, y, z, w.
+    """x, y, z, w, normalized.
 
     Raises:
         MessageError: It is not a unit quaternion. A zero quaternion, which some drivers send, is not decoded as 0 rad.
@@ -110,7 +110,7 @@ def _unit_quaternion(quaternion: QuaternionLike) -> tuple[float, float, float, f
     norm = math.sqrt(x * x + y * y + z * z + w * w)
     if not abs(norm - 1.0) < QUATERNION_TOLERANCE:  # also NaN
         raise MessageError(f"has the orientation ({x:g}, {y:g}, {z:g}, {w:g}), which is not a unit quaternion")
-    return x, y, z, w
+    return x / norm, y / norm, z / norm, w / norm
 
 
 def _coordinate(value: float) -> float:
@@ -129,7 +129,8 @@ def decode_transform(message: TransformStampedLike) -> StampedTransform:
     parent, child = frames_of(message)
     rotation, translation = message.transform.rotation, message.transform.translation
     heading = _heading(rotation)
-    tilt = math.acos(min(max(1.0 - 2.0 * (rotation.x**2 + rotation.y**2), -1.0), 1.0))
+    x, y, _, _ = _unit_quaternion(rotation)
+    tilt = math.acos(min(max(1.0 - 2.0 * (x**2 + y**2), -1.0), 1.0))
     if tilt > MAX_TILT:
         degrees = math.degrees(tilt)
         raise MessageError(f"tilts the frame {child!r} by {degrees:.0f}°; only level frames are supported")
@@ -148,11 +149,9 @@ def decode_rigid_transform(message: TransformStampedLike) -> RigidTransform:
     if not parent or not child or parent == child:
         raise MessageError(f"links the frame {parent!r} to {child!r}")
     translation = message.transform.translation
-    x, y, z, w = _unit_quaternion(message.transform.rotation)
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
     return RigidTransform(
         (_coordinate(translation.x), _coordinate(translation.y), _coordinate(translation.z)),
-        (x / norm, y / norm, z / norm, w / norm),
+        _unit_quaternion(message.transform.rotation),
     )
 
 

@@ -109,9 +109,13 @@ class MountFinder:
         *_, table = self._transforms.tables(frames.prefix, static_only=False)
         known = listed_frames(frame for frame in table.tree.frames if not frames.is_world(frame))
         base = shown(frames.base or "base_link")
-        others = ", --scan-topic chooses other scans" if frames.has_other_scans else ""
-        reason = f"where the lidar sits on {base} is unknown; {STATED}{others}; frames of the transforms: {known}"
+        reason = f"where the lidar sits on {base} is unknown; {self._options}; frames of the transforms: {known}"
         return InputError(self.rejections.source, f"frame {shown(frames.laser)!r}", reason)
+
+    @property
+    def _options(self) -> str:
+        """The options that help where the transforms do not, for errors."""
+        return f"{STATED}{', --scan-topic chooses other scans' * self.frames.has_other_scans}"
 
     def _mount_in(self, table: TransformTable, bases: list[str]) -> Mount | None:
         """The mount by one table of transforms."""
@@ -124,7 +128,7 @@ class MountFinder:
                     self._report(table, base, laser)
                     return Mount.from_transform(transform)
             except MountError as error:
-                reason = f"where the lidar sits on {shown(base)} cannot be used: {error}; {STATED}"
+                reason = f"where the lidar sits on {shown(base)} cannot be used: {error}; {self._options}"
                 raise InputError(self.rejections.source, f"frame {shown(frames.laser)!r}", reason) from error
         return None
 

@@ -148,9 +148,14 @@ class OpenBag:
             own = self.types.generate_msgdef(connection.msgtype)[1]
             same = connection.digest in ("", "*", own)
         else:
+            encoding = connection.ext.serialization_format
+            if encoding != "cdr":
+                reason = f"is serialized as {shown(encoding)!r} instead of 'cdr', as by a conversion of a bag of ROS 1"
+                raise InputError(
+                    self.path, shown(connection.topic), f"{reason}; rosbags-convert makes a bag of ROS 2 of it"
+                )
             is_hash = connection.digest.startswith("RIHS01_")
-            same = connection.ext.serialization_format == "cdr"
-            same = same and (not is_hash or connection.digest == self.types.hash_rihs01(connection.msgtype))
+            same = not is_hash or connection.digest == self.types.hash_rihs01(connection.msgtype)
         if not same:
             reason = f"its {connection.msgtype} is defined otherwise than that of ROS"
             raise InputError(self.path, shown(connection.topic), reason)
