@@ -178,6 +178,14 @@ def test_an_mcap_file_that_its_recorder_did_not_close_is_read_up_to_its_last_rec
     assert len(log.scans) >= (share - 0.3) * len(whole.scans)
 
 
+def test_messages_in_the_serialization_of_ros_1_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, "sqlite", [2.0, 4.0])
+    with closing(sqlite3.connect(storage(path, "sqlite"))) as database, database:
+        database.execute("UPDATE topics SET serialization_format = 'ros1'")
+    with pytest.raises(InputError, match="/scan: is serialized as 'ros1' instead of 'cdr'; rosbags-convert"):
+        read_bag(path)
+
+
 def test_an_mcap_file_cut_off_in_its_first_record_is_refused_in_one_line(tmp_path: Path) -> None:
     file = storage(write(tmp_path, "mcap", [1.0]), "mcap")
     file.write_bytes(file.read_bytes()[:30])

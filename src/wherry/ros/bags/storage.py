@@ -150,10 +150,8 @@ class OpenBag:
         else:
             encoding = connection.ext.serialization_format
             if encoding != "cdr":
-                reason = f"is serialized as {shown(encoding)!r} instead of 'cdr', as by a conversion of a bag of ROS 1"
-                raise InputError(
-                    self.path, shown(connection.topic), f"{reason}; rosbags-convert makes a bag of ROS 2 of it"
-                )
+                reason = f"is serialized as {shown(encoding)!r} instead of 'cdr'; rosbags-convert converts ROS 1 bags"
+                raise InputError(self.path, shown(connection.topic), reason)
             is_hash = connection.digest.startswith("RIHS01_")
             same = not is_hash or connection.digest == self.types.hash_rihs01(connection.msgtype)
         if not same:
