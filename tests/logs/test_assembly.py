@@ -254,6 +254,15 @@ def test_a_difference_that_delays_may_explain_is_said(ahead: float) -> None:
     assert log.notes[0].endswith(f" s {side} that of the scans, or one of them is sent late: it is used")
 
 
+def test_scans_that_are_received_in_bursts_are_of_one_clock() -> None:
+    burst = 3.0  # s
+    recorded = [replace(entry, received=burst * math.ceil(entry.scan.time / burst)) for entry in scans()]
+    readings = [replace(entry, received=entry.time) for entry in odometry()]
+    log = assembled(recorded, readings)
+    assert None not in log.scan_odometry
+    assert log.notes == ()
+
+
 @pytest.mark.parametrize("count", [1, 5, 40])
 @pytest.mark.parametrize("is_at_end", [False, True])
 @pytest.mark.parametrize("step", [15.0, 90.0])

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from wherry.space.pose import Floats, relative
 from wherry.space.trajectory import Trajectory
 
-CLOCK_TOLERANCE = 0.5  # s, difference of two clocks that delays of messages explain
-CLOCK_SPREADS = 3.0  # median absolute deviations of the difference of two clocks that are added to the tolerance
+CLOCK_SPREADS = 3.0  # median absolute deviations of the difference of two clocks that varying delays explain
 MIN_DRIFT_READINGS = 10  # scans from which the drift of a clock is estimated
 MIN_HOLE = 1.0  # s, longest step between readings of odometry that is always interpolated
 HOLE_PERIODS = 10.0  # median steps between readings of odometry above which a longer step is a hole
@@ -23,8 +22,8 @@ STANDSTILL_DISTANCE, STANDSTILL_ANGLE = 0.01, 0.01  # m and rad, motion over a h
 
 def clock_difference(
     scans: Sequence[tuple[float, float]], odometry: Sequence[tuple[float, float]]
-) -> tuple[float, bool]:
-    """By how much the clock of odometry is ahead of that of the scans, s, and whether delays cannot explain it.
+) -> tuple[float, float]:
+    """By how much the clock of odometry is ahead of that of the scans, and what varying delays explain of it, s.
 
     Of a clock that drifts, it is the larger of the differences at the begin and at the end of the recording.
 
@@ -33,7 +32,7 @@ def clock_difference(
         odometry: Those of odometry.
     """
     if not scans or not odometry:
-        return 0.0, False
+        return 0.0, 0.0
     stamps, received = np.array(scans).T
     odometry_stamps, odometry_received = np.array(odometry).T
     order = np.argsort(odometry_received, kind="stable")
@@ -46,7 +45,7 @@ def clock_difference(
     drifts = np.linspace(begin, end, len(differences))
     spread = float(np.median(np.abs(differences - drifts)))
     largest = end if abs(end) > abs(begin) else begin
-    return largest, abs(largest) > CLOCK_TOLERANCE + CLOCK_SPREADS * spread
+    return largest, CLOCK_SPREADS * spread
 
 
 def _differences_at_ends(differences: Floats) -> tuple[float, float]:
