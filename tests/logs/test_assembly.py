@@ -234,6 +234,58 @@ def test_odometry_of_another_clock_is_left_out_and_the_offset_said(ahead: float)
     )
 
 
+@pytest.mark.parametrize("drift", [-0.1, -0.02, 0.02, 0.1])
+def test_odometry_of_a_clock_that_drifts_is_left_out_and_the_largest_difference_said(drift: float) -> None:
+    recorded = [entry.at(entry.scan.time + drift * (entry.scan.time - START)) for entry in scans(received=True)]
+    log = assembled(recorded, odometry(received=True))
+    assert set(log.scan_odometry) == {None}
+    side = "behind" if drift > 0 else "ahead of"
+    assert log.notes[0].endswith(f" s {side} that of the scans: the scans have no odometry")
+    difference = float(log.notes[0].split("clock, ")[1].split(" s ")[0])
+    assert difference == pytest.approx(abs(drift) * SCANS * PERIOD, abs=0.05)
+
+
+@pytest.mark.parametrize("ahead", [-0.3, 0.2, 0.4])
+def test_a_difference_that_delays_may_explain_is_said(ahead: float) -> None:
+    log = assembled(scans(received=True), odometry(ahead=ahead, received=True))
+    assert None not in log.scan_odometry[10:-10]
+    side = "ahead of" if ahead > 0 else "behind"
+    assert log.notes[0].startswith("odometry may be stamped by another clock, 0.")
+    assert log.notes[0].endswith(f" s {side} that of the scans, or one of them is sent late: it is used")
+
+
+def test_scans_that_are_received_in_bursts_are_of_one_clock() -> None:
+    burst = 3.0  # s
+    recorded = [replace(entry, received=burst * math.ceil(entry.scan.time / burst)) for entry in scans()]
+    readings = [replace(entry, received=entry.time) for entry in odometry()]
+    log = assembled(recorded, readings)
+    assert None not in log.scan_odometry
+    assert log.notes == ()
+
+
+@pytest.mark.parametrize("count", [1, 5, 40])
+@pytest.mark.parametrize("is_at_end", [False, True])
+@pytest.mark.parametrize("step", [15.0, 90.0])
+def test_stamps_that_jump_while_no_time_passes_for_the_recorder_are_outliers(
+    count: int, is_at_end: bool, step: float
+) -> None:
+    indices = range(SCANS - count, SCANS) if is_at_end else range(count)
+    stamps = {index: START + index * PERIOD + (step if is_at_end else -step) for index in indices}
+    log = assembled(restamped(scans(received=True), stamps), options=LENIENT)
+    assert len(log.scans) == SCANS - count
+    assert len(log.skipped) == count
+
+
+def test_a_pause_of_the_recorder_is_no_outlier() -> None:
+    for pause_of_robot in (0.0, 60.0):
+        paused = [
+            replace(entry.at(entry.scan.time + pause_of_robot * is_later), received=entry.scan.time + 60.0 * is_later)
+            for entry, is_later in ((entry, index > 5) for index, entry in enumerate(scans()))
+        ]
+        log = assembled(paused)
+        assert (len(log.scans), log.skipped) == (SCANS, ())
+
+
 def test_simulated_time_at_half_speed_is_one_clock() -> None:
     recorded = [replace(entry, received=2.0 * entry.scan.time + DELAY) for entry in scans()]
     readings = [replace(entry, received=2.0 * entry.time) for entry in odometry(first=START + 20.0)]

@@ -49,6 +49,37 @@ def assert_lidar(log: LidarLog, x: float, y: float, theta: float) -> None:
     assert math.remainder(log.lidar.theta - theta, math.tau) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("chain", [["laser"], ["mast", "laser"]])
+@pytest.mark.parametrize("lenient", [False, True])
+def test_an_unusable_rotation_without_which_the_mount_is_unknown_names_the_option(
+    bag: SmallBag, tmp_path: Path, chain: list[str], lenient: bool
+) -> None:
+    links = [link(parent, child, 0.2) for parent, child in zip(["base_link", *chain], chain, strict=False)]
+    parent, child, place, _ = links[-1]
+    bag.transforms([*links[:-1], (parent, child, place, (0.0, 0.0, 0.0, 0.0))]).drive().scan()
+    expected = r"/tf_static, message 1: has the orientation \(0, 0, 0, 0\).*; --lidar x,y,theta states"
+    with pytest.raises(InputError, match=expected):
+        read(bag, tmp_path, lenient=lenient)
+    assert_lidar(read(bag, tmp_path / "stated", lidar=Pose(0.2, 0.0)), 0.2, 0.0, 0.0)
+
+
+def test_scans_of_a_tilted_lidar_name_the_option_that_chooses_others(bag: SmallBag, tmp_path: Path) -> None:
+    bag.transforms([link("base_link", "tilting", 0.2, rotation=quaternion(pitch=0.5)), link("base_link", "laser", 0.2)])
+    bag.drive().scan(topic="/tilt", frame="tilting").scan(2.0, topic="/tilt", frame="tilting").scan(topic="/low")
+    with pytest.raises(InputError, match=r"tilted by 29°.*; --lidar x,y,theta .*, --scan-topic chooses other scans"):
+        read(bag, tmp_path)
+    assert_lidar(read(bag, tmp_path / "low", scan_topic="/low"), 0.2, 0.0, 0.0)
+
+
+def test_scans_of_an_unknown_lidar_name_the_option_that_chooses_others(bag: SmallBag, tmp_path: Path) -> None:
+    bag.transforms([link("base_link", "front", 0.2)]).drive()
+    bag.scan(topic="/rear", frame="rear").scan(2.0, topic="/rear", frame="rear")
+    bag.scan(topic="/front", frame="front")
+    with pytest.raises(InputError, match=r"unknown; --lidar x,y,theta .*, --scan-topic chooses other scans"):
+        read(bag, tmp_path)
+    assert_lidar(read(bag, tmp_path / "front", scan_topic="/front"), 0.2, 0.0, 0.0)
+
+
 # ---- chains
 
 

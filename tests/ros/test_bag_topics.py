@@ -58,6 +58,11 @@ def test_without_a_topic_named_scan_the_one_with_most_messages_is_read(bag: Smal
     assert times(read(bag, tmp_path)) == [2.0, 3.0]
 
 
+def test_base_scan_is_preferred_to_a_topic_with_more_messages(bag: SmallBag, tmp_path: Path) -> None:
+    bag.drive().transforms(MOUNT).scan(1.0, topic="/base_scan").scan(2.0, topic="/a_tilt_scan")
+    assert times(read(bag.scan(3.0, topic="/a_tilt_scan"), tmp_path)) == [1.0]
+
+
 @pytest.mark.parametrize("name", ["/rear", "rear"])
 def test_the_scan_topic_that_is_named_is_read(bag: SmallBag, tmp_path: Path, name: str) -> None:
     log = read(bag.drive().transforms(MOUNT).scan(1.0).scan(2.0, topic="/rear"), tmp_path, scan_topic=name)

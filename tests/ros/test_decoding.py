@@ -119,6 +119,12 @@ def test_the_beams_of_a_clockwise_lidar_are_reversed() -> None:
         ({"angle_increment": 3.0, "angle_max": 100.0}, "rad apart"),
         ({"angle_increment": 0.1}, "contradict each other"),
         ({"angle_increment": -0.5}, "contradict each other"),
+        ({"angle_min": math.pi, "angle_max": -math.pi}, "contradict each other"),
+        (
+            {"angle_min": -math.pi / 2, "angle_max": math.pi / 2, "angle_increment": -math.pi / 4},
+            "contradict each other",
+        ),
+        ({"range_min": 50.0, "range_max": 8000.0}, "ranges from 50 to 8000 m; ranges are stated in m"),
         ({"range_min": -1.0}, "ranges from"),
         ({"range_min": math.nan}, "ranges from"),
         ({"range_max": 0.01}, "ranges from"),
@@ -165,6 +171,11 @@ def test_an_impossible_increment_is_computed_from_the_limits(increment: float) -
     assert remarks == [INCREMENT_REPLACED]
 
 
+def test_an_angle_max_that_is_wrapped_at_a_half_turn_agrees() -> None:
+    message = replace(MESSAGE, angle_min=0.75 * math.pi, angle_max=0.25 * math.pi, angle_increment=0.375 * math.pi)
+    np.testing.assert_allclose(decode_laser_scan(message).angles, 0.75 * math.pi + 0.375 * math.pi * np.arange(5))
+
+
 @pytest.mark.parametrize("beams", [357, 359, 360, 361, 363])
 @pytest.mark.parametrize("last", [math.pi, math.pi - math.tau / 360])
 def test_the_number_of_beams_may_vary(beams: int, last: float) -> None:
@@ -179,6 +190,13 @@ def test_an_angle_max_that_is_off_by_a_few_beams_is_said() -> None:
     message = replace(MESSAGE, angle_max=math.pi, angle_increment=math.tau / 360, ranges=np.ones(354, np.float32))
     decode_laser_scan(message, None, remarks.append)
     assert remarks == [ANGLE_MAX_IGNORED]
+
+
+@pytest.mark.parametrize("norm", [0.992, 1.0, 1.008])
+def test_a_quaternion_rounded_by_its_sender_is_normalized(norm: float) -> None:
+    half = 0.5 * 1.9
+    quaternion = ros.Quaternion(0.0, 0.0, norm * math.sin(half), norm * math.cos(half))
+    assert decode_pose(ros.Pose(ros.Point(), quaternion)).theta == pytest.approx(1.9, abs=1e-12)
 
 
 def test_the_times_of_the_beams_follow_their_order() -> None:

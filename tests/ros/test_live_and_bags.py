@@ -225,10 +225,12 @@ def test_a_broken_mount_is_never_replaced_by_a_guess(path: Path, case: str, leni
     record(path, BROKEN_MOUNTS[case], SCAN)
     with pytest.raises(InputError) as caught:
         read_bag(path, ReadingOptions(lenient=lenient))
-    assert str(caught.value) == f"{path}: /tf_static, message 1: {live.value}"
+    option = "--lidar x,y,theta states where the lidar sits (m, m, degrees)"
+    assert str(caught.value) == f"{path}: /tf_static, message 1: {live.value}; {option}"
     with live_robot(BROKEN_MOUNTS[case], ODOMETRY, SCAN) as robot, pytest.raises(InputError) as caught:
         robot.wait_until_ready(0.0)
-    assert str(caught.value) == f"/tf_static: frame 'laser': a transform to it {live.value}"
+    field = "lidar in the --body file states it"
+    assert str(caught.value) == f"/tf_static: frame 'laser': a transform to it {live.value}; {field}"
 
 
 @pytest.mark.parametrize("case", TILTED_MOUNTS)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +14,7 @@ import pytest
 from wherry.errors import InputError
 from wherry.logs.options import ReadingOptions
 from wherry.ros.bags.reading import is_bag, read_bag
+from wherry.space.pose import Pose
 
 pytest.importorskip("rosbags", reason="the rosbags package is not installed")
 from wherry_testing.recorded_bags import KINDS, LASER_SCAN, SUFFIXES, SmallBag, link
@@ -144,7 +147,7 @@ def test_a_file_that_is_not_a_bag_is_refused(tmp_path: Path) -> None:
     assert not is_bag(tmp_path / "some.log")
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["ros1", "sqlite"])
 def test_a_truncated_bag_is_refused_in_one_line(tmp_path: Path, kind: str) -> None:
     path = write(tmp_path, kind, [0.2 * step for step in range(50)])
     file = storage(path, kind)
@@ -155,6 +158,103 @@ def test_a_truncated_bag_is_refused_in_one_line(tmp_path: Path, kind: str) -> No
             read_bag(path)
         assert str(path) in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.97])
+def test_an_mcap_file_that_its_recorder_did_not_close_is_read_up_to_its_last_record(
+    tmp_path: Path, share: float
+) -> None:
+    bag = SmallBag("mcap").transforms(MOUNT)
+    for step in range(50):
+        bag.odometry(0.2 * step, 0.1 * step).scan(0.2 * step, ranges=RANGES)
+    file = storage(bag.write(tmp_path / "run", in_chunks=True), "mcap")
+    whole = read_bag(file)
+    contents = file.read_bytes()
+    file.write_bytes(contents[: int(share * len(contents))])
+    log = read_bag(file, ReadingOptions(lidar=Pose(0.25, 0.0)))
+    assert log.notes[0] == "run.mcap was not closed by its recorder, so its end may be missing"
+    assert 0 < len(log.scans) <= len(whole.scans)
+    assert [scan.time for scan in log.scans] == [scan.time for scan in whole.scans[: len(log.scans)]]
+    assert len(log.scans) >= (share - 0.3) * len(whole.scans)
+
+
+def test_messages_in_the_serialization_of_ros_1_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, "sqlite", [2.0, 4.0])
+    with closing(sqlite3.connect(storage(path, "sqlite"))) as database, database:
+        database.execute("UPDATE topics SET serialization_format = 'ros1'")
+    with pytest.raises(InputError, match="/scan: is serialized as 'ros1' instead of 'cdr'; rosbags-convert"):
+        read_bag(path)
+
+
+def test_an_mcap_file_cut_off_in_its_first_record_is_refused_in_one_line(tmp_path: Path) -> None:
+    file = storage(write(tmp_path, "mcap", [1.0]), "mcap")
+    file.write_bytes(file.read_bytes()[:30])
+    with pytest.raises(InputError, match=r"no usable LaserScan messages|not a bag that can be read"):
+        read_bag(file)
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0])
+def test_messages_in_the_write_ahead_log_of_a_killed_recorder_are_read(tmp_path: Path, share: float) -> None:
+    source = storage(write(tmp_path, "sqlite", [0.2 * step for step in range(50)]), "sqlite")
+    folder = tmp_path / "killed"
+    folder.mkdir()
+    file = folder / "killed_0.db3"
+    with closing(sqlite3.connect(source)) as whole, closing(sqlite3.connect(file)) as database:
+        database.executescript("PRAGMA journal_mode = WAL; PRAGMA wal_autocheckpoint = 0")
+        statements = [line for line in whole.iterdump() if not line.startswith(("BEGIN", "COMMIT"))]
+        written = len(statements) - int(share * len(statements))
+        database.executescript(";".join(statements[:written]) + "; PRAGMA wal_checkpoint")
+        database.executescript(";".join(statements[written:]))
+        copies = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for name, contents in copies.items():
+        (folder / name).write_bytes(contents)
+    log = read_bag(folder)
+    assert len(log.scans) == 50
+    assert log.notes == ("killed_0.db3-wal was not closed by its recorder, so its end may be missing",)
+    assert file.read_bytes() == copies[file.name]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["run #1", "50%41", "why?", "a&b=c", "it's", "Fahrt ü"])
+def test_a_path_may_have_any_characters(tmp_path: Path, kind: str, name: str) -> None:
+    path = write(tmp_path, kind, [2.0, 4.0])
+    moved = tmp_path / name / path.name
+    moved.parent.mkdir()
+    path.rename(moved)
+    assert len(read_bag(moved).scans) == 2
+    assert len(read_bag(storage(moved, kind)).scans) == 2
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite"])
+def test_the_metadata_file_stands_for_its_folder(tmp_path: Path, kind: str) -> None:
+    path = write(tmp_path, kind, [2.0, 4.0]) / "metadata.yaml"
+    assert is_bag(path)
+    assert len(read_bag(path).scans) == 2
+
+
+@pytest.mark.parametrize(("kind", "tool"), [("ros1", "rosbag reindex"), ("sqlite", "sqlite3's .recover")])
+def test_the_error_of_a_damaged_bag_names_the_tool_that_may_repair_it(tmp_path: Path, kind: str, tool: str) -> None:
+    path = write(tmp_path, kind, [2.0, 4.0])
+    file = storage(path, kind)
+    file.write_bytes(file.read_bytes()[:5000])
+    with pytest.raises(InputError, match=f"is not a bag that can be read: .*; {tool} may repair it"):
+        read_bag(file)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("odd", [1, 3])
+def test_stamps_that_the_times_of_the_recorder_contradict_are_outliers(tmp_path: Path, kind: str, odd: int) -> None:
+    bag = SmallBag(kind).transforms(MOUNT)
+    for step in range(50):
+        time = 100.0 + 0.2 * step
+        bag.scan(time - 40.0 * (step < odd), received=time)
+        bag.odometry(time - 0.01 - 40.0 * (step < odd), 0.1 * step, received=time)
+    path = bag.write(tmp_path / ("some.bag" if kind == "ros1" else kind))
+    with pytest.raises(InputError, match=r"/scan, message 1: is stamped 60\.000000, 4. s before all others"):
+        read_bag(path)
+    log = read_bag(path, ReadingOptions(lenient=True))
+    assert (len(log.scans), len(log.skipped)) == (50 - odd, 2 * odd)
+    assert None not in log.scan_odometry
 
 
 @pytest.mark.parametrize("lenient", [False, True])

@@ -515,15 +515,21 @@ def test_without_rosbags_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.
         read_bag(tmp_path / "some.bag")
 
 
-def test_threads_may_write_concurrently(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "run.bag") as bag, ThreadPoolExecutor(4) as pool:
+@pytest.mark.parametrize("name", NAMES)
+def test_threads_may_write_concurrently(tmp_path: Path, name: str) -> None:
+    with BagWriter(tmp_path / name) as bag, ThreadPoolExecutor(4) as pool:
         for worker in range(4):
             topic = Topic(f"/t{worker}", ros.String)
             for number in range(50):
                 pool.submit(bag.write, topic, ros.String(str(number)), time.monotonic())
-    assert Counter(topic for topic, _, _ in messages(tmp_path / "run.bag")) == {
-        f"/t{worker}": 50 for worker in range(4)
-    }
+    assert Counter(topic for topic, _, _ in messages(tmp_path / name)) == {f"/t{worker}": 50 for worker in range(4)}
+
+
+@pytest.mark.parametrize("name", ["run#1", "50%41", "why?"])
+def test_a_folder_with_a_name_that_sqlite_takes_for_another_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="has a #, \\? or % in it"):
+        BagWriter(tmp_path / name)
+    assert not list(tmp_path.iterdir())
 
 
 # ---- recorded transports

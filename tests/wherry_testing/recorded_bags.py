@@ -136,8 +136,14 @@ class SmallBag:
             self.odometry(float(step), 0.5 * step, **names)
         return self
 
-    def write(self, path: Path, **options: Any) -> Path:
-        """Write the bag to a path, a file of ROS 1 or a folder of ROS 2; returns the path."""
+    def write(self, path: Path, *, in_chunks: bool = False, **options: Any) -> Path:
+        """Write the bag to a path, a file of ROS 1 or a folder of ROS 2; returns the path.
+
+        Args:
+            path: The path.
+            in_chunks: Whether each message of an MCAP file is a chunk.
+            options: As for ``set_compression`` of rosbags' writer.
+        """
         types = typestore(is_ros1=self.kind == "ros1")
         writer = self._writer(path, options)
         with writer:
@@ -150,6 +156,8 @@ class SmallBag:
                 serialize = types.serialize_ros1 if self.kind == "ros1" else types.serialize_cdr
                 raw = content if isinstance(content, bytes) else serialize(content, kind)
                 writer.write(connections[topic, kind], round(received * 1e9) + 1, raw)
+                if in_chunks:
+                    writer.storage.close_chunk()
         return path
 
     def _definition(self, message_type: str, types: Any) -> dict[str, Any]:

@@ -14,6 +14,8 @@ from wherry.space.pose import Floats
 MIN_DISTINCT_SHARE = 0.5  # share of distinct stamps of odometry below which its poses are not compared with others
 READINGS_PER_STAMP = 3.0  # mean number of scans or readings with the same stamp from which stamps are coarse
 MIN_CLOCK_READINGS = 3  # scans, and readings of odometry, from which two clocks are compared
+CLOCK_TOLERANCE = 0.5  # s, difference of two clocks that constant delays of messages may explain
+MAX_USUAL_DELAY = 0.15  # s, difference of two clocks that the delays of most drivers explain
 
 
 def with_usable_stamps(
@@ -100,24 +102,27 @@ def _alternative(scans: Sequence[RecordedScan]) -> str:
 def of_same_clock(
     scans: Sequence[RecordedScan], odometry: list[RecordedOdometry]
 ) -> tuple[list[RecordedOdometry], str]:
-    """The odometry if it is stamped by the scans' clock, otherwise none and a note that says so."""
+    """The odometry if it is stamped by the scans' clock, otherwise none; and a note if that is not so or in doubt."""
     if not odometry:
         return odometry, ""
-    difference = clock_difference(
+    difference, explained = clock_difference(
         [(recorded.scan.time, recorded.received) for recorded in scans if recorded.received is not None],
         [(reading.time, reading.received) for reading in odometry if reading.received is not None],
     )
     first, last = scans[0].scan.time, scans[-1].scan.time
     poses = _alternative(scans)
-    if min(len(scans), len(odometry)) >= MIN_CLOCK_READINGS and difference is not None:
-        side = "ahead of" if difference > 0.0 else "behind"
-        clock = f"odometry is stamped by another clock, {abs(difference):,.3f} s {side} that of the scans"
-        return [], f"{clock}: {poses}"
+    are_compared = min(len(scans), len(odometry)) >= MIN_CLOCK_READINGS
+    apart = f"{abs(difference):,.3f} s {'ahead of' if difference > 0.0 else 'behind'} that of the scans"
+    unexplained = abs(difference) - explained if are_compared else 0.0
+    if unexplained > CLOCK_TOLERANCE:
+        return [], f"odometry is stamped by another clock, {apart}: {poses}"
     if odometry[-1].time < first or odometry[0].time > last:
         times = f"{odometry[0].time:.3f} to {odometry[-1].time:.3f} s, scans from {first:.3f} to {last:.3f} s"
         return [], f"odometry is of another clock or of another drive than the scans, from {times}: {poses}"
     if _contradicts(scans, odometry):
         return [], f"odometry contradicts the poses recorded with the scans, which may be corrected: {poses}"
+    if unexplained > MAX_USUAL_DELAY:
+        return odometry, f"odometry may be stamped by another clock, {apart}, or one of them is sent late: it is used"
     return odometry, ""
 
 

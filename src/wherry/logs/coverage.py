@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from wherry.space.pose import Floats, relative
 from wherry.space.trajectory import Trajectory
 
-CLOCK_TOLERANCE = 0.5  # s, difference of two clocks that delays of messages explain
-CLOCK_SPREADS = 3.0  # median absolute deviations of the difference of two clocks that are added to the tolerance
+CLOCK_SPREADS = 3.0  # median absolute deviations of the difference of two clocks that varying delays explain
+MIN_DRIFT_READINGS = 10  # scans from which the drift of a clock is estimated
 MIN_HOLE = 1.0  # s, longest step between readings of odometry that is always interpolated
 HOLE_PERIODS = 10.0  # median steps between readings of odometry above which a longer step is a hole
 END_PERIODS = 2.0  # median steps between readings by which odometry is extrapolated
@@ -20,23 +20,44 @@ SAME_DISTANCE, SAME_ANGLE = 0.1, 0.05  # m and rad, median differences of two re
 STANDSTILL_DISTANCE, STANDSTILL_ANGLE = 0.01, 0.01  # m and rad, motion over a hole below which the robot stood still
 
 
-def clock_difference(scans: Sequence[tuple[float, float]], odometry: Sequence[tuple[float, float]]) -> float | None:
-    """By how much the clock of odometry is ahead of that of the scans, s; None if both are of one clock.
+def clock_difference(
+    scans: Sequence[tuple[float, float]], odometry: Sequence[tuple[float, float]]
+) -> tuple[float, float]:
+    """By how much the clock of odometry is ahead of that of the scans, and what varying delays explain of it, s.
+
+    Of a clock that drifts, it is the larger of the differences at the begin and at the end of the recording.
 
     Args:
         scans: Stamps of the scans, with the times at which the recorder received them, s.
         odometry: Those of odometry.
     """
     if not scans or not odometry:
-        return None
+        return 0.0, 0.0
     stamps, received = np.array(scans).T
     odometry_stamps, odometry_received = np.array(odometry).T
     order = np.argsort(odometry_received, kind="stable")
     delays = (odometry_stamps - odometry_received)[order]
     differences = np.interp(received, odometry_received[order], delays) - (stamps - received)
-    difference = float(np.median(differences))
-    spread = float(np.median(np.abs(differences - difference)))
-    return difference if abs(difference) > CLOCK_TOLERANCE + CLOCK_SPREADS * spread else None
+    during = (received >= odometry_received.min()) & (received <= odometry_received.max())
+    if during.any():
+        differences = differences[during]
+    begin, end = _differences_at_ends(differences)
+    drifts = np.linspace(begin, end, len(differences))
+    spread = float(np.median(np.abs(differences - drifts)))
+    largest = end if abs(end) > abs(begin) else begin
+    return largest, CLOCK_SPREADS * spread
+
+
+def _differences_at_ends(differences: Floats) -> tuple[float, float]:
+    """Differences of two clocks at the begin and the end of a recording, s, if one clock drifts evenly.
+
+    The median of each half lies in the middle of the half, a quarter of the recording from its end.
+    """
+    if len(differences) < MIN_DRIFT_READINGS:
+        return float(np.median(differences)), float(np.median(differences))
+    half = len(differences) // 2
+    early, late = float(np.median(differences[:half])), float(np.median(differences[-half:]))
+    return early - (late - early) / 2.0, late + (late - early) / 2.0
 
 
 def agree(own: Floats, other: Floats) -> bool:

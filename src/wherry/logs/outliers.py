@@ -18,22 +18,24 @@ SEPARATION_STEPS = 100.0  # median steps between stamps that such a silence last
 MAX_SEPARATED_SHARE = 0.01  # share of the stamps, at least one, that may be separated in this way
 CLOCK_SETTING = 86400.0  # s of silence from which the clock was set meanwhile, as by NTP after a start
 MAX_UNSET_SHARE = 0.25  # share of the stamps that may be of a clock that was not set
+MAX_UNRECEIVED_SILENCE = 10.0  # s between stamps that did not pass for the recorder: a clock was set meanwhile
 MAX_OUTLIER_RUN = 3  # consecutive poses that count as outliers if odometry returns afterwards
 
 Outliers = Mapping[int, str]
 """Indices of the outliers, in increasing order, with the reasons as predicates."""
 
 
-def stamp_outliers(times: Floats) -> Outliers:
+def stamp_outliers(times: Floats, received: Floats | None = None) -> Outliers:
     """The stamps that contradict the order of the recording, or that are far away from all others.
 
     As many stamps as possible are kept: a longest non-decreasing subsequence.
 
     Args:
         times: Stamps in the order of the recording, [N] s.
+        received: Times at which the recorder received the messages, [N] s, recorder's clock; None if unknown.
     """
     kept = _longest_non_decreasing(times)
-    kept = kept[_not_separated(times[kept])]
+    kept = kept[_not_separated(times[kept], None if received is None else received[kept])]
     outliers = np.setdiff1d(np.arange(len(times)), kept)
     return {int(index): _stamp_reason(times, kept, int(index)) for index in outliers}
 
@@ -59,21 +61,28 @@ def _longest_non_decreasing(times: Floats) -> list[int]:
     return kept
 
 
-def _not_separated(times: Floats) -> slice:
-    """The part of non-decreasing stamps, [N] s, without a few at either end that a long silence separates."""
+def _not_separated(times: Floats, received: Floats | None) -> slice:
+    """The part of non-decreasing stamps, [N] s, without a few at either end that a long silence separates.
+
+    A silence that did not pass for the recorder is none: a clock was set, and the fewer stamps are of the other time.
+    """
     count = len(times)
     steps = np.diff(times)
     if len(steps) < 2:
         return slice(0, count)
     long = max(MIN_SEPARATION, SEPARATION_STEPS * float(np.sort(steps)[(len(steps) - 1) // 2]))
+    passed = steps if received is None else np.diff(received)
+    is_no_silence = (passed >= 0.0) & (steps - passed > MAX_UNRECEIVED_SILENCE)
     first, last = 0, count
-    for index in np.flatnonzero(steps > long).tolist():
-        share = MAX_UNSET_SHARE if steps[index] > CLOCK_SETTING else MAX_SEPARATED_SHARE
+    for index in np.flatnonzero((steps > long) | is_no_silence).tolist():
+        was_set = is_no_silence[index] or steps[index] > CLOCK_SETTING
+        share = MAX_UNSET_SHARE if was_set else MAX_SEPARATED_SHARE
         few = max(1, int(share * count))
         before, after = index + 1, count - index - 1
-        if before <= few and before < after and steps[index] > times[count - 1 - few] - times[index + 1]:
+        rest_before, rest_after = times[index] - times[first], times[count - 1 - few] - times[index + 1]
+        if before <= few and before < after and (is_no_silence[index] or steps[index] > rest_after):
             first = before
-        elif after <= few and after < before and steps[index] > times[index] - times[first]:
+        elif after <= few and after < before and (is_no_silence[index] or steps[index] > rest_before):
             last = min(last, before)
     return slice(first, last)
 

@@ -38,6 +38,7 @@ MAX_SPEED = 100.0  # m/s and rad/s, absolute value
 MAX_TILT = 0.2  # rad, between the z axes of a frame and its parent
 QUATERNION_TOLERANCE = 0.01  # deviation of a quaternion's norm from 1
 MIN_CELL_SIZE, MAX_CELL_SIZE = 0.001, 10.0  # m
+MAX_RANGE_MIN = 10.0  # m, range_min of a lidar; a larger one is stated in mm
 MAX_START_ANGLE = 2 * math.tau  # rad, absolute value of angle_min
 MAX_REVOLUTION = 1.03  # revolutions of a scan; lidars whose number of beams varies measure a few beams twice
 MAX_BEAMS_OFF = 2.5  # beams by which angle_max may disagree with angle_increment; drivers count one too many or too few
@@ -98,7 +99,7 @@ def _heading(quaternion: QuaternionLike) -> float:
 
 
 def _unit_quaternion(quaternion: QuaternionLike) -> tuple[float, float, float, float]:
-    """x, y, z, w.
+    """x, y, z, w, normalized.
 
     Raises:
         MessageError: It is not a unit quaternion. A zero quaternion, which some drivers send, is not decoded as 0 rad.
@@ -107,7 +108,7 @@ def _unit_quaternion(quaternion: QuaternionLike) -> tuple[float, float, float, f
     norm = math.sqrt(x * x + y * y + z * z + w * w)
     if not abs(norm - 1.0) < QUATERNION_TOLERANCE:  # also NaN
         raise MessageError(f"has the orientation ({x:g}, {y:g}, {z:g}, {w:g}), which is not a unit quaternion")
-    return x, y, z, w
+    return x / norm, y / norm, z / norm, w / norm
 
 
 def _coordinate(value: float) -> float:
@@ -126,7 +127,8 @@ def decode_transform(message: TransformStampedLike) -> StampedTransform:
     parent, child = frames_of(message)
     rotation, translation = message.transform.rotation, message.transform.translation
     heading = _heading(rotation)
-    tilt = math.acos(min(max(1.0 - 2.0 * (rotation.x**2 + rotation.y**2), -1.0), 1.0))
+    x, y, _, _ = _unit_quaternion(rotation)
+    tilt = math.acos(min(max(1.0 - 2.0 * (x**2 + y**2), -1.0), 1.0))
     if tilt > MAX_TILT:
         degrees = math.degrees(tilt)
         raise MessageError(f"tilts the frame {child!r} by {degrees:.0f}°; only level frames are supported")
@@ -145,11 +147,9 @@ def decode_rigid_transform(message: TransformStampedLike) -> RigidTransform:
     if not parent or not child or parent == child:
         raise MessageError(f"links the frame {parent!r} to {child!r}")
     translation = message.transform.translation
-    x, y, z, w = _unit_quaternion(message.transform.rotation)
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
     return RigidTransform(
         (_coordinate(translation.x), _coordinate(translation.y), _coordinate(translation.z)),
-        (x / norm, y / norm, z / norm, w / norm),
+        _unit_quaternion(message.transform.rotation),
     )
 
 
@@ -230,8 +230,11 @@ def _angles(message: LaserScanLike, on_remark: Callable[[str], None]) -> tuple[f
     has_increment = math.isfinite(increment) and increment != 0.0 and abs(increment) * (beams - 1) <= limit
     has_span = beams > 1 and 0.0 < abs(span) <= limit
     if has_increment and has_span:
-        off = abs(wrap(increment * (beams - 1) - span)) / abs(increment)
-        if off > max(MAX_BEAMS_OFF, MAX_SHARE_OFF * beams):
+        travel = increment * (beams - 1)
+        off = abs(wrap(travel - span)) / abs(increment)
+        tolerance = max(MAX_BEAMS_OFF, MAX_SHARE_OFF * beams)
+        is_opposite = travel * span < 0.0 and abs(travel + span) <= tolerance * abs(increment)
+        if off > tolerance or is_opposite:
             raise MessageError(
                 f"has {beams} beams, {increment:g} rad apart, from {start:g} to {message.angle_max:g} rad, "
                 "which contradict each other"
@@ -256,8 +259,8 @@ def _limits(message: LaserScanLike, on_remark: Callable[[str], None]) -> tuple[f
     if range_max == 0.0 or range_max > MAX_RANGE:
         on_remark(NO_RANGE_MAX)
         range_max = MAX_RANGE
-    if not 0.0 <= range_min < range_max:  # also NaN
-        raise MessageError(f"has ranges from {message.range_min:g} to {message.range_max:g} m")
+    if not 0.0 <= range_min < min(range_max, MAX_RANGE_MIN):  # also NaN
+        raise MessageError(f"has ranges from {message.range_min:g} to {message.range_max:g} m; ranges are stated in m")
     return range_min, range_max
 
 

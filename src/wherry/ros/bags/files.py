@@ -15,6 +15,8 @@ ROS1_SUFFIX = ".bag"
 ROS2_SUFFIXES = (".mcap", ".db3")
 SUFFIXES = (ROS1_SUFFIX, *ROS2_SUFFIXES, UNFINISHED)
 METADATA = "metadata.yaml"
+MCAP_MAGIC = b"\x89MCAP0\r\n"  # at the beginning and at the end of an MCAP file
+URI_CHARACTERS = frozenset("#?%")  # with a meaning of their own in the path of an SQLite file that rosbags opens
 MAX_METADATA_SIZE = 500_000  # bytes
 MAX_FILES = 1000  # of a recording
 MAX_FILES_NAMED = 4  # files that a message lists
@@ -38,8 +40,13 @@ class RecordingFiles:
 
 
 def is_bag(path: str | Path) -> bool:
-    """Whether a path looks like a bag: a .bag, .mcap or .db3 file, or a folder with metadata.yaml or such files."""
+    """Whether a path looks like a bag: a .bag, .mcap or .db3 file, or a folder with metadata.yaml or such files.
+
+    The path of a metadata.yaml stands for its folder.
+    """
     path = Path(path)
+    if path.name == METADATA and path.is_file():
+        return True
     if path.is_dir():
         return path.suffix == UNFINISHED or (path / METADATA).is_file() or bool(_bag_files(path))
     return storage_suffix(path) in SUFFIXES
@@ -64,10 +71,12 @@ def find_files(path: Path) -> RecordingFiles:
     """
     if not path.exists():
         raise InputError(path, "", "No such file or directory")
+    if path.name == METADATA and path.is_file():
+        path = path.parent
     if path.suffix == UNFINISHED:
         raise InputError(path, "", f"is a recording that was cut off; {_recovery_hint(path)}")
     if not path.is_dir():
-        notes = _unwritten([path])
+        notes = _unfinished([path])
         parts = [file for file in _bag_files(path.parent) if _recording(file) == _recording(path)]
         return RecordingFiles((path,), tuple(file for file in parts if file.name != path.name), notes)
     found = _bag_files(path)
@@ -76,10 +85,10 @@ def find_files(path: Path) -> RecordingFiles:
     listed, note = _listed_files(path)
     files = sorted((file for file in found if file.name in listed), key=lambda file: listed.index(file.name))
     if files:
-        return RecordingFiles(tuple(files), (), (*_missing(files, listed), *_unwritten(files)))
+        return RecordingFiles(tuple(files), (), (*_missing(files, listed), *_unfinished(files)))
     if len({_recording(file) for file in found}) > 1:
         raise InputError(path, "", f"holds several recordings; name one of {_named(found)}")
-    return RecordingFiles(tuple(found), (), (*([note] if note else []), *_unwritten(found)))
+    return RecordingFiles(tuple(found), (), (*([note] if note else []), *_unfinished(found)))
 
 
 def _bag_files(folder: Path) -> list[Path]:
@@ -129,12 +138,31 @@ def _missing(files: list[Path], listed: list[str]) -> tuple[str, ...]:
     return (f"{_named([Path(name) for name in missing])} of the recording is missing",) if missing else ()
 
 
-def _unwritten(files: list[Path]) -> tuple[str, ...]:
-    """Notes of the SQLite files with messages that were not written into them when the recorder died."""
-    logs = [file.with_name(f"{file.name}-wal") for file in files if file.suffix == ".db3"]
-    left = [log for log in logs if log.is_file() and log.stat().st_size > 0]
-    adding = "sqlite3 FILE 'PRAGMA wal_checkpoint' writes them into the bag"
-    return (f"{_named(left)} holds messages that are not read; {adding}",) if left else ()
+def write_ahead_log(file: Path) -> Path | None:
+    """The file with the last messages of an SQLite file whose recorder did not close it; None if there is none."""
+    log = file.with_name(f"{file.name}-wal")
+    return log if file.suffix == ".db3" and log.is_file() and log.stat().st_size > 0 else None
+
+
+def is_cut_off(file: Path) -> bool:
+    """Whether a file is an MCAP file whose recorder did not close it."""
+    if file.suffix != ".mcap":
+        return False
+    with file.open("rb") as source:
+        begin = source.read(len(MCAP_MAGIC))
+        source.seek(max(0, file.stat().st_size - len(MCAP_MAGIC)))
+        return begin == MCAP_MAGIC and source.read() != MCAP_MAGIC
+
+
+def _unfinished(files: list[Path]) -> tuple[str, ...]:
+    """Notes of the files that the recorder did not close."""
+    try:
+        cut_off = [file for file in files if is_cut_off(file)]
+    except OSError:
+        return ()  # opening the files gives the error
+    logs = [log for log in map(write_ahead_log, files) if log is not None]
+    reason = "was not closed by its recorder, so its end may be missing"
+    return tuple(f"{_named(left)} {reason}" for left in (cut_off, logs) if left)
 
 
 def _named(files: list[Path]) -> str:
@@ -150,5 +178,5 @@ def _recovery_hint(path: Path) -> str:
         if file.suffix == ".db3":
             return f"{file} can be read, and ros2 bag reindex makes a bag of its folder"
         if file.suffix == ".mcap":
-            return f"mcap recover makes a bag of {file}"
+            return f"{file} can be read, and mcap recover makes a bag of it"
     return "rosbag reindex makes a bag of it"

@@ -5,6 +5,7 @@ Everything that was flushed survives when the process is killed.
 
 from __future__ import annotations
 
+import sqlite3
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from os import SEEK_CUR, SEEK_END
@@ -189,11 +190,14 @@ class McapBag(Ros2Bag):
 
 
 class SqliteBag(Ros2Bag):
-    """A folder with an SQLite database, as rosbag2 writes it."""
+    """A folder with an SQLite database, as rosbag2 writes it; one thread at a time may write, whichever it is."""
 
     def __init__(self, path: Path, unfinished_path: Path) -> None:
         self.finished_path = unfinished_path / path.name
         super().__init__(self.finished_path, "SQLITE3")
+        self._file.conn.close()  # rosbags' connection belongs to the thread that opened it
+        self._file.conn = sqlite3.connect(self._file.path, check_same_thread=False)
+        self._file.cursor = self._file.conn.cursor()
         self._file.conn.execute("PRAGMA synchronous = OFF")
 
     def flush(self) -> None:

@@ -12,6 +12,7 @@ from wherry.ros.frame_names import is_base_frame, is_odometry_frame, is_world_fr
 from wherry.ros.transforms import Mount, MountError
 from wherry.space.pose import Pose, wrap
 
+STATED_PLACE = "--lidar x,y,theta states where the lidar sits (m, m, degrees)"
 MAX_STATED_DISTANCE, MAX_STATED_ANGLE = 0.02, 0.02  # m, rad, between the pose stated and that of the transforms
 
 
@@ -25,6 +26,7 @@ class RobotFrames:
         odom: Frame of odometry; empty if it is not named.
         has_odometry: Whether the bag has odometry.
         namespace: First component of the scan topic's namespace; empty if it has none.
+        has_other_scans: Whether the bag has other topics of scans.
     """
 
     laser: str
@@ -32,6 +34,7 @@ class RobotFrames:
     odom: str
     has_odometry: bool
     namespace: str = ""
+    has_other_scans: bool = False
 
     @property
     def prefix(self) -> str:
@@ -97,7 +100,7 @@ class MountFinder:
         for named in [frames.base] if frames.base else filter(is_base_frame, sorted(tree.all_frames)):
             base = resolve_frame(named, tree.all_frames, frames.prefix) or named
             for name, reason in tree.rejected_between(base, laser, frames.is_world):
-                return InputError(self.rejections.source, name, reason)
+                return InputError(self.rejections.source, name, f"{reason}; {STATED_PLACE}")
         return None
 
     def unknown(self) -> InputError:
@@ -106,8 +109,13 @@ class MountFinder:
         *_, table = self._transforms.tables(frames.prefix, static_only=False)
         known = listed_frames(frame for frame in table.tree.frames if not frames.is_world(frame))
         base = shown(frames.base or "base_link")
-        reason = f"where the lidar sits on {base} is unknown; {LIDAR_HINT}; frames of the transforms: {known}"
+        reason = f"where the lidar sits on {base} is unknown; {self._options}; frames of the transforms: {known}"
         return InputError(self.rejections.source, f"frame {shown(frames.laser)!r}", reason)
+
+    @property
+    def _options(self) -> str:
+        """The options that help where the transforms do not, for errors."""
+        return f"{LIDAR_HINT}{', --scan-topic chooses other scans' * self.frames.has_other_scans}"
 
     def _mount_in(self, table: TransformTable, bases: list[str]) -> Mount | None:
         """The mount by one table of transforms."""
@@ -120,7 +128,7 @@ class MountFinder:
                     self._report(table, base, laser)
                     return Mount.from_transform(transform)
             except MountError as error:
-                reason = f"where the lidar sits on {shown(base)} cannot be used: {error}; {LIDAR_HINT}"
+                reason = f"where the lidar sits on {shown(base)} cannot be used: {error}; {self._options}"
                 raise InputError(self.rejections.source, f"frame {shown(frames.laser)!r}", reason) from error
         return None
 

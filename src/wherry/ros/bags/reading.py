@@ -18,7 +18,7 @@ from wherry.ros.bags.mounts import MountFinder, RobotFrames
 from wherry.ros.bags.recorded_odometry import read_odometry_messages, read_odometry_transforms
 from wherry.ros.bags.recorded_scans import read_scans
 from wherry.ros.bags.recorded_transforms import RecordedTransforms
-from wherry.ros.bags.storage import ODOMETRY, BagTopic, OpenBag, open_bag, open_other_parts
+from wherry.ros.bags.storage import ODOMETRY, SCAN, BagTopic, OpenBag, open_bag, open_other_parts
 from wherry.ros.bags.topics import choose_odometry_topic, choose_scan_topic
 from wherry.ros.transforms import Mount
 
@@ -56,7 +56,14 @@ def _read_log(bag: OpenBag, recording: RecordingFiles, options: ReadingOptions) 
     topic = choose_scan_topic(bag, options.scan_topic, notes)
     odometry_topic = choose_odometry_topic(bag, topic, options.odometry_topic, notes)
     scans = read_scans(bag, topic, rejections)
-    frames = RobotFrames(scans.frame, "", "", has_odometry=False, namespace="".join(topic.namespace[:1]))
+    frames = RobotFrames(
+        scans.frame,
+        "",
+        "",
+        has_odometry=False,
+        namespace="".join(topic.namespace[:1]),
+        has_other_scans=sum(other.type == SCAN and other.count > 0 for other in bag.topics) > 1,
+    )
     transforms = RecordedTransforms(bag, topic, rejections)
     if odometry_topic is not None and odometry_topic.type == ODOMETRY:
         odometry = read_odometry_messages(bag, odometry_topic, rejections)

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from heapq import merge
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from wherry.errors import InputError
-from wherry.ros.bags.files import COMPRESSED, ROS1_SUFFIX, RecordingFiles, storage_suffix
+from wherry.ros.bags.files import ROS1_SUFFIX, RecordingFiles, storage_suffix
 from wherry.ros.bags.formats import TF2_MESSAGE
+from wherry.ros.bags.recovery import readable_copy, zstd
 from wherry.ros.decoding import MessageError
 from wherry.ros.encoding import NANOSECONDS
 from wherry.ros.frame_names import shown
@@ -27,8 +27,7 @@ SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")  # the second one is of the old tf of ROS 1
 MAX_REASON_LENGTH = 150  # characters shown of an error of rosbags
 MAX_MESSAGE_SIZE = 100_000_000  # bytes of a message that was compressed
-MAX_FILE_SIZE = 20_000_000_000  # bytes of a file that was compressed
-BLOCK_SIZE = 1_000_000  # bytes decompressed at once
+REPAIRS = {ROS1_SUFFIX: "rosbag reindex", ".mcap": "mcap recover", ".db3": "sqlite3's .recover"}
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
@@ -149,9 +148,12 @@ class OpenBag:
             own = self.types.generate_msgdef(connection.msgtype)[1]
             same = connection.digest in ("", "*", own)
         else:
+            encoding = connection.ext.serialization_format
+            if encoding != "cdr":
+                reason = f"is serialized as {shown(encoding)!r} instead of 'cdr'; rosbags-convert converts ROS 1 bags"
+                raise InputError(self.path, shown(connection.topic), reason)
             is_hash = connection.digest.startswith("RIHS01_")
-            same = connection.ext.serialization_format == "cdr"
-            same = same and (not is_hash or connection.digest == self.types.hash_rihs01(connection.msgtype))
+            same = not is_hash or connection.digest == self.types.hash_rihs01(connection.msgtype)
         if not same:
             reason = f"its {connection.msgtype} is defined otherwise than that of ROS"
             raise InputError(self.path, shown(connection.topic), reason)
@@ -161,7 +163,7 @@ class OpenBag:
             if self.is_ros1:
                 return self.types.deserialize_ros1(raw, kind)
             if raw[:4] == ZSTD_MAGIC:
-                raw = _zstd().ZstdDecompressor().decompress(raw, MAX_MESSAGE_SIZE)
+                raw = zstd().ZstdDecompressor().decompress(raw, MAX_MESSAGE_SIZE)
             return self.types.deserialize_cdr(raw, kind)
         except Exception as error:  # of many types, as in `messages`
             raise MessageError(f"is damaged: {first_line(error)}") from error
@@ -187,12 +189,13 @@ def open_bag(path: Path, files: Sequence[Path]) -> Iterator[OpenBag]:
         readers: list[Any] = []
         for file in files:
             try:
-                plain = _decompressed(file, stack) if file.suffix == COMPRESSED else file
+                plain = readable_copy(file, stack)
                 reader: Any = rosbag1.Reader(plain) if is_ros1 else rosbag2.Reader(plain)
                 stack.enter_context(reader)
             except Exception as error:  # of many types on damaged bags
                 which = "" if len(files) == 1 else file.name
-                raise InputError(path, which, f"is not a bag that can be read: {first_line(error)}") from error
+                reason = f"is not a bag that can be read: {first_line(error).rstrip('.')}{_repair_hint(file)}"
+                raise InputError(path, which, reason) from error
             readers.append(reader)
         yield OpenBag(path, readers, is_ros1, _typestore(is_ros1=is_ros1))
 
@@ -208,6 +211,12 @@ def open_other_parts(path: Path, recording: RecordingFiles) -> Iterator[OpenBag 
             except InputError:
                 bag = None  # the error about the missing transforms says what to do
         yield bag
+
+
+def _repair_hint(file: Path) -> str:
+    """How a damaged file may be repaired, as part of an error message."""
+    tool = REPAIRS.get(storage_suffix(file))
+    return f"; {tool} may repair it" if tool and file.is_file() and file.stat().st_size else ""
 
 
 def first_line(error: Exception) -> str:
@@ -227,25 +236,3 @@ def _typestore(*, is_ros1: bool) -> Any:
     for name in TRANSFORMS:
         types.register(get_types_from_msg(TF2_MESSAGE, name))
     return types
-
-
-def _decompressed(file: Path, stack: ExitStack) -> Path:
-    """A file without its compression, in a temporary folder that lasts as long as the stack."""
-    folder = Path(stack.enter_context(TemporaryDirectory(prefix="wherry-")))
-    plain = folder / file.stem
-    size = 0
-    with _zstd().open(file, "rb") as compressed, plain.open("wb") as output:
-        while block := compressed.read(BLOCK_SIZE):
-            size += output.write(block)
-            if size > MAX_FILE_SIZE:
-                raise ValueError(f"holds more than {MAX_FILE_SIZE:,} bytes")
-    return plain
-
-
-def _zstd() -> Any:
-    """Python's zstd module, which rosbags installs for older versions of Python."""
-    try:
-        from compression import zstd  # type: ignore[import-not-found, unused-ignore]  # noqa: PLC0415
-    except ImportError:
-        from backports import zstd  # noqa: PLC0415
-    return zstd

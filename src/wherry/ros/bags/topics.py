@@ -21,7 +21,7 @@ OTHER_SENSORS = {
 
 def choose_scan_topic(bag: OpenBag, requested: str | None, notes: list[str]) -> BagTopic:
     """The topic of the scans: the one requested, or of those that have messages ``/scan``, then one whose name ends in
-    ``/scan``, then the one with most messages.
+    ``/scan``, then one whose name ends in ``base_scan`` as of PR2 and Fetch, then the one with most messages.
 
     Args:
         bag: The bag.
@@ -37,7 +37,7 @@ def choose_scan_topic(bag: OpenBag, requested: str | None, notes: list[str]) -> 
         return _requested_topic(bag, requested, filled, "--scan-topic", "LaserScan")
     if not filled:
         raise InputError(bag.path, "", f"has no usable LaserScan messages{_other_sensor(bag, topics)}")
-    chosen = min(filled, key=lambda topic: (topic.absolute != "/scan", topic.last != "scan", -topic.count, topic.name))
+    chosen = min(filled, key=_scan_rank)
     if len(topics) > 1:
         notes.append(_choice("scans are", chosen, topics, "--scan-topic"))
     return chosen
@@ -84,6 +84,11 @@ def transform_topics(bag: OpenBag) -> list[BagTopic]:
     """Topics of transforms that have messages; the static ones first."""
     topics = [t for t in bag.topics if t.type in TRANSFORMS and t.count and t.last in TRANSFORM_NAMES]
     return sorted(topics, key=lambda topic: topic.last != STATIC_NAME)
+
+
+def _scan_rank(topic: BagTopic) -> tuple[object, ...]:
+    """Order in which topics of scans are preferred."""
+    return (topic.absolute != "/scan", topic.last != "scan", topic.last != "base_scan", -topic.count, topic.name)
 
 
 def _odometry_rank(topic: BagTopic, scans: BagTopic) -> tuple[object, ...]:

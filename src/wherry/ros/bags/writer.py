@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from wherry.errors import InputError
-from wherry.ros.bags.files import UNFINISHED
+from wherry.ros.bags.files import UNFINISHED, URI_CHARACTERS
 from wherry.ros.bags.formats import FORMATS, BagFormat
 from wherry.ros.encoding import NANOSECONDS
 from wherry.ros.message_fields import Message, MessageT
@@ -56,6 +56,8 @@ class BagWriter:
         """Refuse suffixes that are not those of bags, and paths that exist."""
         if self.path.suffix not in FORMATS:
             raise InputError("--record", str(self.path), "is neither .bag (ROS 1), .mcap, nor a folder's name (ROS 2)")
+        if not self.path.suffix and URI_CHARACTERS & set(str(self.path)):
+            raise InputError("--record", str(self.path), "has a #, ? or % in it, which SQLite cannot write")
         if self.path.exists():
             raise InputError("--record", str(self.path), "exists already; recordings are never overwritten")
         if self._unfinished.exists():

@@ -12,6 +12,8 @@ from wherry.ros.topics import Topic
 from wherry.ros.transform_tree import Link, TransformTree
 from wherry.ros.transforms import Mount, MountError
 
+STATED = "lidar in the --body file states it"
+
 
 class RobotTransforms:
     """The transforms of a robot, static and changing ones.
@@ -42,10 +44,10 @@ class RobotTransforms:
                 self._path = self._tree.chain(self._base, self._laser, self._is_world) or []
                 return Mount.from_transform(transform)
         except MountError as error:
-            reason = f"where the lidar sits on {self._base} cannot be used: {error}; lidar in the --body file states it"
+            reason = f"where the lidar sits on {self._base} cannot be used: {error}; {STATED}"
             raise InputError("ROS", f"frame {self._laser!r}", reason) from error
         for topic, reason in self._tree.rejected_between(self._base, self._laser, self._is_world):
-            raise InputError(topic, f"frame {self._laser!r}", f"a transform to it {reason}")
+            raise InputError(topic, f"frame {self._laser!r}", f"a transform to it {reason}; {STATED}")
         return None
 
     @property
