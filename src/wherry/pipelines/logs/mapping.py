@@ -219,7 +219,7 @@ def _check_continued(snapshot: GraphSnapshot, settings: MappingSettings, log: Li
     difference = log.lidar.relative_to(snapshot.lidar)
     if math.hypot(difference.x, difference.y) > EQUAL_DISTANCE or abs(difference.theta) > EQUAL_ANGLE:
         reason = f"has the lidar at {_mount(log.lidar)}, but the graph at {_mount(snapshot.lidar)}"
-        raise InputError(settings.log, "lidar", f"{reason}; --lidar X,Y,θ states it")
+        raise InputError(settings.log, "lidar", f"{reason}; --lidar x,y,theta states it")
     resolution = snapshot.settings.resolution
     if settings.resolution not in (DEFAULT_RESOLUTION, resolution):
         reason = f"cannot be changed by --continue: the graph's is {resolution:g} m"

@@ -60,9 +60,9 @@ class MotionAgreement:
             return ""
         offset, theta = math.degrees(self.heading_offset), math.degrees(wrap(lidar.theta + self.heading_offset))
         return (
-            f"by odometry the robot drives at {round(offset)}° to where it drives by the scans: either the lidar's θ is "
-            f"{round(theta)}° and not {round(math.degrees(lidar.theta))}°, which --lidar X,Y,θ states, or odometry's "
-            "directions are wrong"
+            f"by odometry the robot drives at {round(offset)}° to where it drives by the scans: either the lidar's θ "
+            f"is {round(theta)}° and not {round(math.degrees(lidar.theta))}°, which --lidar x,y,theta states, or "
+            "odometry's directions are wrong"
         )
 
 
