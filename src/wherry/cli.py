@@ -58,16 +58,18 @@ app.add_typer(ros_app(2), name="ros2")
 
 def main() -> None:
     """Run a command; report invalid input or usage in one line and exit with status 2."""
+    stopped = "stopped"
     try:
         with resend_dropped_interrupts():
             status = app(prog_name="wherry", standalone_mode=False) or 0
     except (InputError, TyperException) as error:
         _print_error(str(error) if isinstance(error, InputError) else format_usage_error(error))
         status = INVALID_INPUT
-    except (KeyboardInterrupt, typer.Abort):
+    except (KeyboardInterrupt, typer.Abort) as error:
         status = STOPPED
+        stopped = str(error) or stopped
     if status == STOPPED:
-        _print_error("stopped")
+        _print_error(stopped)
     sys.exit(status)
 
 

@@ -6,7 +6,9 @@ from pathlib import Path
 
 __all__ = ["InputError", "on_one_line"]
 
-MAX_FIELD_CHARACTERS, MAX_REASON_CHARACTERS = 60, 240  # of a field and a reason, which may quote a damaged file
+MAX_FIELD_CHARACTERS = 60  # of a field, which may quote a damaged file
+MAX_LINE_CHARACTERS = 290  # of an error with source and field
+MIN_REASON_CHARACTERS = 160  # of a reason that are kept even where the path of its file is long
 
 
 class InputError(Exception):
@@ -21,8 +23,9 @@ class InputError(Exception):
     def __init__(self, source: str | Path, field: str, reason: str) -> None:
         self.source = on_one_line(str(source))
         self.field = _shortened(on_one_line(field), MAX_FIELD_CHARACTERS)
-        self.reason = _shortened(on_one_line(reason), MAX_REASON_CHARACTERS)
-        super().__init__(f"{self.source}: {self.field}: {self.reason}" if field else f"{self.source}: {self.reason}")
+        place = f"{self.source}: {self.field}: " if field else f"{self.source}: "
+        self.reason = _shortened(on_one_line(reason), max(MIN_REASON_CHARACTERS, MAX_LINE_CHARACTERS - len(place)))
+        super().__init__(place + self.reason)
 
 
 def _shortened(text: str, length: int) -> str:

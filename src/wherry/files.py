@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
@@ -78,6 +78,19 @@ def write_atomically(path: str | Path, data: str | bytes) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def remove_files(paths: Iterable[Path]) -> None:
+    """Remove the files that exist.
+
+    Raises:
+        InputError: A file cannot be removed.
+    """
+    for path in paths:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise InputError(path, "", f"cannot be removed: {error.strerror}") from error
 
 
 def ensure_writable_folder(folder: str | Path) -> None:

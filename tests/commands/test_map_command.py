@@ -69,6 +69,30 @@ def test_a_refused_run_leaves_no_folder(run_command: RunCommand, log: Path, tmp_
     assert not list(Path().rglob("*-map"))
 
 
+def test_a_folder_has_the_files_of_its_last_run_only(run_command: RunCommand, log: Path, tmp_path: Path) -> None:
+    assert run_command("map", log, "--out", tmp_path, "--trajectory-format", "kitti", "-q").status == 0
+    first = {path.name for path in tmp_path.iterdir()}
+    assert run_command("map", log, "--out", tmp_path, "--backend", "particles", "-q").status == 0
+    assert first - {path.name for path in tmp_path.iterdir()} == {"graph.npz", "closures.txt", "trajectory.kitti"}
+
+
+def test_a_stopped_run_says_what_its_folder_has(
+    run_command: RunCommand, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run_command("map", log, "--out", tmp_path, "-q").status == 0
+    monkeypatch.setattr("wherry.pipelines.logs.trace.LogTrace.scan", _press_ctrl_c)
+    folder = "runs/2024.05.01.room-map"
+    status, out, err = run_command("map", log)
+    assert (status, out, err.strip()) == (130, "", f"wherry: stopped; {folder} has only trace.wherry")
+    status, out, err = run_command("map", log, "--out", tmp_path)
+    text = f"wherry: stopped; the results in {tmp_path} are those of an earlier run, without its trace"
+    assert (status, out, err.strip()) == (130, "", text)
+
+
+def _press_ctrl_c(*arguments: object) -> None:
+    raise KeyboardInterrupt
+
+
 @pytest.mark.parametrize(("name", "columns"), [("csv", 4), ("kitti", 12)])
 def test_trajectories_are_written_in_other_formats_too(
     run_command: RunCommand, log: Path, tmp_path: Path, name: str, columns: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from wherry.pipelines.delivery.simulated import DeliverySettings, prepare_delive
 from wherry.trace.records import null_sink
 
 ROOT = Path(__file__).parents[2]
+MIN_QUOTED_WORDS = 3  # words that are not the code's by chance
 
 
 def blocks_of(page: str, language: str) -> list[str]:
@@ -79,3 +81,40 @@ def test_readme_and_results_show_pictures() -> None:
 def test_every_section_with_a_picture_names_the_command_that_made_it(page: str) -> None:
     for section in sections_with_pictures(page):
         assert re.search(r"`(\./)?wherry [^`]+`", section), f"{page}: {section.partition(chr(10))[0]}"
+
+
+def test_the_lines_quoted_in_the_table_of_situations_are_those_of_the_code() -> None:
+    """A part of each, between numbers and names that are inserted, stands in the code as it does on the page."""
+    sources = [path.read_text("utf-8") for path in (ROOT / "src/wherry").rglob("*.py")]
+    texts = [text.lower() for source in sources for text in strings_of(source)]
+    quotes = re.findall("“(.+?)”", (ROOT / "docs/how-to/logs.md").read_text("utf-8"))
+    assert len(quotes) > 20
+    for quote in quotes:
+        fragments = re.split(r"\b[nmxy]\b|\d[\d.]*|'\w+'|/\w+|[\"():;°%]", quote.lower())
+        parts = [
+            fragment.strip() for fragment in fragments if len(re.findall(r"[^\W\d_]+", fragment)) >= MIN_QUOTED_WORDS
+        ]
+        assert not parts or any(part in text for part in parts for text in texts), quote
+
+
+def strings_of(source: str) -> list[str]:
+    """The strings of a module; each inserted value is a mark."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.JoinedStr):
+            parts = (part.value if isinstance(part, ast.Constant) else "\0" for part in node.values)
+            found.append("".join(map(str, parts)))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found.append(node.value)
+    return found
+
+
+def test_the_modules_named_in_the_architecture_exist() -> None:
+    text = (ROOT / "docs/architecture.md").read_text("utf-8")
+    named = set(re.findall(r"`((?:[a-z_0-9]+/)+[a-z_0-9]+\.py|(?:[a-z_0-9]+/)+)`", text))
+    assert len(named) > 30
+    for path in named:
+        roots = (ROOT / "src/wherry", ROOT / "tests")
+        assert any(any(root.rglob(path)) for root in roots) or (ROOT / path).exists(), path
+    for test in re.findall(r"`(test_\w+)`", text):
+        assert any(f"def {test}(" in path.read_text("utf-8") for path in (ROOT / "tests").rglob("test_*.py")), test

@@ -128,7 +128,7 @@ def test_a_wild_stamp_drops_just_its_own_scan(stamps: dict[int, float]) -> None:
     expected = [scan_at(number).time for number in range(SCANS) if number != index]
     assert [scan.time for scan in log.scans] == expected
     assert len(log.skipped) == 1
-    assert log.notes[0].startswith(f"1 of {SCANS + len(odometry()):,} messages are left out: 1 like ")
+    assert log.notes[0].startswith(f"1 of {SCANS + len(odometry()):,} messages is left out: 1 like ")
 
 
 def test_two_halves_with_a_pause_of_an_hour_are_one_log() -> None:

@@ -84,7 +84,7 @@ def test_malformed_numbers_are_named_or_left_out(tmp_path: Path, broken: str, re
         read_log(path)
     log = read_log(path, ReadingOptions(lenient=True))
     assert len(log.scans) == 7
-    assert any(note.startswith('1 of 8 lines are left out: 1 like "line 4: ') for note in log.notes)
+    assert any(note.startswith('1 of 8 lines is left out: 1 like "line 4: ') for note in log.notes)
 
 
 def test_more_malformed_lines_than_a_share_are_refused(tmp_path: Path) -> None:

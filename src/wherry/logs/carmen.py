@@ -23,6 +23,7 @@ from wherry.logs.log_lines import (
     parse_stamp,
 )
 from wherry.robot import Scan
+from wherry.wording import counted
 
 MESSAGE_NAME = re.compile(r"[A-Z][A-Z0-9_]*$")
 LASER_NUMBERS = range(10)
@@ -68,7 +69,7 @@ def _raw_laser(collector: LogCollector, words: list[str]) -> None:
 def _laser(collector: LogCollector, words: list[str]) -> tuple[Scan, int]:
     """The scan of a message without its time, and the index of the first word after its readings."""
     if len(words) < 10:
-        raise MalformedLineError(f"has only {len(words)} words")
+        raise MalformedLineError(f"has only {counted(len(words), 'word')}")
     start, field_of_view, resolution, range_max = parse_numbers(words[2:6])
     count = parse_count(words, 8)
     if len(words) <= 9 + count:

@@ -13,6 +13,7 @@ from wherry.logs.rejections import joined
 from wherry.robot import Odometry, Velocity
 from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory
+from wherry.wording import counted, verb_for
 
 
 def odometry_at_scans(
@@ -48,19 +49,22 @@ def _coverage_note(times: Floats, missing: NDArray[np.bool_], odometry: Trajecto
     """
     if not missing.any() or len(odometry.times) < 2:
         return "the recording has no odometry" if missing.all() else ""
+    total = int(missing.sum())
     early = int((missing & (times < odometry.times[0])).sum())
     late = int((missing & (times > odometry.times[-1])).sum())
     holes = hole_lengths(odometry)
     reasons = joined(
         (
-            f"it begins {odometry.times[0] - times[0]:,.1f} s after the first ({early:,} scans)" if early else "",
-            f"it ends {times[-1] - odometry.times[-1]:,.1f} s before the last ({late:,} scans)" if late else "",
-            f"it has {_holes_text(holes)} ({missing.sum() - early - late:,} scans)"
-            if missing.sum() > early + late
+            f"it begins {odometry.times[0] - times[0]:,.1f} s after the first ({counted(early, 'scan')})"
+            if early
             else "",
+            f"it ends {times[-1] - odometry.times[-1]:,.1f} s before the last ({counted(late, 'scan')})"
+            if late
+            else "",
+            f"it has {_holes_text(holes)} ({counted(total - early - late, 'scan')})" if total > early + late else "",
         )
     )
-    return f"{missing.sum():,} of {len(times):,} scans have no odometry: {', '.join(reasons)}"
+    return f"{total:,} of {len(times):,} scans {verb_for(total, 'has', 'have')} no odometry: {', '.join(reasons)}"
 
 
 def _holes_text(lengths: Floats) -> str:

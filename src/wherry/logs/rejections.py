@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from wherry.errors import InputError, on_one_line
+from wherry.wording import counted, verb_for
 
 MAX_REJECTED_SHARE = 0.25  # share of the lines or messages above which a recording is refused even if lenient
 MAX_REJECTED = 200_000  # lines or messages above which a recording is refused without reading the rest
@@ -70,9 +71,11 @@ class Rejections:
             return ""
         unit = "lines" if all(entry.startswith("line ") for entry in self.entries) else "messages"
         groups = self._groups()
-        more = "" if len(groups) <= REPORTED_REASONS else f", and {len(groups) - REPORTED_REASONS} other reasons"
+        others = len(groups) - REPORTED_REASONS
+        more = f", and {counted(others, 'other reason')}" if others > 0 else ""
         reasons = ", ".join(groups[:REPORTED_REASONS])
-        return f"{len(self.entries):,} of {total:,} {unit} are left out: {reasons}{more}"
+        number = len(self.entries)
+        return f"{number:,} of {total:,} {unit} {verb_for(number, 'is', 'are')} left out: {reasons}{more}"
 
     def _groups(self) -> list[str]:
         """Numbers of entries of the same kind, the most frequent ones first, each with the first entry of the kind."""

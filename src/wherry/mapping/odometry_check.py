@@ -128,5 +128,5 @@ def describe_contradictions(contradictions: Sequence[OdometryContradiction], sca
     counts = ", ".join(f"{count} × {kind}" for kind, count in kinds)
     first, last = contradictions[0].time, contradictions[-1].time
     when = f"at {first:.3f} s" if first == last else f"between {first:.3f} and {last:.3f} s"
-    number = f"{len(contradictions)} of {scans} scans"
+    number = f"{len(contradictions):,} of {scans:,} scans"
     return f"scan matching contradicts odometry at {number}, {when} ({counts}); the map follows the scans there"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from wherry.views.metrics_tables import count, duration, long_metres, size, square_metres
+from wherry.views.metrics_tables import duration, long_metres, size, square_metres
+from wherry.wording import counted
 
 
 def doubtful_map(doubt: str) -> str:
@@ -27,10 +28,5 @@ def finished_map(
         seconds: Duration of the log, s.
         closures: Number of closed loops.
     """
-    drive = f"the robot drove {long_metres(distance)} in {duration(seconds)}; {_counted(closures, 'loop')} closed"
-    return f"A map of {size(size_m)} ({square_metres(free_area)} free) from {_counted(scans, 'scan')}: {drive}."
-
-
-def _counted(number: int, noun: str) -> str:
-    """A number with its noun."""
-    return f"{count(number)} {noun}" if number == 1 else f"{count(number)} {noun}s"
+    drive = f"the robot drove {long_metres(distance)} in {duration(seconds)}; {counted(closures, 'loop')} closed"
+    return f"A map of {size(size_m)} ({square_metres(free_area)} free) from {counted(scans, 'scan')}: {drive}."

@@ -39,6 +39,7 @@ from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats
 from wherry.space.trajectory import Trajectory
 from wherry.space.wean_map import load_wean_map
+from wherry.wording import verb_for
 
 MIN_ODOMETRY_SHARE = 0.1  # fraction of the scans that must have odometry
 CSV_HEADER = "time,x,y,theta,lost_probability,fit"
@@ -186,7 +187,8 @@ def with_odometry(log: LidarLog, source: Path) -> LidarLog:
         return log
     first = next(index for index, odometry in enumerate(log.scan_odometry) if odometry is None)
     at = log.scans[first].time - log.scans[0].time
-    note = f"{missing:,} of {total:,} scans have no odometry and are left out, the first at {at:.1f} s."
+    are_left_out = verb_for(missing, "has no odometry and is", "have no odometry and are")
+    note = f"{missing:,} of {total:,} scans {are_left_out} left out, the first at {at:.1f} s."
     return replace(
         log,
         scans=tuple(log.scans[index] for index in covered),

@@ -12,7 +12,7 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.evaluation import RelationErrors, Relations, load_relations, relation_errors
-from wherry.files import ensure_writable_folder, write_atomically
+from wherry.files import ensure_writable_folder, remove_files, write_atomically
 from wherry.logs.lidar_log import LidarLog
 from wherry.logs.odometry_files import with_odometry_file
 from wherry.logs.options import DEFAULT_READING, LIDAR_HINT, ReadingOptions
@@ -375,6 +375,8 @@ class MappingRun:
     def save(self, out: Path) -> None:
         """Write map, picture, trajectory and, for graph SLAM, graph.npz and closures.txt, after all `steps`.
 
+        The files of an earlier run that this one does not write are removed, so that all files belong together.
+
         Raises:
             InputError: The folder cannot be written to.
         """
@@ -382,11 +384,12 @@ class MappingRun:
         save_map(self.grid, out / "map.yaml")
         save_trajectories(self.slam.trajectory, out, self.settings.trajectory_format)
         write_atomically(out / "map.png", draw_map(self.grid, self.slam))
-        snapshot = self.slam.snapshot()
-        if snapshot is not None:
-            save_graph(snapshot, out / "graph.npz")
-            lines = [_closure_line(closure) for closure in snapshot.loop_closures]
-            write_atomically(out / "closures.txt", "".join(lines))
+        snapshot, graph, closures = self.slam.snapshot(), out / "graph.npz", out / "closures.txt"
+        if snapshot is None:
+            remove_files([graph, closures])
+            return
+        save_graph(snapshot, graph)
+        write_atomically(closures, "".join(map(_closure_line, snapshot.loop_closures)))
 
 
 def run(settings: MappingSettings) -> MappingResult:

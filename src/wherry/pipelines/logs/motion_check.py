@@ -53,15 +53,16 @@ class MotionAgreement:
         """
         if self.is_mirrored:
             return (
-                "the scans turn the other way than odometry, so the map is probably mirrored: the lidar is upside "
-                "down, or its beams are in reverse order"
+                "the scans turn the other way than odometry: either the map is mirrored, since the lidar is upside "
+                "down or its beams are in reverse order, or odometry turns the wrong way"
             )
         if self.heading_offset is None or abs(self.heading_offset) <= HEADING_TOLERANCE:
             return ""
         offset, theta = math.degrees(self.heading_offset), math.degrees(wrap(lidar.theta + self.heading_offset))
         return (
-            f"by odometry the robot drives at {round(offset)}° to where it drives by the scans: the lidar's θ is "
-            f"probably {round(theta)}° and not {round(math.degrees(lidar.theta))}°; --lidar X,Y,θ states it"
+            f"by odometry the robot drives at {round(offset)}° to where it drives by the scans: either the lidar's θ "
+            f"is {round(theta)}° and not {round(math.degrees(lidar.theta))}°, which --lidar x,y,theta states, or "
+            "odometry's directions are wrong"
         )
 
 

@@ -11,6 +11,7 @@ from wherry.mapping.slam import Slam
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats
 from wherry.views.map_picture import LegendEntry, MapPicture, Symbol
+from wherry.wording import counted
 
 TRAJECTORY_COLOUR = (31, 84, 196)  # RGB, as the other colours
 ACCEPTED_COLOUR = (24, 140, 60)
@@ -38,7 +39,7 @@ def draw_map(grid: OccupancyGrid, slam: Slam) -> bytes:
             ends = slam.keyframe_poses[[closure.target, closure.keyframe], :2]
             picture.line(ends, ACCEPTED_COLOUR if closure.is_accepted else REJECTED_COLOUR, width=1)
         accepted = sum(closure.is_accepted for closure in closures)
-        legend.append(LegendEntry(f"{accepted} closed loops", ACCEPTED_COLOUR))
+        legend.append(LegendEntry(counted(accepted, "closed loop"), ACCEPTED_COLOUR))
         legend.append(LegendEntry(f"{len(closures) - accepted} rejected", REJECTED_COLOUR))
     path = slam.trajectory.poses[:, :2]
     picture.line(path, TRAJECTORY_COLOUR)

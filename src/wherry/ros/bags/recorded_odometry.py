@@ -138,4 +138,5 @@ def _readings(bag: OpenBag, topic: BagTopic, pair: Pair, rejections: Rejections)
 def unusable_reason(topic: BagTopic, rejections: Rejections, option: str) -> str:
     """Why nothing of a topic can be used."""
     first = next((line for line in rejections.entries if line.startswith(f"{shown(topic.name)}, ")), "")
-    return f"none of its {topic.count} messages can be used (the first: {first}); {option} chooses another topic"
+    none = "its one message cannot" if topic.count == 1 else f"none of its {topic.count:,} messages can"
+    return f"{none} be used (the first: {first}); {option} chooses another topic"
