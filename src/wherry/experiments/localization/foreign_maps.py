@@ -243,8 +243,8 @@ def markdown(found: list[Outcome]) -> str:
     text = (
         "Each log is localized with `--global` on a map of its own (of its even scans, if the log is of odd scans), on "
         f"the same map with the walls of {REMOVED_FRACTION:.0%} of its {BLOCK:g} m blocks removed, mirrored and "
-        f"scaled, and on the maps of {OTHER_SITES} other sites; at most {MAX_SCANS} scans and {MAX_DRIVEN:g} m. P is the "
-        "probability that the map is right (`wherry.localization.drive_fit`)."
+        f"scaled, and on the maps of {OTHER_SITES} other sites; at most {MAX_SCANS} scans and {MAX_DRIVEN:g} m. P is "
+        "the probability that the map is right (`wherry.localization.drive_fit`)."
     )
     held = f"The coefficients were fitted without the logs and maps of {', '.join(HELD_OUT)}."
     parts = (_by_log(found), _by_length(found), held, _coefficients(found))
@@ -259,7 +259,7 @@ def _by_log(found: list[Outcome]) -> str:
         of_log = {outcome.case.map_name: outcome for outcome in whole if outcome.case.log_name == name}
         wrong = [outcome for outcome in of_log.values() if not outcome.case.is_right]
         scaled_or_mirrored = [one for one in wrong if one.case.map_name.startswith(("mirrored", "scaled"))]
-        others = [one for one in wrong if one not in scaled_or_mirrored]
+        others = [one for one in wrong if not one.case.map_name.startswith(("mirrored", "scaled"))]
         groups = [[of_log["own"]], [of_log["walls removed"]], scaled_or_mirrored, others]
         rows.append([name, f"{of_log['own'].drive.distance:.0f}", *(_summary(group) for group in groups)])
     header = ["log", "driven m", "own map", "walls removed", "mirrored, scaled", "other sites"]
