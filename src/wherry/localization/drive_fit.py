@@ -8,9 +8,9 @@ into several stretches, and a global start or an odometry error costs one; chanc
 metres.
 
 The probability that the map is right is a logistic function of the longest stretch, of its share of the drive, and of
-the fit. `wherry.experiments.localization.foreign_maps` fits its coefficients, and measures it on
-buildings that were held out. The probability supposes that the filter has settled; where it has not, the robot is lost
-by the filter's own account.
+the fit. `wherry.experiments.localization.foreign_maps` measures it, also on buildings that had no part in the fit of
+its coefficients. The probability supposes that the filter has settled; where it has not, the robot is lost by the
+filter's own account.
 """
 
 from __future__ import annotations
@@ -73,10 +73,10 @@ class MapEvidence:
         fit_weight: Coefficient of the fit.
     """
 
-    intercept: float = -5.7
-    length_weight: float = 1.1
-    share_weight: float = 0.7
-    fit_weight: float = 1.8
+    intercept: float = -7.5
+    length_weight: float = 1.7
+    share_weight: float = 1.9
+    fit_weight: float = 1.6
 
     def probability(self, features: MapFeatures) -> float:
         """Probability that the map is right, 0 to 1."""
