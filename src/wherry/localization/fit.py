@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from wherry.localization.agreement import ScanAgreement
 from wherry.localization.lost import EvidenceModel
 
-# `wherry reproduce maps` measures it: on a map of its own a log's fit is 0.8 to 0.98 where the filter finds the pose, on
+# `wherry reproduce maps` measures: on a map of its own a log's fit is 0.8 to 0.98 where the filter finds the pose, on
 # another building's mostly below 0.6, but up to 0.84 over a few metres of corridor. `drive_fit` judges whole drives.
 MIN_FIT = 0.7  # fit below which a few scans contradict the map
 MIN_COVERAGE = 0.5  # fraction of the beams that end where the map is known, below which it lacks most of the place
