@@ -57,7 +57,7 @@ def test_pictures_are_written_beside_the_chosen_file(
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["chess"], "wherry: NAME: chess: is none of taxi, slam, sites, localization, delivery, figures, all\n"),
+        (["chess"], "wherry: NAME: chess: is none of taxi, slam, sites, localization, maps, delivery, figures, all\n"),
         (["taxi", "--out", "gone/results.md"], "wherry: --out: gone/results.md: is in a folder that does not exist\n"),
     ],
 )

@@ -43,6 +43,12 @@ def _localization(data: Path, images: Path, progress: Progress) -> str:
     return localization_table.reproduce(data, images, progress)
 
 
+def _maps(data: Path, images: Path, progress: Progress) -> str:
+    from wherry.experiments.localization import foreign_maps
+
+    return foreign_maps.reproduce(data, progress)
+
+
 def _delivery(data: Path, images: Path, progress: Progress) -> str:
     from wherry.experiments.delivery import study as delivery_study
 
@@ -61,6 +67,7 @@ REPRODUCTIONS: Mapping[str, Callable[[Path, Path, Progress], str]] = {
     "slam": _slam,
     "sites": _sites,
     "localization": _localization,
+    "maps": _maps,
     "delivery": _delivery,
     "figures": _figures,
 }

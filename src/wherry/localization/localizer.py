@@ -13,11 +13,11 @@ from wherry.localization.fit import MapFit
 from wherry.localization.initialization import PoseMode
 from wherry.localization.lost import LostDetector
 from wherry.localization.parameters import AmclParameters
-from wherry.localization.refinement import match_scan
 from wherry.localization.relocalization import Hypothesis, Relocalizer
 from wherry.localization.rivals import Rival, Rivals
 from wherry.localization.scan_window import ScanWindow, WindowScan
 from wherry.localization.sensor import Beams, valid_beams
+from wherry.localization.slip import SLIP_MIN_GAIN, SLIP_MIN_Z_SCORE, match_after_slip
 from wherry.robot import Odometry, Scan
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -44,15 +44,6 @@ EVEN_WEIGHT = 0.5  # weight divided evenly among the hypotheses, as their probab
 AMBIGUOUS_UNIFORM_WEIGHT = 0.5  # weight of free space after a global start with an ambiguous scan
 PRIOR_WEIGHT = 0.5  # weight of the current particles after a relocalization or slip correction
 MODE_MARGIN = np.diag([0.05**2, 0.05**2, 0.02**2])  # m², m², rad², added to the covariance of a mode
-
-# Wheel slip
-SLIP_MIN_Z_SCORE = 3.0  # standard deviations of a scan's evidence above the baseline from which it is an outlier
-SLIP_MIN_GAIN = 0.5  # gain of mean log likelihood per beam over the estimate
-SLIP_COVARIANCE = np.diag([0.2**2, 0.2**2, 0.15**2])  # m², m², rad², of the error that slip adds between two scans
-SLIP_STARTS = tuple(  # start poses of the scan matching, relative to the estimate; m, m, rad
-    Pose(*offset)
-    for offset in ((0.0, 0.0), (0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3), (0.0, 0.0, 0.2), (0.0, 0.0, -0.2))
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,21 +196,14 @@ class Localizer:
         """Move the estimate to a nearby pose if the scan is an outlier at the estimate but not there (wheel slip)."""
         if not estimate.is_unimodal or self._detector.z_score(agreement) < SLIP_MIN_Z_SCORE:
             return estimate, agreement
-        sigma = self.amcl.parameters.refine_sigma
-        covariance = estimate.covariance + SLIP_COVARIANCE
-        matches = [
-            match_scan(self.amcl.field, ends, estimate.pose, covariance, sigma, start=estimate.pose @ offset)
-            for offset in SLIP_STARTS
-        ]
-        agreements = [self._comparison.agreement(ends, match.pose) for match in matches]
-        best = max(range(len(matches)), key=lambda index: agreements[index].log_likelihood)
-        is_inlier = self._detector.z_score(agreements[best]) < SLIP_MIN_Z_SCORE
-        if not is_inlier or agreements[best].log_likelihood < agreement.log_likelihood + SLIP_MIN_GAIN:
+        slipped = match_after_slip(estimate, ends, self._comparison, self.amcl.parameters.refine_sigma)
+        is_inlier = self._detector.z_score(slipped.agreement) < SLIP_MIN_Z_SCORE
+        if not is_inlier or slipped.agreement.log_likelihood < agreement.log_likelihood + SLIP_MIN_GAIN:
             return estimate, agreement
-        match = matches[best]
+        match = slipped.match
         mode = PoseMode(match.pose, match.covariance + MODE_MARGIN, 1.0)
         self.amcl.initialize_modes([mode], prior_weight=PRIOR_WEIGHT)
-        return replace(estimate, pose=match.pose), agreements[best]
+        return replace(estimate, pose=match.pose), slipped.agreement
 
     def _search_globally(self, beams: Beams) -> tuple[Hypothesis, ...]:
         """Redraw the particles around the hypotheses for the first scan, unless the search was incomplete."""

@@ -201,8 +201,10 @@ class Rivals:
         """
         last = self._key_scans[-1]
         motion = key.odometry.relative_to(last.odometry)
-        former = self._moved(Rival(last.estimate, DRIFT_COVARIANCE, 0.0, last.agreement), motion, key.ends)
         moved = [self._moved(rival, motion, key.ends) for rival in self._rivals]
+        former = Rival(last.estimate @ motion, DRIFT_COVARIANCE, 0.0, last.agreement)
+        if not _is_same(former.pose, key.estimate):  # scan matching may still lead to the same mode
+            former = self._moved(replace(former, pose=last.estimate), motion, key.ends)
         if not _is_same(former.pose, key.estimate):
             self._restart_from(key)
             moved = self._compared([former, *moved], key)

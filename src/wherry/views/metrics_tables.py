@@ -128,6 +128,8 @@ LOCALIZATION_METRICS: MetricLabels = {
     "skipped": ("malformed lines or messages skipped", count),
     "fit": ("fit of the scans to the map (0 to 1)", fraction),
     "map_coverage": ("beams that end where the map is known", percent),
+    "map_probability": ("probability that the map is right", percent),
+    "consistent_m": ("longest stretch that fits the map without a jump", long_metres),
     "lost_probability": ("probability of being lost at the end", percent),
     "lost_fraction": ("scans at which the robot was probably lost", percent),
     "relocalizations": ("relocalizations", count),

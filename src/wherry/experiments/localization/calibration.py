@@ -82,7 +82,7 @@ def fit_evidence(agreements: list[ScanAgreement], is_lost: NDArray[np.bool_]) ->
     """
     fractions = np.array([[scan.inlier_fraction, scan.blocked_fraction, scan.passed_fraction] for scan in agreements])
     balance = np.where(is_lost, 0.5 / is_lost.mean(), 0.5 / (1.0 - is_lost.mean()))
-    return EvidenceModel(*_logistic_regression(fractions, is_lost, balance).tolist())
+    return EvidenceModel(*logistic_regression(fractions, is_lost, balance).tolist())
 
 
 def fit_calibration(features: Floats, is_lost: NDArray[np.bool_], weights: Floats) -> LostCalibration:
@@ -94,17 +94,19 @@ def fit_calibration(features: Floats, is_lost: NDArray[np.bool_], weights: Float
         weights: [N] relative weights of the scans.
     """
     columns = np.column_stack([np.ones(len(is_lost)), features[:, 0], np.sqrt(features[:, 1])])
-    return LostCalibration(*_logistic_regression(columns, is_lost, weights / weights.sum() * len(weights)).tolist())
+    return LostCalibration(*logistic_regression(columns, is_lost, weights / weights.sum() * len(weights)).tolist())
 
 
-def _logistic_regression(features: Floats, labels: NDArray[np.bool_], weights: Floats) -> Floats:
+def logistic_regression(
+    features: Floats, labels: NDArray[np.bool_], weights: Floats, *, ridge: float = RIDGE
+) -> Floats:
     """[F] coefficients of a weighted, ridge-regularized logistic regression, by Newton's method."""
     coefficients = np.zeros(features.shape[1])
     for _ in range(NEWTON_ITERATIONS):
         predicted = 1.0 / (1.0 + np.exp(-features @ coefficients))
         curvature = weights * predicted * (1.0 - predicted)
-        hessian = (features * curvature[:, None]).T @ features + RIDGE * np.eye(len(coefficients))
-        gradient = features.T @ (weights * (labels - predicted)) - RIDGE * coefficients
+        hessian = (features * curvature[:, None]).T @ features + ridge * np.eye(len(coefficients))
+        gradient = features.T @ (weights * (labels - predicted)) - ridge * coefficients
         coefficients += np.linalg.solve(hessian, gradient)
     return coefficients
 
@@ -147,7 +149,7 @@ def label_building(log_file: Path, seed: int) -> LabelledScans:
     odd = GroundTruthLog(log.scans[1::2], tuple(odometry[1::2]), poses[1::2])
     length = len(odd.scans)
     starts = rng.integers(length - SEGMENT_SCANS, size=KIDNAPPINGS).tolist()
-    localizer = Localizer(_map_of_even_scans(log, poses), log.lidar, LOG_PARAMETERS, rng)
+    localizer = Localizer(map_of_even_scans(log, poses), log.lidar, LOG_PARAMETERS, rng)
     localizer.initialize(Pose.from_array(odd.poses[0]), KNOWN_START_COVARIANCE)
 
     def steps() -> Iterator[tuple[Localization, bool]]:
@@ -159,7 +161,7 @@ def label_building(log_file: Path, seed: int) -> LabelledScans:
     return _label(steps(), KIDNAPPINGS)
 
 
-def _map_of_even_scans(log: LidarLog, poses: Floats) -> OccupancyGrid:
+def map_of_even_scans(log: LidarLog, poses: Floats) -> OccupancyGrid:
     """The map of the even scans; the poses [N, 3] m, m, rad, map frame, are of all scans."""
     mapper = GridMapper(RESOLUTION)
     for scan, pose in zip(log.scans[::2], poses[::2], strict=True):

@@ -11,7 +11,8 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.files import ensure_writable_folder, write_atomically
-from wherry.localization.fit import MIN_FIT, MapFit
+from wherry.localization.drive_fit import DriveFit, DrivenScan, fits_map
+from wherry.localization.fit import MapFit
 from wherry.localization.localizer import Localization, Localizer
 from wherry.localization.parameter_files import LoadedParameters, load_parameters
 from wherry.localization.parameters import (
@@ -32,7 +33,7 @@ from wherry.pipelines.logs.pictures import draw_localization
 from wherry.pipelines.logs.reading import read_recording
 from wherry.pipelines.logs.reference import Reference, ReferenceErrors, read_reference
 from wherry.pipelines.logs.start_poses import Start, choose_start
-from wherry.pipelines.logs.verdicts import RivalPose, localization_verdict, rival_poses
+from wherry.pipelines.logs.verdicts import RivalPose, localization_verdict, lost_probability, rival_poses
 from wherry.robot import Odometry
 from wherry.space.map_files import load_map
 from wherry.space.occupancy import OccupancyGrid
@@ -80,8 +81,12 @@ class LocalizationResult(ReferenceErrors):
         fits_map: Whether the scans fit the map.
         fit: How well the scans fit the map at the estimated poses, 0 to 1; see `localization.fit.MapFit`.
         map_coverage: Fraction of the beams that end where the map is known, 0 to 1.
-        lost_probability: Probability at the last scan that the robot is not at the final pose, 0 to 1; 1 if the scans
-            do not fit the map, on which no pose is right then.
+        map_probability: Probability that the map is right, by the drive as a whole, 0 to 1; see
+            `localization.drive_fit.DriveFit`.
+        consistent_m: Longest stretch of the drive over which the estimate moved as odometry says and the scans fit the
+            map, m.
+        lost_probability: Probability at the last scan that the robot is not at the final pose, 0 to 1, which includes
+            the doubt about the map; 1 if the scans do not fit it.
         rival_poses: Other poses at the last scan that the whole run fits, the most probable first.
         lost_fraction: Fraction of the scans at which the robot was reported lost.
         final_pose: Last estimated pose of base_link, x m, y m, θ rad, map frame.
@@ -98,6 +103,8 @@ class LocalizationResult(ReferenceErrors):
     fits_map: bool = False
     fit: float = 0.0
     map_coverage: float = 0.0
+    map_probability: float = 0.0
+    consistent_m: float = 0.0
     lost_probability: float = 1.0
     rival_poses: tuple[RivalPose, ...] = ()
     lost_fraction: float = 1.0
@@ -291,6 +298,17 @@ class LocalizationRun:
         """[N] probability at each localized scan that the robot is not at the estimated pose, 0 to 1."""
         return np.array([scan.localization.lost_probability for scan in self.localized])
 
+    @property
+    def drive_fit(self) -> DriveFit:
+        """How well the localized scans, of which there must be at least one, fit the map as a whole."""
+        return DriveFit.of(
+            [
+                DrivenScan(odometry.pose, scan.localization.pose, scan.localization.agreement)
+                for odometry, scan in zip(self._odometry, self.localized, strict=False)
+                if not scan.localization.estimate.problem
+            ]
+        )
+
     def result(self) -> LocalizationResult:
         """Metrics of the localized scans, of which there must be at least one.
 
@@ -300,15 +318,17 @@ class LocalizationRun:
         errors = ReferenceErrors() if self._reference is None else self._reference.errors(self.trajectory.poses)
         localizations = [scan.localization for scan in self.localized]
         updates = [scan.seconds for scan in self.localized if scan.localization.estimate.is_updated]
-        last, fit = localizations[-1], self.localizer.fit
+        last, drive = localizations[-1], self.drive_fit
         x, y, theta = last.pose.as_array().tolist()
         return LocalizationResult(
             **asdict(errors),
-            verdict=localization_verdict(fit, last, is_global=self._is_global),
-            fits_map=fit.is_fitting,
-            fit=fit.value,
-            map_coverage=fit.coverage,
-            lost_probability=last.lost_probability if fit.value >= MIN_FIT else 1.0,
+            verdict=localization_verdict(drive, last, is_global=self._is_global),
+            fits_map=fits_map(drive),
+            fit=drive.fit.value,
+            map_coverage=drive.fit.coverage,
+            map_probability=drive.map_probability,
+            consistent_m=drive.longest,
+            lost_probability=lost_probability(drive, last),
             rival_poses=rival_poses(last),
             lost_fraction=float(np.mean(self.lost_probabilities > LOST_PROBABILITY_THRESHOLD)),
             final_pose=(x, y, theta),
