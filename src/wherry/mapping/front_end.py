@@ -169,9 +169,10 @@ class FrontEnd:
         measured = odometry.pose.relative_to(tracking.keyframe_odometry.pose)
         motion = placement.pose.relative_to(tracking.keyframe_pose)
         is_informative = placement.match is not None and is_determined(placement.match)
-        if is_informative:
+        is_outlier = _contradicts(placement, measured, motion)
+        if is_informative and not is_outlier:  # the mean error would outlast an outlier
             tracking = tracking.with_odometry_error(normalized_error(measured, motion), motion)
-        if _contradicts(placement, measured, motion) or np.linalg.norm(tracking.odometry_bias) > MAX_BIAS:
+        if is_outlier or np.linalg.norm(tracking.odometry_bias) > MAX_BIAS:
             since = self._graph.keyframes[tracking.keyframe].scan.time
             self._contradictions.append(OdometryContradiction(time, since, measured, motion))
             return tracking.contradicted(), None

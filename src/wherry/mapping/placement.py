@@ -139,7 +139,7 @@ class ScanPlacer:
         return next(rivals, first)
 
     def _rivals(self, predictions: Sequence[Prediction], first: Placement) -> Iterable[Placement]:
-        """Where other motions lead; if the first placement is only slightly doubted, without a search, which is slow."""
+        """Where other motions lead; the search for them is slow, so that a slight doubt only refines."""
         if first.match is not None and first.share >= MIN_PLAUSIBLE_CONSISTENCY:
             yield from (self._placement(prediction, is_tracked=True) for prediction in predictions[1:])
             return
