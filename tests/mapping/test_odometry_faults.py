@@ -130,6 +130,14 @@ def test_scans_without_returns_and_with_other_beam_counts_are_mapped(driven: Dri
     assert not slam.odometry_contradictions
 
 
+def test_seldom_scans_without_odometry_are_placed_by_a_wide_search() -> None:
+    """At one scan in seconds the last velocity predicts neither the start of a drive nor its end."""
+    seldom = drive(noise=0.01, spacing=0.6)
+    scans = [replace(scan, time=3.0 * n) for n, scan in enumerate(seldom.scans)]
+    slam = graph_slam()
+    assert error(slam, replace(seldom, scans=scans), [None] * len(scans)) < MAX_GRAPH_ERROR
+
+
 def test_a_lidar_that_is_dark_at_first_still_gets_a_map_without_odometry() -> None:
     right = drive(noise=0.01, spacing=0.05)
     dark = [replace(scan, ranges=np.full_like(scan.ranges, np.nan)) for scan in right.scans[:3]]

@@ -12,7 +12,7 @@ from wherry.mapping.constraints import Constraint
 from wherry.mapping.covariances import regularized_inverse, rotate_covariance
 from wherry.mapping.keyframe_graph import KeyframeGraph
 from wherry.mapping.keyframes import Keyframe
-from wherry.mapping.motion_noise import CONSTANT_VELOCITY_NOISE, ODOMETRY_NOISE, is_within
+from wherry.mapping.motion_noise import ODOMETRY_NOISE, constant_velocity_noise, is_within
 from wherry.mapping.odometry_check import (
     MAX_BIAS,
     OdometryContradiction,
@@ -86,13 +86,13 @@ class FrontEnd:
         cloud = self._cloud(scan)
         predictions = tracking.predictions(scan.time, odometry)
         expected = tracking.pose @ predictions[0].motion
-        is_by_odometry = predictions[0].noise is ODOMETRY_NOISE
+        is_by_odometry = predictions[0].is_by_odometry
         is_near = self._is_near_keyframe(tracking, expected)
         reference = self._reference(tracking)
         grid = self._grids.grid_of(tracking.submap, self._submaps[tracking.submap])
         view = ScanView.from_scan(scan, cloud, self._lidar)
         placer = ScanPlacer(grid, cloud, view, reference, tracking.pose)
-        placement = placer.place(predictions, is_tracked=is_near)
+        placement = placer.place(predictions, is_tracked=is_near and predictions[0].is_precise)
         if is_by_odometry and _stands_still(tracking, placement, predictions[0]):
             return tracking.standing_still(scan.time), expected
         if len(cloud.points) < MIN_POINTS and not is_by_odometry:
@@ -104,7 +104,8 @@ class FrontEnd:
         if is_near and not is_first_view:
             tracking = tracking.with_scan(scan.time, placement.pose, odometry)
         else:
-            self._graph.add(Keyframe(scan, cloud), self._submap_pose(tracking.submap) @ placement.pose)
+            keyframe = self._graph.add(Keyframe(scan, cloud), self._submap_pose(tracking.submap) @ placement.pose)
+            self._views = {keyframe: view}
             tracking = self._constrain(tracking, scan.time, odometry, placement)
             tracking = self._submaps.extend(tracking, self._settings.submap_scans)
         return tracking, tracking.pose
@@ -150,7 +151,7 @@ class FrontEnd:
             covariance = regularized_inverse(information) + match_covariance(placed)
             self._graph.add_constraint(Constraint(origin, keyframe, placed, covariance))
         tracking, measured = self._keyframe_odometry(tracking, time, odometry, placement)
-        noise = CONSTANT_VELOCITY_NOISE if measured is None else ODOMETRY_NOISE
+        noise = constant_velocity_noise(time - tracking.time) if measured is None else ODOMETRY_NOISE
         motion = placed.relative_to(tracking.keyframe_pose) if measured is None else measured
         if measured is not None or match is None:
             self._graph.add_constraint(Constraint(tracking.keyframe, keyframe, motion, noise.covariance(motion)))
@@ -168,9 +169,10 @@ class FrontEnd:
         measured = odometry.pose.relative_to(tracking.keyframe_odometry.pose)
         motion = placement.pose.relative_to(tracking.keyframe_pose)
         is_informative = placement.match is not None and is_determined(placement.match)
-        if is_informative:
+        is_outlier = _contradicts(placement, measured, motion)
+        if is_informative and not is_outlier:  # the mean error would outlast an outlier
             tracking = tracking.with_odometry_error(normalized_error(measured, motion), motion)
-        if _contradicts(placement, measured, motion) or np.linalg.norm(tracking.odometry_bias) > MAX_BIAS:
+        if is_outlier or np.linalg.norm(tracking.odometry_bias) > MAX_BIAS:
             since = self._graph.keyframes[tracking.keyframe].scan.time
             self._contradictions.append(OdometryContradiction(time, since, measured, motion))
             return tracking.contradicted(), None

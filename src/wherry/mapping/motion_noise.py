@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,6 +65,21 @@ CONSTANT_VELOCITY_NOISE = MotionNoise(
     angle_per_angle=0.5,
     angle_per_distance=math.radians(10.0),
 )
+
+# What a robot's velocity may change by between scans, and bounds of what follows for the predicted motion.
+LINEAR_ACCELERATION, ANGULAR_ACCELERATION = 0.5, 1.0  # m/s² and rad/s², standard deviations
+MAX_VELOCITY_SIGMA, MAX_VELOCITY_ANGLE_SIGMA = 0.67, math.radians(30.0)  # m and rad; searches reach 3 times as far
+
+
+def constant_velocity_noise(elapsed: float) -> MotionNoise:
+    """Noise of a motion at constant velocity over a time, s: the longer it is, the less the last velocity tells."""
+    half_squared = 0.5 * elapsed * elapsed
+    noise = CONSTANT_VELOCITY_NOISE
+    return replace(
+        noise,
+        distance=math.hypot(noise.distance, min(LINEAR_ACCELERATION * half_squared, MAX_VELOCITY_SIGMA)),
+        angle=math.hypot(noise.angle, min(ANGULAR_ACCELERATION * half_squared, MAX_VELOCITY_ANGLE_SIGMA)),
+    )
 
 
 def is_within(motion: Pose, distance: float, angle: float) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wherry.mapping.covariances import invert, transform_covariance
-from wherry.mapping.motion_noise import CONSTANT_VELOCITY_NOISE, ODOMETRY_NOISE, MotionNoise
+from wherry.mapping.motion_noise import ODOMETRY_NOISE, MotionNoise, constant_velocity_noise
 from wherry.mapping.odometry_check import (
     BIAS_GAIN,
     CONTRADICTION_COST,
@@ -100,7 +100,7 @@ class TrackingState:
 
         Odometry that is not trusted, or faster than any robot, comes after constant velocity.
         """
-        by_velocity = Prediction(self._extrapolated(time), CONSTANT_VELOCITY_NOISE)
+        by_velocity = Prediction(self._extrapolated(time), constant_velocity_noise(time - self.time))
         motion = self.odometry_motion(odometry)
         if motion is None:
             return (by_velocity,)

@@ -45,7 +45,7 @@ class ScanView:
     """What a scan shows: points, and free space up to the readings.
 
     Attributes:
-        points: Points in the base_link frame, [N, 2] m.
+        points: All points in the base_link frame, [N, 2] m.
         origin: Position of the lidar in the base_link frame, [2] m.
         bearings: Directions of the readings from the lidar in increasing order, [R] rad, base_link frame.
         ranges: Ranges of the readings, [R] m.
@@ -62,32 +62,52 @@ class ScanView:
     def from_scan(cls, scan: Scan, cloud: PointCloud, lidar: Pose) -> ScanView:
         """The view of a scan with its point cloud, taken by a lidar at a pose in the base_link frame."""
         valid = scan.valid
-        bearings, ranges = np.mod(scan.angles[valid] + lidar.theta + math.pi, math.tau) - math.pi, scan.ranges[valid]
-        order = np.argsort(bearings, kind="stable")
-        bearings = bearings[order]
-        max_gap = MAX_GAP_RATIO * float(np.median(np.diff(bearings))) if len(bearings) > 1 else 0.0
-        origin = np.array([lidar.x, lidar.y])
-        return cls(cloud.subsampled(COMPARED_POINTS).points, origin, bearings, ranges[order], max_gap)
+        bearings, ranges, max_gap = _ordered(scan.angles[valid], scan.ranges[valid], lidar.theta)
+        return cls(cloud.points, np.array([lidar.x, lidar.y]), bearings, ranges, max_gap)
 
     def consistency(self, other: ScanView, pose: Pose) -> Consistency:
         """Compare with another scan, taken with base_link at a pose in this scan's base_link frame."""
-        forward = self._compare(pose.transform(other.points))
-        backward = other._compare(pose.inverse.transform(self.points))
-        return Consistency(forward[0] + backward[0], forward[1] + backward[1])
+        agreeing, conflicting = self._compare(other.points, pose)
+        back_agreeing, back_conflicting = other._compare(self.points, pose.inverse)
+        return Consistency(agreeing + back_agreeing, conflicting + back_conflicting)
 
-    def _compare(self, points: Floats) -> tuple[int, int]:
-        """Numbers of points [N, 2] m on the surfaces that this scan shows, and in front of them."""
-        return _compare(self.bearings, self.ranges, self.origin, self.max_gap, points)
+    def _compare(self, points: Floats, pose: Pose) -> tuple[int, int]:
+        """Numbers of points [N, 2] m, moved by a pose, on the surfaces that this scan shows, and in front of them."""
+        return _compare(self.bearings, self.ranges, self.origin, self.max_gap, points, pose.as_array())
 
 
 @kernel
-def _compare(bearings: Floats, ranges: Floats, origin: Floats, max_gap: float, points: Floats) -> tuple[int, int]:
-    """As `ScanView._compare`."""
+def _ordered(angles: Floats, ranges: Floats, turn: float) -> tuple[Floats, Floats, float]:
+    """Bearings in increasing order with their ranges, and the largest gap that surfaces span, rad.
+
+    Args:
+        angles: Directions of the readings, [R] rad, lidar frame.
+        ranges: Ranges of the readings, [R] m.
+        turn: Heading of the lidar in the base_link frame, rad.
+    """
+    bearings = np.empty(len(angles))
+    for n in range(len(angles)):
+        bearings[n] = (angles[n] + turn + math.pi) % math.tau - math.pi
+    order = np.argsort(bearings, kind="mergesort")
+    bearings = bearings[order]
+    gap = float(np.median(bearings[1:] - bearings[:-1])) if len(bearings) > 1 else 0.0
+    return bearings, ranges[order], MAX_GAP_RATIO * gap
+
+
+@kernel
+def _compare(
+    bearings: Floats, ranges: Floats, origin: Floats, max_gap: float, points: Floats, pose: Floats
+) -> tuple[int, int]:
+    """As `ScanView._compare`, with the pose [3]; of many points, only `COMPARED_POINTS` are compared."""
     agreeing, conflicting = 0, 0
     if len(bearings) < 2:
         return agreeing, conflicting
-    for n in range(len(points)):
-        dx, dy = points[n, 0] - origin[0], points[n, 1] - origin[1]
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    compared = min(len(points), COMPARED_POINTS)
+    for n in range(compared):
+        point = points[n * len(points) // compared]
+        dx = pose[0] + cos * point[0] - sin * point[1] - origin[0]
+        dy = pose[1] + sin * point[0] + cos * point[1] - origin[1]
         distance, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
         after = np.searchsorted(bearings, bearing) % len(bearings)
         before = after - 1 if after > 0 else len(bearings) - 1
