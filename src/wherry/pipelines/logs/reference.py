@@ -10,7 +10,7 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.evaluation import align, matching_times, position_errors, root_mean_square
-from wherry.logs.tables import read_odometry
+from wherry.logs.tables import read_trajectory
 from wherry.space.pose import IDENTITY, Floats, Pose
 from wherry.space.trajectory import Trajectory
 
@@ -48,9 +48,11 @@ class Reference:
         path: Path of the file, for errors.
         trajectory: The reference trajectory.
         times: [N] s, times of the log's scans.
+        notes: What was decided in reading it.
 
     Attributes:
         path: Path of the file.
+        notes: What was decided in reading it.
         indices: [M] indices of the scans that the reference has a pose for.
         poses: [M, 3] m, m, rad, the reference's poses at these scans.
 
@@ -58,8 +60,9 @@ class Reference:
         InputError: The reference has no pose for any scan.
     """
 
-    def __init__(self, path: Path, trajectory: Trajectory, times: Floats) -> None:
+    def __init__(self, path: Path, trajectory: Trajectory, times: Floats, notes: tuple[str, ...] = ()) -> None:
         self.path = path
+        self.notes = notes
         self.indices = np.flatnonzero(matching_times(trajectory.times, times))
         if not len(self.indices):
             raise InputError(path, "", _time_mismatch(trajectory.times, times))
@@ -102,7 +105,8 @@ def read_reference(path: Path, times: Floats) -> Reference:
     Raises:
         InputError: The file cannot be read, or has no pose for any scan.
     """
-    return Reference(path, read_odometry(path), times)
+    trajectory, notes = read_trajectory(path)
+    return Reference(path, trajectory, times, notes)
 
 
 def _verdict(offset: Pose | None, rmse: float, compared: int, scans: int) -> str:
