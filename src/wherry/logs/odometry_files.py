@@ -43,9 +43,7 @@ def with_odometry_file(log: LidarLog, path: Path) -> LidarLog:
         Odometry(scan.time, Pose.from_array(pose), Velocity()) if reading is None and is_covered else reading
         for scan, reading, pose, is_covered in zip(log.scans, log.scan_odometry, poses, covers, strict=True)
     )
-    added = sum(
-        reading is None and bool(is_covered) for reading, is_covered in zip(log.scan_odometry, covers, strict=True)
-    )
+    added = sum(reading is None and bool(covers[index]) for index, reading in enumerate(log.scan_odometry))
     if added:
         notes = (*notes, f"{added:,} of {len(times):,} scans have the odometry of {path}")
     merged = merge_odometry(log.odometry, odometry) if len(log.odometry.times) else odometry

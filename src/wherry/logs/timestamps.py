@@ -10,7 +10,7 @@ from wherry.space.pose import Floats
 
 MAX_TIME = 1e12  # s, largest absolute value of a stamp
 UNITS = ((1e-9, "nanoseconds", 5e6), (1e-6, "microseconds", 1e4), (1e-3, "milliseconds", math.inf))
-"""Units smaller than a second: s, name, and median step of whole numbers above which stamps count them since a start."""
+"""Units below a second: s, name, and median step of whole numbers above which stamps count them from any start."""
 MIN_UNIX_TIME, MAX_UNIX_TIME = 3e8, 4.2e9  # s, of the years 1979 to 2103
 MAX_UNIX_STEP = 600.0  # s, longest median step of stamps that are Unix times in a unit
 
