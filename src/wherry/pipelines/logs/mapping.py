@@ -183,11 +183,12 @@ def _covered_relations(path: Path, log: LidarLog) -> Relations:
     inside = ((relations.times >= first) & (relations.times <= last)).all(axis=1)
     if not inside.any():
         raise InputError(path, "", f"has no relation within the log's time, {first:.3f} to {last:.3f} s")
-    left_out = (
-        f"{(~inside).sum():,} of {len(inside):,} relations of {path} are beyond the log's time: they are left out"
-    )
-    notes = relations.notes if inside.all() else (*relations.notes, left_out)
-    return Relations(relations.times[inside], relations.poses[inside], notes)
+    kept = Relations(relations.times[inside], relations.poses[inside], relations.notes)
+    total, beyond = len(relations.times), len(relations.times) - len(kept.times)
+    if not beyond:
+        return kept
+    note = f"{beyond:,} of {total:,} relations of {path} are beyond the log's time: they are left out"
+    return replace(kept, notes=(*kept.notes, note))
 
 
 def _create_slam(settings: MappingSettings, log: LidarLog) -> tuple[Slam, AddScan]:
