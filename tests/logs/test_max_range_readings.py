@@ -102,6 +102,13 @@ def test_readings_that_are_all_equal_are_kept_and_said() -> None:
     assert all((scan.ranges == 5.0).all() for scan in scans)
 
 
+def test_a_covered_lidar_has_no_readings_of_its_own_for_no_return() -> None:
+    readings = [np.full(180, 0.06)] * 60 + [np.full(180, 0.01)] * 40
+    scans, note = marked(readings, DRIVE)
+    assert not note
+    assert all(np.array_equal(scan.ranges, row) for scan, row in zip(scans, readings, strict=True))
+
+
 def test_readings_at_the_longest_range_are_no_return() -> None:
     ranges = np.array([1.0, 11.9, 11.9899, 11.9999, 12.0, 65.5, np.nan, 0.0])
     expected = [1.0, 11.9, 11.9899, np.inf, np.inf, np.inf, np.nan, 0.0]

@@ -100,8 +100,10 @@ def check_range_max(range_max: float) -> None:
     Raises:
         MalformedLineError: No lidar has it.
     """
-    if not 0.0 < range_max <= MAX_RANGE:
-        raise MalformedLineError(f"the longest range is {range_max:g}, not above 0 and up to {MAX_RANGE:g} m")
+    if not RANGE_MIN < range_max <= MAX_RANGE:
+        raise MalformedLineError(
+            f"the longest range is {range_max:g}, not above {RANGE_MIN:g} and up to {MAX_RANGE:g} m"
+        )
 
 
 def parse_ranges(words: list[str], range_max: float, unit: float = 1.0) -> Floats:

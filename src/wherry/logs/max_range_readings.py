@@ -17,6 +17,7 @@ import numpy as np
 from wherry.robot import Odometry, Scan
 from wherry.space.pose import Floats, wrap_angles
 
+MIN_LONGEST = 1.0  # m, longest reading of a lidar that reaches anywhere
 MIN_COUNT = 50  # readings near the longest one below which they count as walls
 MIN_SHARE, MAX_SHARE = 0.002, 0.98  # share of the readings near the longest one outside of which they count as walls
 PEAK_WIDTHS = (0.1, 0.01)  # m below the longest reading that count as near it; the wider one where it has codes only
@@ -72,7 +73,7 @@ def _longest_reading(scans: Sequence[Scan]) -> tuple[float, int]:
 def _readings_of_peak(scans: Sequence[Scan], longest: float, peak: float, total: int) -> tuple[float, Floats] | None:
     """A lower limit, m, with the readings from it to the longest one, if many of all have one of a few values there."""
     near = np.concatenate([_between(scan, peak, longest) for scan in scans])
-    if len(near) < max(MIN_COUNT, MIN_SHARE * total) or not _is_code(near):
+    if longest < MIN_LONGEST or len(near) < max(MIN_COUNT, MIN_SHARE * total) or not _is_code(near):
         return None
     below = np.concatenate([_between(scan, peak - COMPARED_WIDTH, np.nextafter(peak, 0.0)) for scan in scans])
     return (peak, near) if _stands_out(near, below) else None
