@@ -130,3 +130,11 @@ def test_beams_without_a_return_are_found_where_more_readings_are_a_little_short
     for scan, row in zip(scans, readings, strict=True):
         assert np.isposinf(scan.ranges[row == CODE]).all()
         assert np.array_equal(scan.ranges[row < CODE - 0.1], row[row < CODE - 0.1])
+
+
+def test_readings_of_a_long_log_are_counted_in_some_of_its_scans(monkeypatch: pytest.MonkeyPatch) -> None:
+    readings = hall(DRIVE)
+    monkeypatch.setattr("wherry.logs.max_range_readings.MAX_COUNTED", 180 * 20)
+    scans, note = marked(readings, DRIVE)
+    assert note.endswith("8.19 m, the longest of all: they are taken as no return")
+    assert all(np.isposinf(scan.ranges[row == CODE]).all() for scan, row in zip(scans, readings, strict=True))

@@ -30,6 +30,7 @@ MIN_DISTANCE = 0.5  # m between places from which walls have other ranges
 MIN_TURN = 0.1  # rad, of a robot that turns
 MIN_CHANGE = 0.1  # m by which the other readings change while the robot drives
 QUANTILES = np.linspace(0.1, 0.9, 9)  # of the other readings of a scan
+MAX_COUNTED = 2_000_000  # readings that are counted, of evenly spaced scans, so that memory stays small
 COMPARED_SCANS = 500  # scans whose readings are compared
 
 
@@ -45,8 +46,10 @@ def mark_beams_without_return(
     Returns:
         The scans, and a note on the reading that was taken as no return; empty if there is none.
     """
-    longest, total = _longest_reading(scans)
-    found = (_readings_of_peak(scans, longest, longest - width, total) for width in PEAK_WIDTHS)
+    longest = max((_longest_reading(scan) for scan in scans), default=0.0)
+    counted = scans[:: 1 + sum(len(scan.ranges) for scan in scans) // MAX_COUNTED]
+    total = sum(int(np.isfinite(scan.ranges).sum()) for scan in counted)
+    found = (_readings_of_peak(counted, longest, longest - width, total) for width in PEAK_WIDTHS)
     peak, near = next((peak for peak in found if peak is not None), (longest, np.zeros(0)))
     if not len(near):
         return tuple(scans), ""
@@ -64,10 +67,9 @@ def mark_beams_without_return(
     return marked, f"{readings}: they are taken as no return"
 
 
-def _longest_reading(scans: Sequence[Scan]) -> tuple[float, int]:
-    """The longest finite reading, m, or 0 if there is none, and the number of all."""
-    finite = [scan.ranges[np.isfinite(scan.ranges)] for scan in scans]
-    return max((float(ranges.max()) for ranges in finite if len(ranges)), default=0.0), sum(map(len, finite))
+def _longest_reading(scan: Scan) -> float:
+    """The longest finite reading of a scan, m, or 0 if it has none."""
+    return float(np.max(scan.ranges, initial=0.0, where=np.isfinite(scan.ranges)))
 
 
 def _readings_of_peak(scans: Sequence[Scan], longest: float, peak: float, total: int) -> tuple[float, Floats] | None:
