@@ -35,6 +35,17 @@ def true_relations(pairs: list[tuple[int, int]]) -> Relations:
     return Relations(np.array([[TIMES[a], TIMES[b]] for a, b in pairs]), relative(second, first))
 
 
+def test_relations_in_nanoseconds_are_converted_and_it_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "some.relations"
+    path.write_text(
+        "1600000000500000000 1600000002000000000 1 2 0 0 0 0.5\n1600000002000000000 1600000003000000000 " + "0 " * 6
+    )
+    relations = load_relations(path)
+    np.testing.assert_allclose(relations.times, 1.6e9 + np.array([[0.5, 2.0], [2.0, 3.0]]), atol=1e-6, rtol=0.0)
+    np.testing.assert_array_equal(relations.poses, [[1.0, 2.0, 0.5], [0.0, 0.0, 0.0]])
+    assert relations.notes == (f"the times of {path} are in nanoseconds: they are converted to seconds",)
+
+
 def test_an_exact_trajectory_has_no_error_in_any_frame() -> None:
     relations = true_relations([(0, 1), (1, 2), (0, 3), (3, 1)])
     moved = compose(np.tile([5.0, -3.0, 1.2], (4, 1)), POSES)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wherry.errors import InputError
-from wherry.logs.tables import read_rows
+from wherry.logs.tables import in_seconds, read_rows
 from wherry.space.pose import MAX_COORDINATE, Floats, Pose, relative
 from wherry.space.trajectory import Trajectory
 
@@ -38,10 +38,12 @@ class Relations:
     Attributes:
         times: Times of the first and of the second pose, [R, 2] s.
         poses: True pose δ* at the second time in the frame of the first, [R, 3] m, m, rad.
+        notes: What was decided in reading them.
     """
 
     times: Floats
     poses: Floats
+    notes: tuple[str, ...] = ()
 
 
 def load_relations(path: str | Path) -> Relations:
@@ -50,11 +52,12 @@ def load_relations(path: str | Path) -> Relations:
     Raises:
         InputError: The file cannot be read, or a line is malformed.
     """
-    rows = read_rows(path, widths=(8,))
+    rows = read_rows(path, widths=(8,), stamps=2)
     beyond = np.flatnonzero((np.abs(rows[:, 2:]) > MAX_COORDINATE).any(axis=1))
     if len(beyond):
         raise InputError(path, f"relation {beyond[0] + 1}", f"has a coordinate beyond {MAX_COORDINATE:g} m")
-    return Relations(rows[:, :2], rows[:, [2, 3, 7]])
+    times, notes = in_seconds(rows[:, :2], path)
+    return Relations(times, rows[:, [2, 3, 7]], notes)
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,9 @@ def main() -> int:
     parser.add_argument("--loader", action="append", help="name of a loader, may be repeated; all by default")
     parser.add_argument("--seed", type=int, default=0, help="seed of the damage")
     parser.add_argument("--workers", type=int, help="number of processes; one per processor by default")
+    parser.add_argument(
+        "--seconds", type=float, default=float("inf"), help="time limit, after which the table is printed"
+    )
     parser.add_argument("--out", type=Path, default=OUT, help="folder for failing files, %(default)s by default")
     parser.add_argument("--reasons", action="store_true", help="list for what reasons files were refused")
     parser.add_argument("--repeat", type=Path, metavar="FOLDER", help="load a saved failing file again")
@@ -60,7 +63,8 @@ def _run(chosen: Sequence[Loader], arguments: argparse.Namespace) -> int:
         elif finished % 1000 == 0 and sys.stderr.isatty():
             print(f"{finished:,} files", file=sys.stderr, end="\r")
 
-    rows = fuzz(valid, arguments.files, seed=arguments.seed, workers=arguments.workers, on_outcome=show)
+    seed, workers, limit = arguments.seed, arguments.workers, arguments.seconds
+    rows = fuzz(valid, arguments.files, seed=seed, workers=workers, max_seconds=limit, on_outcome=show)
     _print_table(rows, time.monotonic() - started)
     if arguments.reasons:
         for name, row in rows.items():

@@ -16,7 +16,7 @@ from pathlib import Path
 from fuzz.loader import Loader
 from fuzz.worker import Case, Outcome, ValidFiles, Verdict, run, valid_files
 
-MAX_WAIT = 30.0  # s on the clock for one file, after which its process is ended; the worker's limit is processor time
+MAX_WAIT = 120.0  # s on the clock for one file, after which its process is ended; the worker's limit is processor time
 MAX_START = 120.0  # s on the clock until a process begins its first file
 BATCH = 50  # cases of one loader that a process gets at once
 CASES_PER_PROCESS = 2000  # after which a process is replaced, so that leaks do not add up

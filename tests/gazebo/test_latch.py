@@ -205,6 +205,7 @@ def test_settings_are_read_as_written(tmp_path: Path) -> None:
         ("boxes: 2", "", "boxes"),
         ("reach: 0.05", "reach: .nan", "reach"),
         ("cell_size: 0.6", "cell_size: 0", "cell_size"),
+        ("cell_size: 0.6", "cell_size: 1e-320", "cell_size"),
         ("warehouse:", "warehouse: 3\nhouse:", "warehouse"),
         ("- 1\n", "- 1.5\n", "warehouse.0.1"),
         ("boxes: 2", "boxes: 2\nbox: 3", "box"),

@@ -107,6 +107,7 @@ def test_raw_scans_need_a_stated_mount_and_get_poses_of_odometry(tmp_path: Path)
         ("-3.141593 6.283185 0.034907", -180.0, 2.0),
         ("0 0 0.017453", 0.0, 1.0),
         ("-1.570796 3.141593 0", -90.0, 1.0),
+        ("0 6.283185 0", 0.0, 2.0),
         ("-1.570796 3.141593 0.008727", -90.0, 1.0),
         ("-1.570796 3.141593 1.0", -90.0, 1.0),
         ("-1.570796 6.0 0.017453", -90.0, 1.0),
@@ -133,6 +134,8 @@ def test_angles_that_contradict_one_another_are_named(tmp_path: Path) -> None:
     [
         (180, (), -90.0, 1.0, False),
         (361, (), -90.0, 0.5, False),
+        (360, (), -90.0, 0.5, True),
+        (360, ("laser_front_laser_fov 6.283185",), -180.0, 1.0, False),
         (541, (), -135.0, 0.5, True),
         (1081, (), -135.0, 0.25, True),
         (401, (), -50.0, 0.25, True),
@@ -225,10 +228,10 @@ def test_readings_at_the_stated_longest_range_are_no_return(tmp_path: Path) -> N
     assert read_log(write(tmp_path, [line])).scans[0].ranges[:4].tolist() == [math.inf, math.inf, 49.98, 2.0]
 
 
-@pytest.mark.parametrize("longest", ["0", "-1", "81910"])
+@pytest.mark.parametrize("longest", ["0", "-1", "81910", "1e-320"])
 def test_a_longest_range_that_no_lidar_has_is_named(tmp_path: Path, longest: str) -> None:
     line = laser("ROBOTLASER1", "-1.570796 3.141593 0.017453", 1.0, Pose()).replace(" 50.0 0.01", f" {longest} 0.01")
-    with pytest.raises(InputError, match=r"line 1: the longest range is -?\d+, not above 0 and up to 1000 m"):
+    with pytest.raises(InputError, match=r"line 1: the longest range is [-\d.e]+, not above 0.02 and up to 1000 m"):
         read_log(write(tmp_path, [line]))
 
 

@@ -102,7 +102,39 @@ def test_readings_that_are_all_equal_are_kept_and_said() -> None:
     assert all((scan.ranges == 5.0).all() for scan in scans)
 
 
+def test_a_covered_lidar_has_no_readings_of_its_own_for_no_return() -> None:
+    readings = [np.full(180, 0.06)] * 60 + [np.full(180, 0.01)] * 40
+    scans, note = marked(readings, DRIVE)
+    assert not note
+    assert all(np.array_equal(scan.ranges, row) for scan, row in zip(scans, readings, strict=True))
+
+
 def test_readings_at_the_longest_range_are_no_return() -> None:
     ranges = np.array([1.0, 11.9, 11.9899, 11.9999, 12.0, 65.5, np.nan, 0.0])
     expected = [1.0, 11.9, 11.9899, np.inf, np.inf, np.inf, np.nan, 0.0]
     np.testing.assert_array_equal(mark_no_return(ranges, 12.0), expected)
+
+
+@pytest.mark.parametrize("cell", [0.001, 0.01])
+def test_beams_without_a_return_are_found_where_more_readings_are_a_little_shorter(cell: float) -> None:
+    poses = [Pose(-2.0 + 0.04 * n, 1.0, 0.02 * n) for n in range(100)]
+    ranges = [rectangle_ranges(pose, ANGLES, 10.0, 11.0) for pose in poses]
+    readings = [np.where(row >= CODE, CODE, (row / cell).round() * cell) for row in ranges]
+    near, below = (
+        sum(((row > low) & (row <= high)).sum() for row in readings) for low, high in ((8.1, 8.2), (7.1, 8.1))
+    )
+    assert near < below
+    assert sum((row == CODE).sum() for row in readings) < 0.9 * near  # with walls beside it
+    scans, note = marked(readings, poses)
+    assert note.endswith("8.19 m, the longest of all: they are taken as no return")
+    for scan, row in zip(scans, readings, strict=True):
+        assert np.isposinf(scan.ranges[row == CODE]).all()
+        assert np.array_equal(scan.ranges[row < CODE - 0.1], row[row < CODE - 0.1])
+
+
+def test_readings_of_a_long_log_are_counted_in_some_of_its_scans(monkeypatch: pytest.MonkeyPatch) -> None:
+    readings = hall(DRIVE)
+    monkeypatch.setattr("wherry.logs.max_range_readings.MAX_COUNTED", 180 * 20)
+    scans, note = marked(readings, DRIVE)
+    assert note.endswith("8.19 m, the longest of all: they are taken as no return")
+    assert all(np.isposinf(scan.ranges[row == CODE]).all() for scan, row in zip(scans, readings, strict=True))

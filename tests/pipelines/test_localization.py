@@ -256,6 +256,16 @@ def test_a_reference_in_the_map_frame_is_compared_without_alignment(files: Local
     assert result.reference_verdict == "The reference is in the map frame; 60 of 60 scans are compared."
 
 
+def test_a_reference_in_nanoseconds_is_converted_and_it_is_said(files: LocalizationSettings, tmp_path: Path) -> None:
+    assert files.reference is not None
+    rows = np.loadtxt(files.reference)
+    rows[:, 0] = np.round(1e9 * rows[:, 0])
+    np.savetxt(tmp_path / "reference.txt", rows, fmt=["%d", "%.6f", "%.6f", "%.6f"])
+    run = prepare(replace(files, reference=tmp_path / "reference.txt"))
+    assert any("reference.txt are in nanoseconds: they are converted to seconds" in note for note in run.log.notes)
+    assert run.log.scan_odometry
+
+
 def test_a_reference_in_another_frame_is_aligned_and_said(files: LocalizationSettings, tmp_path: Path) -> None:
     frame = Pose(12.0, -7.0, 1.2)
     run = prepare(LocalizationSettings(files.log, files.map_file, reference=moved_reference(files, tmp_path, frame)))

@@ -174,7 +174,9 @@ def test_options_that_cannot_continue_a_graph_are_named(log: Path, mapped: Path,
 def test_relations_outside_of_the_log_are_not_scored(log: Path) -> None:
     path = log.parent / "more.relations"
     path.write_text((log.parent / "room.relations").read_text() + "0 500 9 9 0 0 0 0\n")
-    assert run(MappingSettings(log, relations=path)).relations == 2
+    result = run(MappingSettings(log, relations=path))
+    assert result.relations == 2
+    assert f"1 of 3 relations of {path} are beyond the log's time: they are left out." in result.notes
 
 
 @pytest.mark.slow

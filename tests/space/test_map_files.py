@@ -298,6 +298,12 @@ def test_missing_and_broken_images_are_named(tmp_path: Path) -> None:
         load_map(path)
 
 
+def test_an_image_in_place_of_its_description_is_refused(tmp_path: Path) -> None:
+    write(tmp_path, [[0, 255]])
+    with pytest.raises(InputError, match=r"map.pgm: is an image: a map is read from the YAML file"):
+        load_map(tmp_path / "map.pgm")
+
+
 @pytest.mark.parametrize("size", ["100000 100000", "1 1000000000", "-3 4", "0 4"])
 def test_an_image_of_impossible_size_is_rejected_before_its_pixels_are_decoded(tmp_path: Path, size: str) -> None:
     path = write(tmp_path, [[0, 101, 254]])

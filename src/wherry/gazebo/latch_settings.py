@@ -15,10 +15,10 @@ from wherry.floorplan.plan import Cell
 from wherry.space.pose import Pose
 
 FORMAT_VERSION = 1
-MAX_LENGTH = 10.0  # m
+MIN_LENGTH, MAX_LENGTH = 1e-3, 10.0  # m
 MAX_BOXES = 1000
 
-Length = Annotated[Number, Field(gt=0, le=MAX_LENGTH)]
+Length = Annotated[Number, Field(ge=MIN_LENGTH, le=MAX_LENGTH)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,6 +86,7 @@ NODE_PARAMETERS = frozenset(  # parameters of the ROS node, which are ignored si
         "save_pose_rate",
         "scan_topic",
         "service_introspection_mode",
+        "start_type_description_service",
         "std_warn_level_enabled",
         "tf_broadcast",
         "transform_tolerance",

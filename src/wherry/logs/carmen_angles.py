@@ -10,7 +10,7 @@ from types import MappingProxyType
 from wherry.logs.log_lines import MalformedLineError
 
 HALF_CIRCLE = math.pi  # rad, field of view of the lidars that FLASER was made for
-HALF_CIRCLE_BEAMS = (180, 181, 360, 361, 720, 721)  # numbers of beams of these lidars, 1° to 0.25° apart
+HALF_CIRCLE_BEAMS = (180, 181, 361)  # numbers of beams of these lidars, and of no others
 KNOWN_FIELDS: Mapping[int, float] = MappingProxyType(
     {beams: math.radians(100.0) for beams in (101, 201, 401)}
     | {beams: math.radians(270.0) for beams in (540, 541, 1080, 1081)}
@@ -85,9 +85,11 @@ def stated_angles(count: int, start: float, field_of_view: float, resolution: fl
         start, field_of_view, resolution = math.radians(start), math.radians(field_of_view), math.radians(resolution)
     if min(field_of_view, resolution) < 0.0 or max(field_of_view, resolution) == 0.0:
         raise MalformedLineError("the field of view and the angle between beams must be above 0")
+    if resolution == 0.0:
+        return BeamAngles(start, _symmetric(count, field_of_view).increment)
     span = resolution * count
     fits = field_of_view == 0.0 or span - 2.0 * resolution <= field_of_view <= span + resolution
-    if resolution > 0.0 and fits and span - resolution <= MAX_FIELD:
+    if fits and span - resolution <= MAX_FIELD:
         return BeamAngles(start, resolution)
     by_field, by_resolution = _is_half(start, field_of_view), _is_half(start, span)
     stated = (

@@ -41,6 +41,20 @@ def parse_numbers(words: list[str], largest: float = MAX_NUMBER) -> list[float]:
     Raises:
         MalformedLineError: A word is no finite number, or too large.
     """
+    values = _floats(words)
+    if not all(math.isfinite(value) for value in values):
+        raise MalformedLineError("has a number that is not finite")
+    if any(abs(value) > largest for value in values):
+        raise MalformedLineError(f"has a number beyond {largest:g}")
+    return values
+
+
+def _floats(words: list[str]) -> list[float]:
+    """The words as numbers, which may be infinite or NaN.
+
+    Raises:
+        MalformedLineError: A word is no number.
+    """
     try:
         values = [float(word) for word in words]
     except ValueError as error:
@@ -51,10 +65,6 @@ def parse_numbers(words: list[str], largest: float = MAX_NUMBER) -> list[float]:
         raise MalformedLineError(f"has a word that is not a number: {word[:MAX_WORD_LENGTH]!r}") from error
     if "_" in "".join(words):
         raise MalformedLineError("has an underscore in a number")
-    if not all(math.isfinite(value) for value in values):
-        raise MalformedLineError("has a number that is not finite")
-    if any(abs(value) > largest for value in values):
-        raise MalformedLineError(f"has a number beyond {largest:g}")
     return values
 
 
@@ -88,12 +98,16 @@ def check_range_max(range_max: float) -> None:
     Raises:
         MalformedLineError: No lidar has it.
     """
-    if not 0.0 < range_max <= MAX_RANGE:
-        raise MalformedLineError(f"the longest range is {range_max:g}, not above 0 and up to {MAX_RANGE:g} m")
+    if not RANGE_MIN < range_max <= MAX_RANGE:
+        raise MalformedLineError(
+            f"the longest range is {range_max:g}, not above {RANGE_MIN:g} and up to {MAX_RANGE:g} m"
+        )
 
 
 def parse_ranges(words: list[str], range_max: float, unit: float = 1.0) -> Floats:
-    """Ranges, [R] m; infinite where the beam had no return, see `mark_no_return`.
+    """Ranges, [R] m; infinite where the beam had no return, see `mark_no_return`, and NaN where it had no reading.
+
+    As in ROS (REP 117), ``inf`` is no return and ``-inf`` an obstacle that is nearer than the shortest valid range.
 
     Args:
         words: Ranges as text.
@@ -101,11 +115,11 @@ def parse_ranges(words: list[str], range_max: float, unit: float = 1.0) -> Float
         unit: Unit of the words, m.
 
     Raises:
-        MalformedLineError: A word is no finite number, or negative.
+        MalformedLineError: A word is no number.
     """
-    ranges = np.array(parse_numbers(words)) * unit
-    if (ranges < 0.0).any():
-        raise MalformedLineError("has a negative range")
+    ranges = np.array(_floats(words)) * unit
+    ranges[np.isneginf(ranges)] = RANGE_MIN
+    ranges[ranges < 0.0] = np.nan
     return mark_no_return(ranges, range_max)
 
 

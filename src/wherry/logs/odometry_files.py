@@ -43,6 +43,9 @@ def with_odometry_file(log: LidarLog, path: Path) -> LidarLog:
         Odometry(scan.time, Pose.from_array(pose), Velocity()) if reading is None and is_covered else reading
         for scan, reading, pose, is_covered in zip(log.scans, log.scan_odometry, poses, covers, strict=True)
     )
+    added = sum(reading is None and bool(covers[index]) for index, reading in enumerate(log.scan_odometry))
+    if added:
+        notes = (*notes, f"{added:,} of {len(times):,} scans have the odometry of {path}")
     merged = merge_odometry(log.odometry, odometry) if len(log.odometry.times) else odometry
     return replace(log, scan_odometry=at_scans, odometry=merged, notes=(*log.notes, *notes))
 
@@ -55,8 +58,10 @@ def _check_agreement(path: Path, own: Floats, other: Floats) -> None:
     if agree(own, compose(np.broadcast_to(shift, other.shape), other)):
         offset = f"{math.hypot(shift[0], shift[1]):.2f} m and {math.degrees(shift[2]):.1f}°"
         raise InputError(path, "", f"is in another frame than the log's odometry, which is {offset} away")
-    distance = float(np.median(np.hypot(*(own - other)[:, :2].T)))
-    reason = f"disagrees with the log's odometry by {distance:.2f} m (median of {len(own):,} scans)"
+    difference = relative(other, own)
+    distance, angle = np.median(np.hypot(difference[:, 0], difference[:, 1])), np.median(np.abs(difference[:, 2]))
+    apart = f"{distance:.2f} m and {math.degrees(angle):.1f}° (medians of {len(own):,} scans)"
+    reason = f"disagrees with the log's odometry by {apart}"
     raise InputError(path, "", f"{reason}: it is of another drive, another clock, or corrected")
 
 

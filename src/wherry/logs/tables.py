@@ -77,8 +77,7 @@ def read_trajectory(path: str | Path) -> tuple[Trajectory, tuple[str, ...]]:
     if len(rows) < 2:
         raise InputError(path, "", "has one pose only; a trajectory needs two at least")
     headings = rows[:, 3] if rows.shape[1] == POSE_WIDTH else _headings(path, table)
-    unit, unit_name = unit_of(rows[:, 0])
-    times = rows[:, 0] * unit if unit != 1.0 else rows[:, 0]
+    times, notes = in_seconds(rows[:, 0], path)
     distant = np.flatnonzero(np.abs(times) > MAX_TIME)
     if len(distant):
         raise InputError(path, f"line {table.lines[int(distant[0])]}", f"has a time beyond {MAX_TIME:g} s")
@@ -90,8 +89,15 @@ def read_trajectory(path: str | Path) -> tuple[Trajectory, tuple[str, ...]]:
     distant = np.flatnonzero(np.abs(poses).max(axis=1) > MAX_COORDINATE)
     if len(distant):
         raise InputError(path, f"line {table.lines[int(distant[0])]}", f"has a pose beyond {MAX_COORDINATE:g} m")
-    note = f"the times of {path} are in {unit_name}: they are converted to seconds"
-    return Trajectory(times, poses), (note,) if unit != 1.0 else ()
+    return Trajectory(times, poses), notes
+
+
+def in_seconds(times: Floats, path: str | Path) -> tuple[Floats, tuple[str, ...]]:
+    """Times of a file, of any shape, in seconds, and a note if they were in another unit."""
+    unit, name = unit_of(np.unique(times))
+    if unit == 1.0:
+        return times, ()
+    return times * unit, (f"the times of {path} are in {name}: they are converted to seconds",)
 
 
 def _ordered(path: str | Path, table: _Table) -> _Table:
@@ -131,12 +137,13 @@ def _headings(path: str | Path, table: _Table) -> Floats:
     return headings
 
 
-def read_rows(path: str | Path, *, widths: tuple[int, ...]) -> Floats:
+def read_rows(path: str | Path, *, widths: tuple[int, ...], stamps: int = 1) -> Floats:
     """Read a table of finite numbers, one row per line, separated by white space, commas or semicolons.
 
     Args:
         path: The file, plain or gzipped.
         widths: Allowed counts of numbers in a line; all lines must have the same count.
+        stamps: Number of stamps at the beginning of a line, which may be larger than other numbers.
 
     Returns:
         The numbers, [rows, width].
@@ -144,10 +151,10 @@ def read_rows(path: str | Path, *, widths: tuple[int, ...]) -> Floats:
     Raises:
         InputError: The file cannot be read, is empty, or a line is malformed.
     """
-    return _read_table(path, widths).rows
+    return _read_table(path, widths, stamps).rows
 
 
-def _read_table(path: str | Path, widths: tuple[int, ...]) -> _Table:
+def _read_table(path: str | Path, widths: tuple[int, ...], stamps: int = 1) -> _Table:
     """Read a table, as `read_rows`, with the numbers of its lines and the header."""
     rows: list[list[float]] = []
     lines: list[int] = []
@@ -160,7 +167,7 @@ def _read_table(path: str | Path, widths: tuple[int, ...]) -> _Table:
             continue
         words = _words(line)
         try:
-            numbers = [parse_stamp(words[0]), *parse_numbers(words[1:])]
+            numbers = [*map(parse_stamp, words[:stamps]), *parse_numbers(words[stamps:])]
         except MalformedLineError as error:
             raise InputError(path, f"line {number}", str(error)) from error
         _check_width(path, number, len(numbers), (len(rows[0]),) if rows else widths)

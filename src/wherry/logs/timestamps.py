@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from wherry.space.pose import Floats
 
 MAX_TIME = 1e12  # s, largest absolute value of a stamp
-UNITS = ((1e-9, "nanoseconds", 1e17), (1e-6, "microseconds", 1e14), (1e-3, "milliseconds", 1e11))
-"""Units smaller than a second: s, name, and the number of them above which a stamp is a Unix time in this unit."""
-COUNTED_UNITS = ((1e-9, "nanoseconds", 5e6), (1e-6, "microseconds", 1e4))
-"""As `UNITS`, with the median step of whole numbers above which stamps count these units since some start."""
+UNITS = ((1e-9, "nanoseconds", 5e6), (1e-6, "microseconds", 1e4), (1e-3, "milliseconds", math.inf))
+"""Units below a second: s, name, and median step of whole numbers above which stamps count them from any start."""
+MIN_UNIX_TIME, MAX_UNIX_TIME = 3e8, 4.2e9  # s, of the years 1979 to 2103
+MAX_UNIX_STEP = 600.0  # s, longest median step of stamps that are Unix times in a unit
 
 MIN_SCAN_PERIOD = 0.005  # s, mean scan period below which a log has no usable clock; no lidar is that fast
 MIN_STAMPS = 3  # stamps from which a clock is judged
@@ -23,13 +25,12 @@ def unit_of(times: Floats) -> tuple[float, str]:
     if not len(times):
         return 1.0, "seconds"
     size = _lower_median(np.abs(times))
-    for unit, name, smallest in UNITS:
-        if size >= smallest:
+    step = _lower_median(np.abs(np.diff(times))) if len(times) > 1 else 0.0
+    for unit, name, _ in UNITS:
+        if MIN_UNIX_TIME <= size * unit <= MAX_UNIX_TIME and step * unit <= MAX_UNIX_STEP:
             return unit, name
-    steps = np.abs(np.diff(times))
-    if len(steps) and (times == np.round(times)).all():
-        step = _lower_median(steps)
-        for unit, name, smallest in COUNTED_UNITS:
+    if (times == np.round(times)).all():
+        for unit, name, smallest in UNITS:
             if step >= smallest:
                 return unit, name
     return 1.0, "seconds"

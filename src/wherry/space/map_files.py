@@ -39,6 +39,7 @@ MAX_GREY = 255  # grey value of white
 MAX_PERCENTAGE, RAW_UNKNOWN = 100, 255  # largest pixel of a known cell, and pixel of an unknown cell, in mode raw
 OPAQUE = 255  # alpha of an opaque pixel; any other is unknown in mode scale
 PIXELS_PER_BLOCK = 4_000_000  # pixels whose channels are averaged at once, so that memory stays small
+IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg", ".gif", ".webp", ".ppm")
 IMAGE_FORMATS = ("PPM", "PNG", "BMP", "TIFF", "JPEG", "GIF", "WEBP")  # as Pillow calls them; PPM includes PGM and PBM
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -197,6 +198,8 @@ def load_map(path: str | Path) -> OccupancyGrid:
         InputError: A file is missing, too large, or invalid; the error names the field.
     """
     path = Path(path)
+    if path.suffix.lower() in IMAGE_SUFFIXES:
+        raise InputError(path, "", "is an image: a map is read from the YAML file that describes it")
     document = load_yaml(path, _MapDocument)
     image = _read_image(path, path.parent / document.image)
     extent = max(image.size) * document.resolution

@@ -159,7 +159,8 @@ def prepare(settings: LocalizationSettings, log: LidarLog | None = None) -> Loca
     start = choose_start(log, grid, given, reference, is_global=settings.is_global)
     parameters = given or (GLOBAL_PARAMETERS if start.pose is None else LOG_PARAMETERS)
     localizer = _localizer(grid, log, parameters, start, settings.seed)
-    log = replace(log, notes=(*log.notes, *(loaded.notes if loaded else ()), *start.notes))
+    loaded_notes, reference_notes = loaded.notes if loaded else (), reference.notes if reference else ()
+    log = replace(log, notes=(*log.notes, *loaded_notes, *reference_notes, *start.notes))
     return LocalizationRun(settings, grid, log, reference, localizer, is_global=start.pose is None, loaded=loaded)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +153,8 @@ def prepare(settings: MappingSettings) -> MappingRun:
     relations = None if settings.relations is None else _covered_relations(settings.relations, log)
     if settings.odometry is not None:
         log = with_odometry_file(log, settings.odometry)
+    if relations is not None:
+        log = replace(log, notes=(*log.notes, *relations.notes))
     slam, add_first = _create_slam(settings, log)
     if settings.out is not None:
         ensure_writable_folder(settings.out)
@@ -181,7 +183,12 @@ def _covered_relations(path: Path, log: LidarLog) -> Relations:
     inside = ((relations.times >= first) & (relations.times <= last)).all(axis=1)
     if not inside.any():
         raise InputError(path, "", f"has no relation within the log's time, {first:.3f} to {last:.3f} s")
-    return Relations(relations.times[inside], relations.poses[inside])
+    kept = Relations(relations.times[inside], relations.poses[inside], relations.notes)
+    total, beyond = len(relations.times), len(relations.times) - len(kept.times)
+    if not beyond:
+        return kept
+    note = f"{beyond:,} of {total:,} relations of {path} are beyond the log's time: they are left out"
+    return replace(kept, notes=(*kept.notes, note))
 
 
 def _create_slam(settings: MappingSettings, log: LidarLog) -> tuple[Slam, AddScan]:
