@@ -40,7 +40,7 @@ PUBLIC_API = {
             Agent ConditionalLearner Decision GoalAgent PolicyAgent Step run_episode
         """,
         "wherry.errors": """
-            InputError
+            InputError on_one_line
         """,
         "wherry.evaluation": """
             RelationErrors Relations absolute_trajectory_error align load_relations matching_times position_errors

@@ -10,7 +10,7 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.logs.assembly import assemble_log
-from wherry.logs.lidar_log import LidarLog
+from wherry.logs.lidar_log import MAX_RANGES, LidarLog
 from wherry.logs.mounts import find_mount
 from wherry.logs.options import ReadingOptions
 from wherry.logs.recorded import Recorded, RecordedOdometry, RecordedScan
@@ -20,7 +20,6 @@ from wherry.robot import Scan
 from wherry.space.pose import Floats, Pose
 
 SICK_RANGE_MAX = 80.0  # m, longest valid range if a log gives none; without a return, SICK lidars read 81.83 or 81.91
-MAX_RANGES = 40_000_000  # total of all scans of a log, 0.3 GB: an hour of 1,081 beams at 10 Hz
 MAX_MESSAGES = 1_500_000  # total of scans and odometry of a log, seven hours at 10 Hz and 50 Hz
 MOUNTS = ("offset", "side_offset", "angular_offset")  # ends of the names of parameters: m ahead, m to the left, rad
 FRONT, REAR = "robot_frontlaser_", "robot_rearlaser_"

@@ -9,12 +9,12 @@ import numpy as np
 
 from wherry.errors import InputError
 from wherry.logs.assembly import RecordedScan
+from wherry.logs.lidar_log import MAX_RANGES
 from wherry.logs.rejections import Rejections, joined
 from wherry.ros.bags.storage import BagTopic, OpenBag
 from wherry.ros.decoding import MessageError, decode_laser_scan
 from wherry.ros.frame_names import shown
 
-MAX_RANGES = 200_000_000  # total of all scans, 1.6 GB
 MAX_FRAMES_NAMED = 3  # frames of scans that a note lists
 MIN_NEAREST_COUNT = 100  # readings at range_min from which on they may be no measurements
 MIN_NEAREST_SHARE = 0.02  # share of readings at range_min above which they are no measurements, but not obstacles

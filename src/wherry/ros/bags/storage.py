@@ -25,7 +25,7 @@ from wherry.ros.frame_names import shown
 
 SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")  # the second one is of the old tf of ROS 1
-MAX_REASON_LENGTH = 150  # characters shown of an error of rosbags
+MAX_REASON_LENGTH = 80  # characters shown of an error of rosbags, after which a hint must fit into the line
 MAX_MESSAGE_SIZE = 100_000_000  # bytes of a message that was compressed
 REPAIRS = {ROS1_SUFFIX: "rosbag reindex", ".mcap": "mcap recover", ".db3": "sqlite3's .recover"}
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
