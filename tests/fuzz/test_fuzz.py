@@ -30,6 +30,7 @@ SOURCES = Path(wherry.__file__).parent
 READERS = {
     "documents.py": "names",
     "evaluation.py": "relations",
+    "experiments/localization/foreign_maps.py": "maps of the recorded data, copied and then read by load_map",
     "experiments/results.py": "docs/results.md, our own file",
     "files.py": "names",
     "floorplan/world_files.py": "world",

@@ -149,10 +149,11 @@ class Localizer:
         if not estimate.problem:
             estimate, agreement = self._correct_slip(estimate, agreement, ends)
             lost = self._detector.update(scan.time, agreement)
+            relocalized: tuple[Hypothesis, ...] = ()
             window_scan = WindowScan(scan.time, odometry.pose, ends, agreement, lost)
             if self._add_to_window(window_scan, is_unimodal=estimate.is_unimodal) and self._should_relocalize():
-                hypotheses = self._relocalize(beams, odometry.pose)
-            self._update_rivals(estimate, agreement, beams, odometry.pose, hypotheses)
+                hypotheses = relocalized = self._relocalize(beams, odometry.pose)
+            self._update_rivals(estimate, agreement, beams, odometry.pose, hypotheses, relocalized)
             if not hypotheses:
                 estimate, agreement, hypotheses = self._switch_to_rival(estimate, agreement, odometry.pose)
             self.fit = self.fit.with_scan(agreement)
@@ -222,8 +223,12 @@ class Localizer:
         beams: Beams,
         odometry: Pose,
         hypotheses: tuple[Hypothesis, ...],
+        relocalized: tuple[Hypothesis, ...],
     ) -> None:
         """Compare rivals with a scan; search them with its hypotheses and once more when the filter has settled."""
+        if relocalized:  # the particles are around the hypotheses from now on, not at the estimate
+            best = max(relocalized, key=lambda hypothesis: hypothesis.probability)
+            estimate, agreement = replace(estimate, pose=best.pose), best.agreement
         self._rivals.add_scan(odometry, beams.evenly_spaced(AGREEMENT_BEAMS).ends, agreement, estimate.pose)
         is_settled = estimate.is_unimodal and self._detector.probability < RELOCALIZATION_MIN_LOST_PROBABILITY
         if self._rivals.is_search_due and is_settled:
