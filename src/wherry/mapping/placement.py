@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from wherry.mapping.correlative import score_at
 from wherry.mapping.matching_grid import MatchingGrid
 from wherry.mapping.motion_noise import ODOMETRY_NOISE, MotionNoise
-from wherry.mapping.odometry_check import is_contradicted
 from wherry.mapping.point_cloud import PointCloud
 from wherry.mapping.refinement import SURFACE_RADIUS, Refinement
 from wherry.mapping.scan_matching import MIN_POINTS, SEARCH_POINTS, find_scan, track_scan
@@ -22,7 +21,7 @@ from wherry.mapping.visibility import Consistency, ScanView
 from wherry.space.pose import IDENTITY, Pose
 
 MIN_CONSISTENCY = 0.9  # share of agreeing points below which a placement is doubted
-MIN_PLAUSIBLE_CONSISTENCY = 0.75  # share below which other placements are searched for, not only refined
+MIN_PLAUSIBLE_CONSISTENCY = 0.75  # share below which the robot may have moved in any way
 MIN_GAIN = 0.1  # gain in consistency or score by which another placement is clearly better
 MIN_COMPARED = 40  # points that must be compared to contradict a prediction
 
@@ -139,9 +138,9 @@ class ScanPlacer:
         return next(rivals, first)
 
     def _rivals(self, predictions: Sequence[Prediction], first: Placement) -> Iterable[Placement]:
-        """Where other motions lead; the search for them is slow, so that a slight doubt only refines."""
+        """Where other motions lead; a search is slow, so that a slight doubt only tries the other predictions."""
         if first.match is not None and first.share >= MIN_PLAUSIBLE_CONSISTENCY:
-            yield from (self._placement(prediction, is_tracked=True) for prediction in predictions[1:])
+            yield from (self._placement(prediction, is_tracked=False) for prediction in predictions[1:])
             return
         standing = Prediction(IDENTITY, predictions[-1].noise)
         moved_in_any_way = Prediction(IDENTITY, UNKNOWN_MOTION_NOISE)
@@ -158,20 +157,11 @@ class ScanPlacer:
         return Placement(prediction, pose, match, consistency)
 
     def _is_clearly_better(self, rival: Placement, first: Placement) -> bool:
-        """Whether a placement agrees better with the scan before, or scores better and agrees as well.
-
-        A placement that the noise of odometry explains is no better than the first one, which odometry led to.
-        """
-        if not rival.is_verified or (first.prediction.is_by_odometry and not self._contradicts(rival, first)):
+        """Whether a placement agrees better with the scan before, or scores better and agrees as well."""
+        if not rival.is_verified:
             return False
         gain = rival.share - first.share
         return gain >= MIN_GAIN or (gain >= 0.0 and self._score(rival) - self._score(first) >= MIN_GAIN)
-
-    def _contradicts(self, rival: Placement, first: Placement) -> bool:
-        """Whether a placement contradicts the motion by odometry that the first one was predicted by."""
-        if rival.match is None:
-            return False
-        return is_contradicted(first.prediction.motion, rival.pose.relative_to(self.last), rival.match)
 
     def _score(self, placement: Placement) -> float:
         """Mean likelihood of the points, 0 to 1."""
