@@ -227,7 +227,9 @@ def _angles(message: LaserScanLike, on_remark: Callable[[str], None]) -> tuple[f
     span, limit = message.angle_max - start, MAX_REVOLUTION * math.tau
     if not math.isfinite(start) or abs(start) > MAX_START_ANGLE:
         raise MessageError(f"has beams from {start:g} rad on, which is not a possible angle_min")
-    has_increment = math.isfinite(increment) and increment != 0.0 and abs(increment) * (beams - 1) <= limit
+    if not math.isfinite(increment):  # a sign that the driver fails, unlike 0
+        raise MessageError("has an angle_increment that is not finite")
+    has_increment = increment != 0.0 and abs(increment) * (beams - 1) <= limit
     has_span = beams > 1 and 0.0 < abs(span) <= limit
     if has_increment and has_span:
         travel = increment * (beams - 1)
