@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wherry.logs.coverage import agree, clock_difference, covered
-from wherry.logs.recorded import RecordedOdometry, RecordedScan, trajectory_of
+from wherry.logs.recorded import RecordedOdometry, RecordedScan, received_times, trajectory_of
 from wherry.logs.timestamps import ASSUMED_SCAN_PERIOD, has_constant_stamps, increasing_times
 from wherry.space.pose import Floats
 
@@ -27,8 +27,8 @@ def with_usable_stamps(
         readings, note = _with_usable_odometry_stamps(scans, odometry)
         return scans, readings, note
     reason = f"the scans are stamped with a constant time, {float(np.median(stamps)):.6f} s"
-    received = _received(scans)
-    if not has_constant_stamps(received):
+    received = _distinct_received(scans)
+    if received is not None:
         timed = [recorded.at(float(time)) for recorded, time in zip(scans, received, strict=True)]
         readings = [reading.at(reading.received) for reading in odometry if reading.received is not None]
         return timed, readings, f"{reason}: the times at which the recorder received them are used"
@@ -46,8 +46,8 @@ def _with_usable_odometry_stamps(
     if not has_constant_stamps(stamps):
         return odometry, ""
     reason = f"odometry is stamped with a constant time, {float(np.median(stamps)):.6f} s"
-    received, received_scans = _received(odometry), _received(scans)
-    if has_constant_stamps(received) or has_constant_stamps(received_scans):
+    received, received_scans = _distinct_received(odometry), _distinct_received(scans)
+    if received is None or received_scans is None:
         return (), f"{reason}: {_alternative(scans)}"
     delay = float(np.median(np.array([recorded.scan.time for recorded in scans]) - received_scans))
     timed = [reading.at(float(time)) for reading, time in zip(odometry, received + delay, strict=True)]
@@ -88,10 +88,10 @@ def with_spread_stamps(
     return scans, odometry, note if coarse else ""
 
 
-def _received(recorded: Sequence[RecordedScan] | Sequence[RecordedOdometry]) -> Floats:
-    """Times at which the recorder received messages, [N] s; all zero if some are unknown."""
-    received = [entry.received for entry in recorded if entry.received is not None]
-    return np.array(received) if len(received) == len(recorded) else np.zeros(len(recorded))
+def _distinct_received(recorded: Sequence[RecordedScan] | Sequence[RecordedOdometry]) -> Floats | None:
+    """Times at which the recorder received messages, [N] s; None if they are unknown or constant."""
+    times = received_times(recorded)
+    return None if times is None or has_constant_stamps(times) else times
 
 
 def _alternative(scans: Sequence[RecordedScan]) -> str:

@@ -10,9 +10,9 @@ import numpy as np
 from wherry.errors import InputError
 from wherry.logs.lidar_log import MAX_JUMP
 from wherry.logs.outliers import Outliers, beam_count_outliers, jumps, stamp_outliers
-from wherry.logs.recorded import Recorded, RecordedOdometry, RecordedScan
+from wherry.logs.recorded import Recorded, RecordedOdometry, RecordedScan, received_times
 from wherry.logs.rejections import Rejections, are_too_many
-from wherry.space.pose import Floats, Pose
+from wherry.space.pose import Pose
 
 MAX_FRAME_CHANGES = 10  # lasting jumps of odometry above which it is refused
 
@@ -34,7 +34,7 @@ def kept_scans(scans: list[RecordedScan], rejections: Rejections) -> tuple[list[
         InputError: No scan has a valid range, or odometry jumps too often.
     """
     stamps = np.array([recorded.scan.time for recorded in scans])
-    scans = _kept(scans, stamp_outliers(stamps, _received(scans)), rejections)
+    scans = _kept(scans, stamp_outliers(stamps, received_times(scans)), rejections)
     scans = _kept(scans, beam_count_outliers([len(recorded.scan.ranges) for recorded in scans]), rejections)
     if not any(recorded.scan.valid.any() for recorded in scans):
         limits = f"{scans[0].scan.range_min:g} to {scans[0].scan.range_max:g} m"
@@ -56,7 +56,7 @@ def kept_odometry(
     Raises:
         InputError: Odometry jumps too often.
     """
-    outliers = stamp_outliers(np.array([reading.time for reading in odometry]), _received(odometry))
+    outliers = stamp_outliers(np.array([reading.time for reading in odometry]), received_times(odometry))
     have_poses = all(recorded.pose is not None for recorded in scans)
     if have_poses and are_too_many(len(outliers), len(odometry)):
         reason = f"the stamps of {len(outliers):,} of {len(odometry):,} readings of odometry contradict their order"
@@ -67,12 +67,6 @@ def kept_odometry(
     note = _jumps_note(rejections.source, [readings[index].name for index in changes])
     moved = [replace(reading, pose=pose) for reading, pose in zip(readings, _continued(poses, changes), strict=True)]
     return _kept(moved, outliers, rejections), note
-
-
-def _received(recorded: Sequence[RecordedScan] | Sequence[RecordedOdometry]) -> Floats | None:
-    """Times at which the recorder received all of a series, [N] s; None if some are unknown."""
-    times = [entry.received for entry in recorded if entry.received is not None]
-    return np.array(times) if len(times) == len(recorded) else None
 
 
 def _kept(recorded: Sequence[Recorded], outliers: Outliers, rejections: Rejections) -> list[Recorded]:

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from wherry.robot import Scan
-from wherry.space.pose import Pose
+from wherry.space.pose import Floats, Pose
 from wherry.space.trajectory import Trajectory
 
 
@@ -56,6 +56,12 @@ class RecordedOdometry:
 
 
 Recorded = TypeVar("Recorded", RecordedScan, RecordedOdometry)
+
+
+def received_times(recorded: Sequence[RecordedScan] | Sequence[RecordedOdometry]) -> Floats | None:
+    """Times at which the recorder received all of a series, [N] s; None if some are unknown."""
+    times = [entry.received for entry in recorded if entry.received is not None]
+    return np.array(times) if len(times) == len(recorded) else None
 
 
 def trajectory_of(poses: Sequence[tuple[float, Pose]]) -> Trajectory:
