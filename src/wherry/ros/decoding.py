@@ -85,17 +85,7 @@ def decode_pose(message: PoseLike) -> Pose:
         MessageError: A coordinate is not finite or out of bounds, or the orientation is not a unit quaternion.
     """
     x, y = _coordinate(message.position.x), _coordinate(message.position.y)
-    return Pose(x, y, _heading(message.orientation))
-
-
-def _heading(quaternion: QuaternionLike) -> float:
-    """The rotation about the z axis, rad.
-
-    Raises:
-        MessageError: As `_unit_quaternion`.
-    """
-    x, y, z, w = _unit_quaternion(quaternion)
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return Pose(x, y, RigidTransform(rotation=_unit_quaternion(message.orientation)).heading)
 
 
 def _unit_quaternion(quaternion: QuaternionLike) -> tuple[float, float, float, float]:
@@ -121,19 +111,15 @@ def decode_transform(message: TransformStampedLike) -> StampedTransform:
     """The transform in the plane; the height is dropped.
 
     Raises:
-        MessageError: The stamp or a coordinate is impossible, the rotation is not a unit quaternion, or it tilts the
-            child frame.
+        MessageError: The stamp is impossible, the rotation tilts the child frame, or as `decode_rigid_transform`.
     """
     parent, child = frames_of(message)
-    rotation, translation = message.transform.rotation, message.transform.translation
-    heading = _heading(rotation)
-    x, y, _, _ = _unit_quaternion(rotation)
-    tilt = math.acos(min(max(1.0 - 2.0 * (x**2 + y**2), -1.0), 1.0))
-    if tilt > MAX_TILT:
-        degrees = math.degrees(tilt)
+    transform = decode_rigid_transform(message)
+    if transform.tilt > MAX_TILT:
+        degrees = math.degrees(transform.tilt)
         raise MessageError(f"tilts the frame {child!r} by {degrees:.0f}°; only level frames are supported")
-    pose = Pose(_coordinate(translation.x), _coordinate(translation.y), heading)
-    return StampedTransform(parent, child, decode_stamp(message.header.stamp), pose)
+    x, y, _ = transform.translation
+    return StampedTransform(parent, child, decode_stamp(message.header.stamp), Pose(x, y, transform.heading))
 
 
 def decode_rigid_transform(message: TransformStampedLike) -> RigidTransform:

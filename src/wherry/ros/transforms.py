@@ -66,6 +66,18 @@ class RigidTransform:
         turned = _product(_product(self.rotation, (*vector, 0.0)), (-x, -y, -z, w))
         return turned[:3]
 
+    @property
+    def heading(self) -> float:
+        """Direction of the child frame's x axis in the x-y plane of the parent frame, rad."""
+        x, y, z, w = self.rotation
+        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+    @property
+    def tilt(self) -> float:
+        """Angle between the z axes of the child and the parent frame, 0 to π rad."""
+        x, y, _, _ = self.rotation
+        return math.acos(min(max(1.0 - 2.0 * (x * x + y * y), -1.0), 1.0))
+
     def difference(self, other: RigidTransform) -> tuple[float, float]:
         """Distance in the x-y plane, m, and angle, rad, between two transforms."""
         shift = math.hypot(self.translation[0] - other.translation[0], self.translation[1] - other.translation[1])
@@ -105,14 +117,11 @@ class Mount:
         Raises:
             MountError: The lidar is tilted.
         """
-        upwards = transform.rotate((0.0, 0.0, 1.0))[2]
-        tilt = math.acos(min(max(upwards, -1.0), 1.0))
-        is_upside_down = tilt > math.pi / 2.0
+        tilt = transform.tilt
         if min(tilt, math.pi - tilt) > MAX_MOUNT_TILT:
             raise MountError(f"it is tilted by {math.degrees(tilt):.0f}°, and only a level scan can be used")
-        forwards = transform.rotate((1.0, 0.0, 0.0))
         x, y, _ = transform.translation
-        return cls(Pose(x, y, math.atan2(forwards[1], forwards[0])), is_upside_down)
+        return cls(Pose(x, y, transform.heading), is_upside_down=tilt > math.pi / 2.0)
 
     def upright(self, scan: Scan) -> Scan:
         """A scan as a lidar upright at ``pose`` measures it."""
