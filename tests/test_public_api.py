@@ -121,7 +121,7 @@ PUBLIC_API = {
         """,
         "wherry.space": """
             CellFrame DistanceField GridMapper IDENTITY OccupancyGrid Pose Trajectory cast_rays
-            compose fit_cell_frame load_map load_wean_map merge_odometry relative save_csv save_kitti
+            compose fit_cell_frame load_map load_wean_map merge_odometry relative
             save_map save_trajectory save_tum wrap
         """,
         "wherry.trace": """

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wherry.errors import InputError
-from wherry.space.trajectory import Trajectory, save_csv, save_kitti, save_trajectory, save_tum
+from wherry.space.trajectory import Trajectory, save_trajectory, save_tum
 
 TIMES = np.array([1.5, 2.0])
 POSES = np.array([[1.0, -2.0, 0.0], [3.0, 4.0, math.pi / 2.0]])
@@ -39,13 +39,13 @@ def test_formats_have_the_poses_in_their_own_order(tmp_path: Path) -> None:
         "1.500000 1.000000 -2.000000 0.000000 0.000000 0.000000 0.000000 1.000000",
         f"2.000000 3.000000 4.000000 0.000000 0.000000 0.000000 {half} {half}",
     ]
-    save_csv(TRAJECTORY, tmp_path / "a")
+    save_trajectory(TRAJECTORY, tmp_path / "a", "csv")
     assert (tmp_path / "a").read_text().splitlines() == [
         "time,x,y,theta",
         "1.500000,1.000000,-2.000000,0.000000",
         "2.000000,3.000000,4.000000,1.570796",
     ]
-    save_kitti(TRAJECTORY, tmp_path / "a")
+    save_trajectory(TRAJECTORY, tmp_path / "a", "kitti")
     matrices = np.loadtxt(tmp_path / "a").reshape(2, 3, 4)
     np.testing.assert_allclose(matrices[1], [[0, -1, 0, 3], [1, 0, 0, 4], [0, 0, 1, 0]], atol=1e-9)
 

@@ -5,7 +5,7 @@ from .mapper import GridMapper
 from .occupancy import OccupancyGrid
 from .pose import IDENTITY, Pose, compose, relative, wrap
 from .raycast import cast_rays
-from .trajectory import Trajectory, merge_odometry, save_csv, save_kitti, save_trajectory, save_tum
+from .trajectory import Trajectory, merge_odometry, save_trajectory, save_tum
 from .wean_map import load_wean_map
 
 __all__ = [
@@ -23,8 +23,6 @@ __all__ = [
     "load_wean_map",
     "merge_odometry",
     "relative",
-    "save_csv",
-    "save_kitti",
     "save_map",
     "save_trajectory",
     "save_tum",

@@ -147,16 +147,6 @@ def save_tum(trajectory: Trajectory, path: str | Path) -> None:
     save_trajectory(trajectory, path, "tum")
 
 
-def save_csv(trajectory: Trajectory, path: str | Path) -> None:
-    """Write a trajectory as a table with a header, as `save_trajectory`."""
-    save_trajectory(trajectory, path, "csv")
-
-
-def save_kitti(trajectory: Trajectory, path: str | Path) -> None:
-    """Write a trajectory in KITTI format, which has no times, as `save_trajectory`."""
-    save_trajectory(trajectory, path, "kitti")
-
-
 def _extent(motions: Floats) -> Floats:
     """Extents of motions [N, 3] m, m, rad, including turns, see `HEADING_LEVER`, [N] m."""
     extent: Floats = np.hypot(motions[:, 0], motions[:, 1]) + HEADING_LEVER * np.abs(motions[:, 2])
