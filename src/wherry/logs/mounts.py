@@ -41,12 +41,12 @@ def find_mount(
     if agreed is not None and math.hypot(agreed.x, agreed.y) > MAX_DISTANCE:
         agreed = None
     if given is None and parameter is not None and math.hypot(parameter.x, parameter.y) > MAX_DISTANCE:
-        raise InputError(source, "", f"states by PARAM that the lidar is at {_text(parameter)}; {LIDAR_HINT}")
+        raise InputError(source, "", f"states by PARAM that the lidar is at {mount_text(parameter)}; {LIDAR_HINT}")
     stated = agreed if agreed is not None and not _is_equal(agreed, IDENTITY) else parameter or agreed
     if given is not None:
         if stated is None or _is_equal(stated, given):
             return given, ""
-        return given, f"the log states the lidar at {_text(stated)}: the given {_text(given)} is used"
+        return given, f"the log states the lidar at {mount_text(stated)}: the given {mount_text(given)} is used"
     if not pairs and parameter is None:
         reason = "has neither poses of the lidar nor PARAM robot_frontlaser_offset, which state where the lidar sits"
         raise InputError(source, "", f"{reason}; {LIDAR_HINT}")
@@ -54,7 +54,10 @@ def find_mount(
         reason = "the log does not state where the lidar sits, since the poses of its scans disagree on it"
         return IDENTITY, f"{reason}: the centre of the robot is assumed; {LIDAR_HINT}"
     if pairs and parameter is not None and stated is parameter and not _is_equal(stated, IDENTITY):
-        return parameter, f"the lidar is at {_text(parameter)} by the log's parameters, not by the poses of its scans"
+        return (
+            parameter,
+            f"the lidar is at {mount_text(parameter)} by the log's parameters, not by the poses of its scans",
+        )
     return stated or IDENTITY, ""
 
 
@@ -87,6 +90,6 @@ def _is_equal(mount: Pose, other: Pose) -> bool:
     return bool(np.abs(_differences(mount.as_array()[None], other.as_array())).max() <= EQUAL_MOUNTS)
 
 
-def _text(mount: Pose) -> str:
+def mount_text(mount: Pose) -> str:
     """A mount as text, in the units of the option."""
     return f"({mount.x:.3f} m, {mount.y:.3f} m, {math.degrees(mount.theta):.1f}°)"

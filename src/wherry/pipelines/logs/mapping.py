@@ -14,6 +14,7 @@ from wherry.errors import InputError
 from wherry.evaluation import RelationErrors, Relations, load_relations, relation_errors
 from wherry.files import ensure_writable_folder, remove_files, write_atomically
 from wherry.logs.lidar_log import LidarLog
+from wherry.logs.mounts import mount_text
 from wherry.logs.odometry_files import with_odometry_file
 from wherry.logs.options import DEFAULT_READING, LIDAR_HINT, ReadingOptions
 from wherry.mapping.graph_slam import GraphSlam
@@ -36,7 +37,6 @@ from wherry.ros.bags.log_recorder import LogRecorder
 from wherry.space.map_files import save_map
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import IDENTITY, Floats, Pose
-from wherry.space.trajectory import Trajectory
 from wherry.views.verdicts import doubtful_map, finished_map
 
 WARM_UP_SCANS = 30  # scans that are mapped beforehand, so that all kernels are compiled
@@ -158,7 +158,7 @@ def prepare(settings: MappingSettings) -> MappingRun:
     slam, add_first = _create_slam(settings, log)
     if settings.out is not None:
         ensure_writable_folder(settings.out)
-    return MappingRun(settings, log, relations, log.odometry, slam, add_first)
+    return MappingRun(settings, log, relations, slam, add_first)
 
 
 def _check(settings: MappingSettings) -> None:
@@ -203,7 +203,7 @@ def _create_slam(settings: MappingSettings, log: LidarLog) -> tuple[Slam, AddSca
 
 def _continued_slam(path: Path, settings: MappingSettings, log: LidarLog) -> tuple[Slam, AddScan]:
     """As `_create_slam`, on the map of a saved pose graph."""
-    snapshot, scan = load_graph(path), log.scans[0]
+    snapshot, scan = load_graph(path), log.deskewed(0)
     if snapshot.tracking is not None and scan.time <= snapshot.tracking.time:
         times = f"taken at {scan.time:.3f} s, but the graph ends at {snapshot.tracking.time:.3f} s"
         raise InputError(settings.log, "first scan", f"time runs backwards: {times}")
@@ -225,17 +225,12 @@ def _check_continued(snapshot: GraphSnapshot, settings: MappingSettings, log: Li
     """Raise an `InputError` if the log's lidar or the resolution differs from that of a saved graph, which is used."""
     difference = log.lidar.relative_to(snapshot.lidar)
     if math.hypot(difference.x, difference.y) > EQUAL_DISTANCE or abs(difference.theta) > EQUAL_ANGLE:
-        reason = f"has the lidar at {_mount(log.lidar)}, but the graph at {_mount(snapshot.lidar)}"
+        reason = f"has the lidar at {mount_text(log.lidar)}, but the graph at {mount_text(snapshot.lidar)}"
         raise InputError(settings.log, "lidar", f"{reason}; {LIDAR_HINT}")
     resolution = snapshot.settings.resolution
     if settings.resolution not in (DEFAULT_RESOLUTION, resolution):
         reason = f"cannot be changed by --continue: the graph's is {resolution:g} m"
         raise InputError("--resolution", str(settings.resolution), reason)
-
-
-def _mount(lidar: Pose) -> str:
-    """The pose of a lidar in the units of the option."""
-    return f"({lidar.x:.3f} m, {lidar.y:.3f} m, {math.degrees(lidar.theta):.1f}°)"
 
 
 class MappingRun:
@@ -245,7 +240,6 @@ class MappingRun:
         settings: Settings of the run.
         log: The log.
         relations: True relations to score the trajectory by; None for no score.
-        odometry: Odometry to interpolate poses with.
         slam: The SLAM method.
         add_first: Adds the log's first scan to the method.
 
@@ -264,7 +258,6 @@ class MappingRun:
         settings: MappingSettings,
         log: LidarLog,
         relations: Relations | None,
-        odometry: Trajectory,
         slam: Slam,
         add_first: AddScan,
     ) -> None:
@@ -274,7 +267,6 @@ class MappingRun:
         self.pose = IDENTITY
         self._add_first = add_first
         self._relations = relations
-        self._odometry = odometry if len(odometry.times) > 1 else None
         self._result: MappingResult | None = None
 
     @property
@@ -312,9 +304,8 @@ class MappingRun:
         before = time.process_time()
         self.slam.finish()
         self.grid = self.slam.grid()
-        seconds = (
-            float(taken.sum()) + time.process_time() - before
-        )  # excludes the time that callers spend between steps
+        # The time that callers spend between steps does not count.
+        seconds = float(taken.sum()) + time.process_time() - before
         self._result = self._scored(taken * 1e3, seconds)
         if self.settings.out is not None:
             self.save(self.settings.out)
@@ -335,7 +326,8 @@ class MappingRun:
         """The metrics, given the processor times of all scans [N] ms and of the whole mapping, s."""
         errors: RelationErrors | None = None
         if self._relations is not None:
-            errors = relation_errors(self.slam.trajectory, self._relations, self._odometry)
+            odometry = self.log.odometry if len(self.log.odometry.times) > 1 else None
+            errors = relation_errors(self.slam.trajectory, self._relations, odometry)
         far = errors.far_translational_error_m if errors and math.isfinite(errors.far_translational_error_m) else None
         closures = self.slam.loop_closures
         accepted = sum(closure.is_accepted for closure in closures)

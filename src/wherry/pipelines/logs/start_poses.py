@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,7 @@ from wherry.localization.refinement import match_scan
 from wherry.localization.sensor import valid_beams
 from wherry.logs.lidar_log import LidarLog
 from wherry.pipelines.logs.reference import Reference
+from wherry.pipelines.logs.verdicts import pose_text
 from wherry.space.distance_field import DistanceField
 from wherry.space.occupancy import OccupancyGrid
 from wherry.space.pose import Floats, Pose
@@ -68,7 +68,7 @@ def choose_start(
         pose = _first_pose(log, reference)
         if check.fits(pose, KNOWN_START_COVARIANCE):
             return Start(pose, is_from_reference=True)
-        lead = f"The first scans do not fit the map at the reference's first pose {_text(pose)}"
+        lead = f"The first scans do not fit the map at the reference's first pose ({pose_text(pose)})"
         return Start(None, notes=(f"{lead}, which may be in another frame: the whole map is searched for the start.",))
     else:
         pose, source = (parameters or LOG_PARAMETERS).initial_pose, "the map's origin, as no start pose is given"
@@ -78,7 +78,7 @@ def choose_start(
     if fits and parameters is not None and parameters.set_initial_pose:
         return Start(pose)
     doubt = "" if fits else f". The first scans do not fit the map there{hint}"
-    return Start(pose, notes=(f"Localization starts at {_text(pose)}, {source}{doubt}.",))
+    return Start(pose, notes=(f"Localization starts at ({pose_text(pose)}), {source}{doubt}.",))
 
 
 class StartCheck:
@@ -115,8 +115,3 @@ def _first_pose(log: LidarLog, reference: Reference) -> Pose:
     if odometry is None or first is None:
         raise ValueError("a scan has no odometry")
     return pose @ first.pose.relative_to(odometry.pose)
-
-
-def _text(pose: Pose) -> str:
-    """A pose in words."""
-    return f"(x {pose.x:.2f} m, y {pose.y:.2f} m, {math.degrees(pose.theta):.0f}°)"

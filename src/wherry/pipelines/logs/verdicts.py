@@ -65,7 +65,7 @@ def localization_verdict(drive: DriveFit, last: Localization, *, is_global: bool
     if rivals:
         poses = [last.pose, *(Pose(*rival.pose) for rival in rivals)]
         more = f" and {len(poses) - MAX_LISTED} more" if len(poses) > MAX_LISTED else ""
-        listed = ", ".join(map(_text, poses[:MAX_LISTED])) + more
+        listed = ", ".join(map(pose_text, poses[:MAX_LISTED])) + more
         return f"{fits}, but {len(poses)} poses fit equally: {listed}."
     lost = lost_probability(drive, last)
     if last.lost_probability > LOST_PROBABILITY_THRESHOLD:
@@ -105,6 +105,6 @@ def _doubt(drive: DriveFit) -> str:
     return f"and odometry and scans agree with it over {drive.longest:.1f} of {drive.distance:.1f} m at most"
 
 
-def _text(pose: Pose) -> str:
-    """A pose in words."""
+def pose_text(pose: Pose) -> str:
+    """A pose as text, m, m, degrees."""
     return f"x {pose.x:.2f} m, y {pose.y:.2f} m, {math.degrees(pose.theta):.0f}°"
