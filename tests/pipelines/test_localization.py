@@ -233,8 +233,8 @@ def test_two_poses_that_fit_equally_are_said(files: LocalizationSettings, tmp_pa
     assert "2 poses fit equally: x " in result.verdict
     centre = grid.origin @ Pose(3.0, 2.0)
     turned = centre @ Pose(theta=math.pi) @ centre.inverse @ Pose(*result.final_pose)
-    assert turned.distance_to(Pose(*result.rival_poses[0].pose)) < 0.1
-    assert json.loads(json.dumps(result.as_dict()))["rival_poses"][0]["odds"] == pytest.approx(1.0, abs=0.3)
+    assert turned.distance_to(Pose(*result.alternative_poses[0].pose)) < 0.1
+    assert json.loads(json.dumps(result.as_dict()))["alternative_poses"][0]["odds"] == pytest.approx(1.0, abs=0.3)
 
 
 def moved_reference(files: LocalizationSettings, folder: Path, frame: Pose) -> Path:

@@ -52,7 +52,7 @@ def test_a_pose_a_fraction_and_names_are_formatted() -> None:
         "final_pose": (1.24, -0.8441, -2.854),
         "lost_fraction": 0.0125,
         "unknown_parameters": (),
-        "rival_poses": ({"pose": (3.0, 0.5, 0.0), "odds": 0.5},),
+        "alternative_poses": ({"pose": (3.0, 0.5, 0.0), "odds": 0.5},),
         "particles_mean": 1999.96,
     }
     assert dict(format_metrics(metrics, LOCALIZATION_METRICS)) == {

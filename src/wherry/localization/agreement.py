@@ -20,6 +20,7 @@ from wherry.localization.sensor import trace_ray
 from wherry.space.distance_field import DistanceField
 from wherry.space.pose import Floats, Pose
 
+INDEPENDENT_DISTANCE, INDEPENDENT_ANGLE = 0.5, 0.5  # m, rad, motions from which scans count as independent
 INLIER_MAX_DISTANCE = 0.15  # m, distance of an inlier's end from the nearest obstacle
 PASS_MIN_CLEARANCE = 0.3  # m, distance from all obstacles beyond which a beam has left the obstacle that it entered
 SIGMA = 0.1  # m, standard deviation of the beam ends around the obstacles

@@ -19,11 +19,10 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from wherry.localization.agreement import ScanAgreement
+from wherry.localization.agreement import INDEPENDENT_ANGLE, INDEPENDENT_DISTANCE, ScanAgreement
 from wherry.localization.fit import MIN_COVERAGE, MIN_FIT, MapFit
 from wherry.space.pose import Pose
 
-KEY_DISTANCE, KEY_ANGLE = 0.5, 0.5  # m and rad driven, from which scans count as independent
 WINDOW = 3  # independent scans that together must fit the map
 JUMP_DISTANCE, JUMP_PER_DISTANCE = 0.3, 0.2  # m and m/m, difference from odometry above which the estimate jumped
 SHORT_DRIVE = 20.0  # m driven, below which a drive may be too short to tell the right map from another
@@ -109,8 +108,8 @@ class DriveFit:
         fit = MapFit()
         for scan in scans:
             fit = fit.with_scan(scan.agreement)
-        keys = list(_keys(scans))
-        return cls(fit, keys[-1].driven, max(_stretches(keys)))
+        independent = list(_independent_scans(scans))
+        return cls(fit, independent[-1].driven, max(_stretches(independent)))
 
     @property
     def features(self) -> MapFeatures:
@@ -136,7 +135,7 @@ def fits_map(drive: DriveFit) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class _Key:
+class _IndependentScan:
     """An independent scan, with those that follow it until the next one.
 
     Attributes:
@@ -152,41 +151,41 @@ class _Key:
     fit: MapFit
 
 
-def _keys(scans: Sequence[DrivenScan]) -> Iterator[_Key]:
+def _independent_scans(scans: Sequence[DrivenScan]) -> Iterator[_IndependentScan]:
     """The independent scans of a drive; the last one is repeated at the drive's end."""
-    key = _Key(scans[0], 0.0, 0.0, MapFit().with_scan(scans[0].agreement))
+    current = _IndependentScan(scans[0], 0.0, 0.0, MapFit().with_scan(scans[0].agreement))
     last, driven, turned = scans[0].odometry, 0.0, 0.0
     for scan in scans[1:]:
         motion = scan.odometry.relative_to(last)
         last, driven, turned = scan.odometry, driven + math.hypot(motion.x, motion.y), turned + abs(motion.theta)
-        if driven - key.driven >= KEY_DISTANCE or turned - key.turned >= KEY_ANGLE:
-            yield key
-            key = _Key(scan, driven, turned, MapFit())
-        key = _Key(key.scan, key.driven, key.turned, key.fit.with_scan(scan.agreement))
-    yield key
+        if driven - current.driven >= INDEPENDENT_DISTANCE or turned - current.turned >= INDEPENDENT_ANGLE:
+            yield current
+            current = _IndependentScan(scan, driven, turned, MapFit())
+        current = _IndependentScan(current.scan, current.driven, current.turned, current.fit.with_scan(scan.agreement))
+    yield current
 
 
-def _stretches(keys: Sequence[_Key]) -> Iterator[float]:
+def _stretches(independent: Sequence[_IndependentScan]) -> Iterator[float]:
     """Lengths of the consistent stretches, m."""
-    stretch: list[_Key] = []
-    for key in keys:
-        window = [*stretch[1 - WINDOW :], key]
+    stretch: list[_IndependentScan] = []
+    for current in independent:
+        window = [*stretch[1 - WINDOW :], current]
         contradicts = len(window) == WINDOW and not _mean(window).is_fitting
-        if stretch and (contradicts or _jumped(stretch[-1], key)):
+        if stretch and (contradicts or _jumped(stretch[-1], current)):
             yield _length(stretch)
             stretch = []
-        stretch.append(key)
+        stretch.append(current)
     yield _length(stretch)
 
 
-def _length(stretch: Sequence[_Key]) -> float:
+def _length(stretch: Sequence[_IndependentScan]) -> float:
     """Distance driven in a stretch, m; 0 if its scans do not fit the map."""
     return stretch[-1].driven - stretch[0].driven if _mean(stretch).is_fitting else 0.0
 
 
-def _mean(keys: Sequence[_Key]) -> MapFit:
+def _mean(independent: Sequence[_IndependentScan]) -> MapFit:
     """The fit of independent scans of equal weight."""
-    fits = [key.fit for key in keys if key.fit.scans]
+    fits = [current.fit for current in independent if current.fit.scans]
     return MapFit(
         inliers=sum(fit.inliers / fit.scans for fit in fits),
         blocked=sum(fit.blocked / fit.scans for fit in fits),
@@ -195,7 +194,7 @@ def _mean(keys: Sequence[_Key]) -> MapFit:
     )
 
 
-def _jumped(before: _Key, after: _Key) -> bool:
+def _jumped(before: _IndependentScan, after: _IndependentScan) -> bool:
     """Whether the estimate moved otherwise than odometry from one independent scan to the next."""
     moved = after.scan.pose.relative_to(before.scan.pose)
     error = moved.relative_to(after.scan.odometry.relative_to(before.scan.odometry))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wherry.localization.agreement import ScanAgreement, ScanComparison
+from wherry.localization.alternatives import Alternative, Alternatives
 from wherry.localization.amcl import Amcl
 from wherry.localization.estimation import PoseEstimate
 from wherry.localization.fit import MapFit
@@ -14,7 +15,6 @@ from wherry.localization.initialization import PoseMode
 from wherry.localization.lost import LostDetector
 from wherry.localization.parameters import AmclParameters
 from wherry.localization.relocalization import Hypothesis, Relocalizer
-from wherry.localization.rivals import Rival, Rivals
 from wherry.localization.scan_window import ScanWindow, WindowScan
 from wherry.localization.sensor import Beams, valid_beams
 from wherry.localization.slip import SLIP_MIN_GAIN, SLIP_MIN_Z_SCORE, match_after_slip
@@ -55,15 +55,15 @@ class Localization:
         lost_probability: Probability that the robot is not where the estimate says, 0 to 1.
         agreement: Agreement of the scan with the map at the estimated pose.
         hypotheses: Hypotheses around which the particles were redrawn at this scan; empty if they were not.
-        rivals: Other poses that agree with the scans so far, the most probable first.
-        tracking_lost_probability: As ``lost_probability``, but given that none of the rivals is right.
+        alternatives: Other poses that agree with the scans so far, the most probable first.
+        tracking_lost_probability: As ``lost_probability``, but given that none of the alternatives is right.
     """
 
     estimate: PoseEstimate
     lost_probability: float
     agreement: ScanAgreement
     hypotheses: tuple[Hypothesis, ...] = ()
-    rivals: tuple[Rival, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
     tracking_lost_probability: float = 0.0
 
     @property
@@ -109,7 +109,7 @@ class Localizer:
         self._relocalizer = Relocalizer(grid, lidar, parameters)
         self._detector = LostDetector()
         self._window = ScanWindow()
-        self._rivals = Rivals(self._comparison)
+        self._alternatives = Alternatives(self._comparison)
         self._schedule = SearchSchedule()
         self.fit = MapFit()
         self._needs_global_search = False
@@ -153,9 +153,9 @@ class Localizer:
             window_scan = WindowScan(scan.time, odometry.pose, ends, agreement, lost)
             if self._add_to_window(window_scan, is_unimodal=estimate.is_unimodal) and self._should_relocalize():
                 hypotheses = relocalized = self._relocalize(beams, odometry.pose)
-            self._update_rivals(estimate, agreement, beams, odometry.pose, hypotheses, relocalized)
+            self._update_alternatives(estimate, agreement, beams, odometry.pose, hypotheses, relocalized)
             if not hypotheses:
-                estimate, agreement, hypotheses = self._switch_to_rival(estimate, agreement, odometry.pose)
+                estimate, agreement, hypotheses = self._switch_to_alternative(estimate, agreement, odometry.pose)
             self.fit = self.fit.with_scan(agreement)
         return self._localization(estimate, lost, agreement, hypotheses, odometry.pose)
 
@@ -169,15 +169,15 @@ class Localizer:
     ) -> Localization:
         """The estimate with the probabilities that the robot is elsewhere."""
         tracking = 1.0 - estimate.weight * (1.0 - lost)
-        overall = 1.0 - min(estimate.weight, 1.0 - self._rivals.probability) * (1.0 - lost)
-        rivals = self._rivals.at(odometry)
-        return Localization(estimate, _clipped(overall), agreement, hypotheses, rivals, _clipped(tracking))
+        overall = 1.0 - min(estimate.weight, 1.0 - self._alternatives.probability) * (1.0 - lost)
+        alternatives = self._alternatives.at(odometry)
+        return Localization(estimate, _clipped(overall), agreement, hypotheses, alternatives, _clipped(tracking))
 
     def _restart(self, *, is_global: bool) -> None:
         """Forget all scans; a map of which nothing is known is searched with the next one."""
         self._detector.reset()
         self._window.clear()
-        self._rivals.restart(is_global=is_global)
+        self._alternatives.restart(is_global=is_global)
         self._needs_global_search = is_global
         self.fit = MapFit()
 
@@ -216,7 +216,7 @@ class Localizer:
             self._needs_global_search = False
         return found.hypotheses
 
-    def _update_rivals(
+    def _update_alternatives(
         self,
         estimate: PoseEstimate,
         agreement: ScanAgreement,
@@ -225,28 +225,28 @@ class Localizer:
         hypotheses: tuple[Hypothesis, ...],
         relocalized: tuple[Hypothesis, ...],
     ) -> None:
-        """Compare rivals with a scan; search them with its hypotheses and once more when the filter has settled."""
+        """Compare alternatives with a scan; add its hypotheses, and search once more when the filter has settled."""
         if relocalized:  # the particles are around the hypotheses from now on, not at the estimate
             best = max(relocalized, key=lambda hypothesis: hypothesis.probability)
             estimate, agreement = replace(estimate, pose=best.pose), best.agreement
-        self._rivals.add_scan(odometry, beams.evenly_spaced(AGREEMENT_BEAMS).ends, agreement, estimate.pose)
+        self._alternatives.add_scan(odometry, beams.evenly_spaced(AGREEMENT_BEAMS).ends, agreement, estimate.pose)
         is_settled = estimate.is_unimodal and self._detector.probability < RELOCALIZATION_MIN_LOST_PROBABILITY
-        if self._rivals.is_search_due and is_settled:
+        if self._alternatives.is_search_due and is_settled:
             hypotheses = self._relocalizer.search_beams(beams).hypotheses
         if hypotheses:
-            self._rivals.add_hypotheses(hypotheses, odometry, estimate.pose)
+            self._alternatives.add_hypotheses(hypotheses, odometry, estimate.pose)
 
-    def _switch_to_rival(
+    def _switch_to_alternative(
         self, estimate: PoseEstimate, agreement: ScanAgreement, odometry: Pose
     ) -> tuple[PoseEstimate, ScanAgreement, tuple[Hypothesis, ...]]:
-        """Replace the estimate by a rival that is almost certain, and redraw the particles around it."""
-        best = self._rivals.successor(odometry)
+        """Replace the estimate by an alternative that is almost certain, and redraw the particles around it."""
+        best = self._alternatives.successor(odometry)
         if best is None or not self._is_inlier(best.agreement):
             return estimate, agreement, ()
-        probability = self._rivals.probability_of(best)
+        probability = self._alternatives.probability_of(best)
         hypothesis = Hypothesis(best.pose, best.covariance, probability, best.agreement)
         self.amcl.initialize_modes(_modes((hypothesis,)), prior_weight=1.0 - probability)
-        self._rivals.swap(best, estimate.pose, estimate.covariance, odometry, agreement)
+        self._alternatives.swap(best, estimate.pose, estimate.covariance, odometry, agreement)
         self._detector.reset()
         return replace(estimate, pose=best.pose), best.agreement, (hypothesis,)
 
@@ -262,7 +262,7 @@ class Localizer:
         """
         is_diverged = (
             self._detector.probability > LOST_WINDOW_PROBABILITY
-            and self._rivals.independent_scans >= DIVERGED_MIN_SCANS
+            and self._alternatives.independent_scans >= DIVERGED_MIN_SCANS
         )
         if self._max_lost_probability < WINDOW_MIN_LOST_PROBABILITY or not (is_unimodal or is_diverged):
             self._window.clear()
@@ -290,7 +290,7 @@ class Localizer:
             self._detector.reset()
             self._window.clear()
             self._schedule = SearchSchedule()
-            self._rivals.restart(is_global=True)
+            self._alternatives.restart(is_global=True)
         return better
 
     @property

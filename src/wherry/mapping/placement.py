@@ -134,10 +134,10 @@ class ScanPlacer:
         first = self._placement(predictions[0], is_tracked=is_tracked)
         if first.is_consistent or len(self.cloud.points) < MIN_POINTS or self.grid.is_empty:
             return first
-        rivals = (rival for rival in self._rivals(predictions, first) if self._is_clearly_better(rival, first))
-        return next(rivals, first)
+        others = self._alternatives(predictions, first)
+        return next((other for other in others if self._is_clearly_better(other, first)), first)
 
-    def _rivals(self, predictions: Sequence[Prediction], first: Placement) -> Iterable[Placement]:
+    def _alternatives(self, predictions: Sequence[Prediction], first: Placement) -> Iterable[Placement]:
         """Where other motions lead; a search is slow, so that a slight doubt only tries the other predictions."""
         if first.match is not None and first.share >= MIN_PLAUSIBLE_CONSISTENCY:
             yield from (self._placement(prediction, is_tracked=False) for prediction in predictions[1:])
@@ -156,12 +156,12 @@ class ScanPlacer:
         consistency = self.reference.view.consistency(self.view, pose.relative_to(self.reference.pose))
         return Placement(prediction, pose, match, consistency)
 
-    def _is_clearly_better(self, rival: Placement, first: Placement) -> bool:
+    def _is_clearly_better(self, alternative: Placement, first: Placement) -> bool:
         """Whether a placement agrees better with the scan before, or scores better and agrees as well."""
-        if not rival.is_verified:
+        if not alternative.is_verified:
             return False
-        gain = rival.share - first.share
-        return gain >= MIN_GAIN or (gain >= 0.0 and self._score(rival) - self._score(first) >= MIN_GAIN)
+        gain = alternative.share - first.share
+        return gain >= MIN_GAIN or (gain >= 0.0 and self._score(alternative) - self._score(first) >= MIN_GAIN)
 
     def _score(self, placement: Placement) -> float:
         """Mean likelihood of the points, 0 to 1."""

@@ -84,9 +84,9 @@ def pose(value: tuple[float, float, float]) -> str:
     return f"x {x:.2f} m, y {y:.2f} m, heading {math.degrees(theta):.0f}°"
 
 
-def rivals(value: Sequence[Mapping[str, Any]]) -> str:
+def alternatives(value: Sequence[Mapping[str, Any]]) -> str:
     """Format other poses, each with its odds against the estimated one."""
-    return "; ".join(f"{pose(rival['pose'])} (odds {rival['odds']:.2g})" for rival in value) or "none"
+    return "; ".join(f"{pose(alternative['pose'])} (odds {alternative['odds']:.2g})" for alternative in value) or "none"
 
 
 def names(value: tuple[str, ...]) -> str:
@@ -134,7 +134,7 @@ LOCALIZATION_METRICS: MetricLabels = {
     "lost_fraction": ("scans at which the robot was probably lost", percent),
     "relocalizations": ("relocalizations", count),
     "final_pose": ("final pose", pose),
-    "rival_poses": ("other poses that fit as well", rivals),
+    "alternative_poses": ("other poses that fit as well", alternatives),
     "particles_mean": ("particles (mean)", count),
     "ms_per_update_median": ("time per update (median)", milliseconds),
     "unknown_parameters": ("unknown parameters", names),

@@ -33,7 +33,7 @@ from wherry.pipelines.logs.pictures import draw_localization
 from wherry.pipelines.logs.reading import read_recording
 from wherry.pipelines.logs.reference import Reference, ReferenceErrors, read_reference
 from wherry.pipelines.logs.start_poses import Start, choose_start
-from wherry.pipelines.logs.verdicts import RivalPose, localization_verdict, lost_probability, rival_poses
+from wherry.pipelines.logs.verdicts import AlternativePose, alternative_poses, localization_verdict, lost_probability
 from wherry.robot import Odometry
 from wherry.space.map_files import load_map
 from wherry.space.occupancy import OccupancyGrid
@@ -87,7 +87,7 @@ class LocalizationResult(ReferenceErrors):
             map, m.
         lost_probability: Probability at the last scan that the robot is not at the final pose, 0 to 1, which includes
             the doubt about the map; 1 if the scans do not fit it.
-        rival_poses: Other poses at the last scan that the whole run fits, the most probable first.
+        alternative_poses: Other poses at the last scan that the whole run fits, the most probable first.
         lost_fraction: Fraction of the scans at which the robot was reported lost.
         final_pose: Last estimated pose of base_link, x m, y m, θ rad, map frame.
         ms_per_update_median: Median time of a filter update, ms.
@@ -106,7 +106,7 @@ class LocalizationResult(ReferenceErrors):
     map_probability: float = 0.0
     consistent_m: float = 0.0
     lost_probability: float = 1.0
-    rival_poses: tuple[RivalPose, ...] = ()
+    alternative_poses: tuple[AlternativePose, ...] = ()
     lost_fraction: float = 1.0
     final_pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ms_per_update_median: float = 0.0
@@ -330,7 +330,7 @@ class LocalizationRun:
             map_probability=drive.map_probability,
             consistent_m=drive.longest,
             lost_probability=lost_probability(drive, last),
-            rival_poses=rival_poses(last),
+            alternative_poses=alternative_poses(last),
             lost_fraction=float(np.mean(self.lost_probabilities > LOST_PROBABILITY_THRESHOLD)),
             final_pose=(x, y, theta),
             ms_per_update_median=1e3 * float(np.median(updates)) if updates else 0.0,

@@ -11,13 +11,13 @@ from wherry.localization.parameters import LOST_PROBABILITY_THRESHOLD
 from wherry.space.pose import Pose
 
 GOOD_FIT = 0.85  # fit from which a map agrees with the scans in all parts
-EQUAL_MIN_ODDS = 0.25  # odds of a rival against the estimate from which both are reported as fitting equally
+EQUAL_MIN_ODDS = 0.25  # odds of an alternative against the estimate from which both are reported as fitting equally
 MAX_LISTED = 3  # poses that are listed
 SURE_MAP_PROBABILITY = 0.95  # probability of the map being right from which it is not doubted
 
 
 @dataclass(frozen=True, slots=True)
-class RivalPose:
+class AlternativePose:
     """Another pose at the last scan that the run fits.
 
     Attributes:
@@ -29,14 +29,14 @@ class RivalPose:
     odds: float
 
 
-def rival_poses(localization: Localization) -> tuple[RivalPose, ...]:
+def alternative_poses(localization: Localization) -> tuple[AlternativePose, ...]:
     """The poses that the run fits about as well as the estimated one, the most probable first."""
     found = []
-    for rival in localization.rivals:
-        odds = math.exp(rival.log_odds)
+    for alternative in localization.alternatives:
+        odds = math.exp(alternative.log_odds)
         if odds >= EQUAL_MIN_ODDS:
-            x, y, theta = rival.pose.as_array().tolist()
-            found.append(RivalPose((x, y, theta), odds))
+            x, y, theta = alternative.pose.as_array().tolist()
+            found.append(AlternativePose((x, y, theta), odds))
     return tuple(found)
 
 
@@ -61,9 +61,9 @@ def localization_verdict(drive: DriveFit, last: Localization, *, is_global: bool
     if not fits_map(drive):
         return f"These scans do not fit this map: {_contradiction(drive)}.{_hint(drive, is_global=is_global)}"
     fits = f"The scans fit the map{_reservation(drive)}"
-    rivals = rival_poses(last)
-    if rivals:
-        poses = [last.pose, *(Pose(*rival.pose) for rival in rivals)]
+    alternatives = alternative_poses(last)
+    if alternatives:
+        poses = [last.pose, *(Pose(*alternative.pose) for alternative in alternatives)]
         more = f" and {len(poses) - MAX_LISTED} more" if len(poses) > MAX_LISTED else ""
         listed = ", ".join(map(pose_text, poses[:MAX_LISTED])) + more
         return f"{fits}, but {len(poses)} poses fit equally: {listed}."

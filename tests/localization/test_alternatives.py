@@ -1,4 +1,4 @@
-"""Rival poses: remembered in a symmetric room, and dropped as soon as the room is not symmetric."""
+"""Alternative poses: remembered in a symmetric room, and dropped as soon as the room is not symmetric."""
 
 from __future__ import annotations
 
@@ -56,8 +56,10 @@ def test_both_poses_in_a_symmetric_room_are_equally_probable(seed: int) -> None:
     candidates = (path[-1], HALF_TURN @ path[-1])
     assert last.lost_probability == pytest.approx(0.5, abs=0.05)
     assert last.tracking_lost_probability < 0.1
-    assert len(last.rivals) == 1
-    assert sorted([last.pose.x, last.rivals[0].pose.x]) == pytest.approx(sorted(p.x for p in candidates), abs=0.05)
+    assert len(last.alternatives) == 1
+    assert sorted([last.pose.x, last.alternatives[0].pose.x]) == pytest.approx(
+        sorted(p.x for p in candidates), abs=0.05
+    )
     assert all(0.4 < one.lost_probability < 0.8 for one in found[20:])
 
 
@@ -67,7 +69,7 @@ def test_a_room_that_is_not_symmetric_leaves_one_pose(seed: int) -> None:
     localizer, found = localize_globally(room(is_symmetric=False), path, seed)
     assert found[-1].pose.distance_to(path[-1]) < 0.05
     assert found[-1].lost_probability < 0.05
-    assert not found[-1].rivals
+    assert not found[-1].alternatives
     assert localizer.fit.value > 0.95
 
 
@@ -88,4 +90,4 @@ def test_a_known_start_in_a_symmetric_room_is_not_doubted() -> None:
         last = localizer.update(Odometry(0.5 * index, pose, Velocity()), scan)
     assert last.pose.distance_to(path[-1]) < 0.05
     assert last.lost_probability < 0.05
-    assert not last.rivals
+    assert not last.alternatives
