@@ -11,7 +11,6 @@ import pytest
 
 from wherry.errors import InputError
 from wherry.logs.lidar_log import LidarLog
-from wherry.logs.options import ReadingOptions
 from wherry.robot import Odometry, Scan, Velocity
 from wherry.ros.bags.reading import read_bag
 from wherry.ros.bags.recorded_transport import RecordedTransport
@@ -25,7 +24,7 @@ from wherry_testing.bus import Bus
 from wherry_testing.recorded_drives import record_drive
 
 pytest.importorskip("rosbags", reason="the rosbags package is not installed")
-from wherry_testing.recorded_bags import KINDS, OLD_TF, Link, SmallBag, link, quaternion
+from wherry_testing.recorded_bags import KINDS, OLD_TF, Link, SmallBag, link, quaternion, read_back
 
 HALF_TURN = quaternion(yaw=math.pi)
 QUARTER_TURN = quaternion(yaw=math.pi / 2)
@@ -36,12 +35,6 @@ TARGET = np.array([2.0, 1.0])  # m, base_link frame; a point that the lidar sees
 @pytest.fixture(params=KINDS)
 def bag(request: pytest.FixtureRequest) -> SmallBag:
     return SmallBag(request.param)
-
-
-def read(bag: SmallBag, folder: Path, **options: object) -> LidarLog:
-    """Write a bag and read it again."""
-    folder.mkdir(exist_ok=True)
-    return read_bag(bag.write(folder / f"run{'.bag' * (bag.kind == 'ros1')}"), ReadingOptions(**options))  # type: ignore[arg-type]
 
 
 def assert_lidar(log: LidarLog, x: float, y: float, theta: float) -> None:
@@ -59,16 +52,16 @@ def test_an_unusable_rotation_without_which_the_mount_is_unknown_names_the_optio
     bag.transforms([*links[:-1], (parent, child, place, (0.0, 0.0, 0.0, 0.0))]).drive().scan()
     expected = r"/tf_static, message 1: has the orientation \(0, 0, 0, 0\).*; --lidar x,y,theta states"
     with pytest.raises(InputError, match=expected):
-        read(bag, tmp_path, lenient=lenient)
-    assert_lidar(read(bag, tmp_path / "stated", lidar=Pose(0.2, 0.0)), 0.2, 0.0, 0.0)
+        read_back(bag, tmp_path, lenient=lenient)
+    assert_lidar(read_back(bag, tmp_path / "stated", lidar=Pose(0.2, 0.0)), 0.2, 0.0, 0.0)
 
 
 def test_scans_of_a_tilted_lidar_name_the_option_that_chooses_others(bag: SmallBag, tmp_path: Path) -> None:
     bag.transforms([link("base_link", "tilting", 0.2, rotation=quaternion(pitch=0.5)), link("base_link", "laser", 0.2)])
     bag.drive().scan(topic="/tilt", frame="tilting").scan(2.0, topic="/tilt", frame="tilting").scan(topic="/low")
     with pytest.raises(InputError, match=r"tilted by 29°.*; --lidar x,y,theta .*, --scan-topic chooses other scans"):
-        read(bag, tmp_path)
-    assert_lidar(read(bag, tmp_path / "low", scan_topic="/low"), 0.2, 0.0, 0.0)
+        read_back(bag, tmp_path)
+    assert_lidar(read_back(bag, tmp_path / "low", scan_topic="/low"), 0.2, 0.0, 0.0)
 
 
 def test_scans_of_an_unknown_lidar_name_the_option_that_chooses_others(bag: SmallBag, tmp_path: Path) -> None:
@@ -76,8 +69,8 @@ def test_scans_of_an_unknown_lidar_name_the_option_that_chooses_others(bag: Smal
     bag.scan(topic="/rear", frame="rear").scan(2.0, topic="/rear", frame="rear")
     bag.scan(topic="/front", frame="front")
     with pytest.raises(InputError, match=r"unknown; --lidar x,y,theta .*, --scan-topic chooses other scans"):
-        read(bag, tmp_path)
-    assert_lidar(read(bag, tmp_path / "front", scan_topic="/front"), 0.2, 0.0, 0.0)
+        read_back(bag, tmp_path)
+    assert_lidar(read_back(bag, tmp_path / "front", scan_topic="/front"), 0.2, 0.0, 0.0)
 
 
 # ---- chains
@@ -103,30 +96,30 @@ def test_scans_of_an_unknown_lidar_name_the_option_that_chooses_others(bag: Smal
 def test_the_chain_from_base_link_to_the_lidar_is_followed(
     bag: SmallBag, tmp_path: Path, links: list[Link], expected: tuple[float, float, float]
 ) -> None:
-    log = read(bag.drive().transforms(links).scan(), tmp_path)
+    log = read_back(bag.drive().transforms(links).scan(), tmp_path)
     assert_lidar(log, *expected)
 
 
 def test_the_base_frame_is_that_of_odometry(bag: SmallBag, tmp_path: Path) -> None:
     links = [link("chassis", "laser", 0.3), link("base_link", "chassis", 1.0)]
-    assert_lidar(read(bag.drive(child="chassis").transforms(links).scan(), tmp_path), 0.3, 0.0, 0.0)
+    assert_lidar(read_back(bag.drive(child="chassis").transforms(links).scan(), tmp_path), 0.3, 0.0, 0.0)
 
 
 def test_odometry_without_a_child_frame_is_of_the_frame_in_odom(bag: SmallBag, tmp_path: Path) -> None:
     bag.drive(child="").transforms([link("chassis", "laser", 0.3)])
-    log = read(bag.transforms([link("odom", "chassis", 1.0)], topic="/tf").scan(), tmp_path)
+    log = read_back(bag.transforms([link("odom", "chassis", 1.0)], topic="/tf").scan(), tmp_path)
     assert_lidar(log, 0.3, 0.0, 0.0)
     assert "odometry does not name the robot's frame; 'chassis' is taken for it" in log.notes
 
 
 def test_base_link_stands_for_a_base_footprint_that_the_transforms_do_not_know(bag: SmallBag, tmp_path: Path) -> None:
-    log = read(bag.drive(child="base_footprint").transforms([link("base_link", "laser", 0.3)]).scan(), tmp_path)
+    log = read_back(bag.drive(child="base_footprint").transforms([link("base_link", "laser", 0.3)]).scan(), tmp_path)
     assert_lidar(log, 0.3, 0.0, 0.0)
     assert "the frame 'base_footprint' of the messages is taken for 'base_link' of the transforms" in log.notes
 
 
 def test_scans_in_the_frame_of_the_robot_need_no_transform(bag: SmallBag, tmp_path: Path) -> None:
-    assert_lidar(read(bag.drive().scan(frame="/base_link"), tmp_path), 0.0, 0.0, 0.0)
+    assert_lidar(read_back(bag.drive().scan(frame="/base_link"), tmp_path), 0.0, 0.0, 0.0)
 
 
 def test_the_way_to_the_lidar_does_not_lead_through_the_world(bag: SmallBag, tmp_path: Path) -> None:
@@ -134,7 +127,7 @@ def test_the_way_to_the_lidar_does_not_lead_through_the_world(bag: SmallBag, tmp
     with pytest.raises(
         InputError, match=r"frame 'laser': where the lidar sits on base_link is unknown.*--lidar x,y,theta"
     ):
-        read(bag.drive().transforms(links, topic="/tf").scan(), tmp_path)
+        read_back(bag.drive().transforms(links, topic="/tf").scan(), tmp_path)
 
 
 # ---- prefixes and namespaces
@@ -158,7 +151,7 @@ def test_prefixes_and_namespaces(
 ) -> None:
     bag.drive(topic=scans.replace("scan", "odom"), child=child)
     bag.transforms([link(f"{prefix}base_link", f"{prefix}laser", 0.2)], topic=tf)
-    assert_lidar(read(bag.scan(topic=scans, frame=scan_frame), tmp_path), 0.2, 0.0, 0.0)
+    assert_lidar(read_back(bag.scan(topic=scans, frame=scan_frame), tmp_path), 0.2, 0.0, 0.0)
 
 
 def two_robots(bag: SmallBag) -> SmallBag:
@@ -173,18 +166,18 @@ def two_robots(bag: SmallBag) -> SmallBag:
 
 @pytest.mark.parametrize(("topic", "x"), [("/robot1/scan", 0.1), ("robot2/scan", 0.2), (None, 0.2)])
 def test_the_namespace_of_the_scans_tells_the_robot(bag: SmallBag, tmp_path: Path, topic: str | None, x: float) -> None:
-    assert_lidar(read(two_robots(bag), tmp_path, scan_topic=topic), x, 0.0, 0.0)
+    assert_lidar(read_back(two_robots(bag), tmp_path, scan_topic=topic), x, 0.0, 0.0)
 
 
 def test_two_robots_share_a_topic_of_transforms(bag: SmallBag, tmp_path: Path) -> None:
     bag.drive(topic="/robot2/odom").scan(topic="/robot2/scan")
     bag.transforms([link(f"robot{n}/base_link", f"robot{n}/laser", 0.1 * n) for n in (1, 2)])
-    assert_lidar(read(bag, tmp_path), 0.2, 0.0, 0.0)
+    assert_lidar(read_back(bag, tmp_path), 0.2, 0.0, 0.0)
 
 
 def test_the_old_tf_message_of_ros_1_is_read(tmp_path: Path) -> None:
     bag = SmallBag("ros1").drive().transforms([link("base_link", "laser", 0.2)], topic="tf", message_type=OLD_TF)
-    assert_lidar(read(bag.scan(), tmp_path), 0.2, 0.0, 0.0)
+    assert_lidar(read_back(bag.scan(), tmp_path), 0.2, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("name", ["run.bag", "run.mcap", "run"])
@@ -217,7 +210,7 @@ def test_a_constant_transform_on_tf_is_followed(bag: SmallBag, tmp_path: Path) -
     bag.drive().transforms([link("mast", "laser", 0.1)])
     for time in range(10):
         bag.transforms([link("odom", "base_link", 0.5 * time), link("base_link", "mast", 0.2)], time, "/tf")
-    assert_lidar(read(bag.scan(), tmp_path), 0.3, 0.0, 0.0)
+    assert_lidar(read_back(bag.scan(), tmp_path), 0.3, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("turn", [quaternion(yaw=0.5), quaternion(pitch=0.5)], ids=["turning", "nodding"])
@@ -228,13 +221,13 @@ def test_a_lidar_that_moves_on_the_robot_is_refused(
     bag.transforms([link("base_link", "mast", 0.2)], 0.0, "/tf")
     bag.transforms([link("base_link", "mast", 0.2, rotation=turn)], 1.0, "/tf")
     with pytest.raises(InputError, match=r"frame 'laser'.*the transform base_link → mast moves by 0\.00 m and 29°"):
-        read(bag.scan(), tmp_path)
+        read_back(bag.scan(), tmp_path)
 
 
 def test_transforms_that_contradict_each_other_are_refused(bag: SmallBag, tmp_path: Path) -> None:
     links = [link("base_link", "laser", 0.2), link("base_link", "mast", 0.5), link("mast", "laser", 0.5)]
     with pytest.raises(InputError, match="contradicts the others"):
-        read(bag.drive().transforms(links).scan(), tmp_path)
+        read_back(bag.drive().transforms(links).scan(), tmp_path)
 
 
 # ---- tilt
@@ -270,7 +263,7 @@ def test_a_lidar_upside_down_sees_what_is_there(bag: SmallBag, tmp_path: Path, t
     mount = link("base_link", "laser", 0.3, -0.2, 0.4, turn)  # type: ignore[arg-type]
     angle, distance = ranges_to_target(mount)
     bag.drive().transforms([mount])
-    log = read(
+    log = read_back(
         bag.scan(angle_min=angle - 0.1, angle_increment=0.1, ranges=[np.nan, distance, np.nan, np.nan]), tmp_path
     )
     assert log.scans[0].angle_increment > 0.0
@@ -291,7 +284,7 @@ def test_a_drive_is_the_same_with_the_lidar_upside_down(tmp_path: Path) -> None:
         ranges = np.where(np.isinf(turned.ranges), scan.range_max - 1e-4, turned.ranges)
         fields = {name: getattr(turned, name) for name in ("angle_min", "angle_increment", "range_min", "range_max")}
         bag.scan(scan.time, "/robot1/scan", ranges=ranges, **fields)
-    again = read(bag, tmp_path / "again")
+    again = read_back(bag, tmp_path / "again")
     assert_lidar(again, log.lidar.x, log.lidar.y, log.lidar.theta)
     np.testing.assert_allclose(again.odometry.poses, log.odometry.poses, atol=1e-9)
     for scan, other in zip(log.scans, again.scans, strict=True):
@@ -313,12 +306,12 @@ def test_a_tilted_lidar_is_refused(bag: SmallBag, tmp_path: Path, turn: tuple[fl
     with pytest.raises(
         InputError, match=f"frame 'laser'.*it is tilted by {degrees}°, and only a level.*--lidar x,y,theta"
     ):
-        read(bag, tmp_path)
+        read_back(bag, tmp_path)
 
 
 def test_a_lidar_that_is_tilted_a_little_is_level(bag: SmallBag, tmp_path: Path) -> None:
     bag.drive().transforms([link("base_link", "laser", 0.2, rotation=quaternion(roll=0.1))]).scan()
-    log = read(bag, tmp_path)
+    log = read_back(bag, tmp_path)
     assert log.lidar.x == pytest.approx(0.2)
     assert log.lidar.theta == pytest.approx(0.0)
 
@@ -329,7 +322,7 @@ def test_a_lidar_that_is_tilted_a_little_is_level(bag: SmallBag, tmp_path: Path)
 def test_an_unknown_mount_is_refused_with_the_option_that_states_it(bag: SmallBag, tmp_path: Path) -> None:
     bag.drive().transforms([link("base_link", "camera"), link("camera", "lens")]).scan()
     with pytest.raises(InputError) as caught:
-        read(bag, tmp_path)
+        read_back(bag, tmp_path)
     assert "frame 'laser': where the lidar sits on base_link is unknown" in str(caught.value)
     assert str(caught.value).endswith("; frames of the transforms: base_link, camera, lens")
     assert "--lidar x,y,theta states it (m, m, degrees)" in str(caught.value)
@@ -338,11 +331,11 @@ def test_an_unknown_mount_is_refused_with_the_option_that_states_it(bag: SmallBa
 
 def test_a_bag_with_odometry_and_no_transforms_is_refused(bag: SmallBag, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--lidar x,y,theta states it .*; frames of the transforms: none"):
-        read(bag.drive().scan(), tmp_path)
+        read_back(bag.drive().scan(), tmp_path)
 
 
 def test_without_odometry_the_lidar_is_the_robot(bag: SmallBag, tmp_path: Path) -> None:
-    log = read(bag.scan(), tmp_path)
+    log = read_back(bag.scan(), tmp_path)
     assert_lidar(log, 0.0, 0.0, 0.0)
     assert "no transform says where the lidar sits on the robot, so its frame is taken for the robot's" in log.notes
 
@@ -353,25 +346,25 @@ def test_without_odometry_a_broken_transform_to_the_lidar_is_still_named(
 ) -> None:
     bag.transforms([link("base_link", "laser", rotation=(0.0, 0.0, 0.0, 0.0))]).scan()
     with pytest.raises(InputError, match=r"/tf_static, message 1: has the orientation \(0, 0, 0, 0\), which is not"):
-        read(bag, tmp_path, lenient=lenient)
+        read_back(bag, tmp_path, lenient=lenient)
 
 
 def test_broken_transforms_of_other_frames_do_not_matter(bag: SmallBag, tmp_path: Path) -> None:
     links = [link("base_link", "camera", rotation=(0.0, 0.0, 0.0, 0.0)), link("base_link", "laser", 0.2)]
-    log = read(bag.drive().transforms(links).scan(), tmp_path)
+    log = read_back(bag.drive().transforms(links).scan(), tmp_path)
     assert_lidar(log, 0.2, 0.0, 0.0)
     assert log.skipped == ()
 
 
 def test_the_mount_that_is_stated_counts(bag: SmallBag, tmp_path: Path) -> None:
-    log = read(bag.drive().scan(), tmp_path, lidar=Pose(0.2, 0.0, math.pi))
+    log = read_back(bag.drive().scan(), tmp_path, lidar=Pose(0.2, 0.0, math.pi))
     assert log.lidar == Pose(0.2, 0.0, math.pi)
     assert not [note for note in log.notes if "--lidar" in note]
 
 
 def test_transforms_that_disagree_with_the_stated_mount_are_noted(bag: SmallBag, tmp_path: Path) -> None:
     bag.drive().transforms([link("base_link", "laser", 0.1, 0.0, 0.0, quaternion(roll=math.pi))]).scan()
-    log = read(bag, tmp_path, lidar=Pose(0.2, 0.0, 0.0))
+    log = read_back(bag, tmp_path, lidar=Pose(0.2, 0.0, 0.0))
     assert log.lidar == Pose(0.2, 0.0, 0.0)
     assert log.scans[0].ranges.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
     expected = (
@@ -382,7 +375,7 @@ def test_transforms_that_disagree_with_the_stated_mount_are_noted(bag: SmallBag,
 
 def test_the_stated_mount_holds_whatever_is_wrong_with_the_transforms(bag: SmallBag, tmp_path: Path) -> None:
     bag.drive().transforms([link("base_link", "laser", rotation=quaternion(roll=0.5))]).scan()
-    assert read(bag, tmp_path, lidar=Pose(0.2)).lidar == Pose(0.2)
+    assert read_back(bag, tmp_path, lidar=Pose(0.2)).lidar == Pose(0.2)
 
 
 # ---- parts of a split recording

@@ -11,13 +11,12 @@ import yaml
 
 from wherry.errors import InputError
 from wherry.logs.lidar_log import LidarLog
-from wherry.logs.options import ReadingOptions
 from wherry.ros.bags.reading import is_bag, read_bag
 
 pytest.importorskip("rosbags", reason="the rosbags package is not installed")
 from rosbags import rosbag2
 
-from wherry_testing.recorded_bags import KINDS, LASER_SCAN, ODOMETRY, SmallBag, header, link
+from wherry_testing.recorded_bags import KINDS, LASER_SCAN, ODOMETRY, SmallBag, header, link, read_back
 
 MOUNT = [link("base_link", "laser", 0.2)]
 ROS2_KINDS = [kind for kind in KINDS if kind != "ros1"]
@@ -26,12 +25,6 @@ ROS2_KINDS = [kind for kind in KINDS if kind != "ros1"]
 @pytest.fixture(params=KINDS)
 def bag(request: pytest.FixtureRequest) -> SmallBag:
     return SmallBag(request.param)
-
-
-def read(bag: SmallBag, folder: Path, **options: object) -> LidarLog:
-    """Write a bag and read it again."""
-    folder.mkdir(exist_ok=True)
-    return read_bag(bag.write(folder / f"run{'.bag' * (bag.kind == 'ros1')}"), ReadingOptions(**options))  # type: ignore[arg-type]
 
 
 def times(log: LidarLog) -> list[float]:
@@ -43,29 +36,29 @@ def times(log: LidarLog) -> list[float]:
 
 def test_of_several_scan_topics_scan_is_read_and_said(bag: SmallBag, tmp_path: Path) -> None:
     bag.drive().transforms(MOUNT).scan(1.0).scan(2.0, topic="/rear").scan(3.0, topic="/rear")
-    log = read(bag, tmp_path)
+    log = read_back(bag, tmp_path)
     assert times(log) == [1.0]
     assert "scans are taken from /scan (1 message), not from /rear (2 messages); --scan-topic chooses" in log.notes
 
 
 def test_an_empty_scan_topic_does_not_hide_another(bag: SmallBag, tmp_path: Path) -> None:
-    log = read(bag.drive().transforms(MOUNT).declare("/scan", LASER_SCAN).scan(topic="/front/laser"), tmp_path)
+    log = read_back(bag.drive().transforms(MOUNT).declare("/scan", LASER_SCAN).scan(topic="/front/laser"), tmp_path)
     assert times(log) == [1.0]
 
 
 def test_without_a_topic_named_scan_the_one_with_most_messages_is_read(bag: SmallBag, tmp_path: Path) -> None:
     bag.drive().transforms(MOUNT).scan(1.0, topic="/a").scan(2.0, topic="/b").scan(3.0, topic="/b")
-    assert times(read(bag, tmp_path)) == [2.0, 3.0]
+    assert times(read_back(bag, tmp_path)) == [2.0, 3.0]
 
 
 def test_base_scan_is_preferred_to_a_topic_with_more_messages(bag: SmallBag, tmp_path: Path) -> None:
     bag.drive().transforms(MOUNT).scan(1.0, topic="/base_scan").scan(2.0, topic="/a_tilt_scan")
-    assert times(read(bag.scan(3.0, topic="/a_tilt_scan"), tmp_path)) == [1.0]
+    assert times(read_back(bag.scan(3.0, topic="/a_tilt_scan"), tmp_path)) == [1.0]
 
 
 @pytest.mark.parametrize("name", ["/rear", "rear"])
 def test_the_scan_topic_that_is_named_is_read(bag: SmallBag, tmp_path: Path, name: str) -> None:
-    log = read(bag.drive().transforms(MOUNT).scan(1.0).scan(2.0, topic="/rear"), tmp_path, scan_topic=name)
+    log = read_back(bag.drive().transforms(MOUNT).scan(1.0).scan(2.0, topic="/rear"), tmp_path, scan_topic=name)
     assert times(log) == [2.0]
     assert log.notes == ()
 
@@ -81,7 +74,7 @@ def test_the_scan_topic_that_is_named_is_read(bag: SmallBag, tmp_path: Path, nam
 def test_a_named_topic_without_scans_is_refused(bag: SmallBag, tmp_path: Path, name: str, reason: str) -> None:
     bag.drive().transforms(MOUNT).scan().declare("/rear", LASER_SCAN)
     with pytest.raises(InputError, match=reason):
-        read(bag, tmp_path, scan_topic=name)
+        read_back(bag, tmp_path, scan_topic=name)
 
 
 @pytest.mark.parametrize(
@@ -100,12 +93,12 @@ def test_a_bag_of_another_sensor_says_what_makes_scans_of_it(
     fields |= dict.fromkeys(limits, 0.0) | {"ranges": [], "intensities": []}
     content = type("Content", (), fields)()
     with pytest.raises(InputError, match=f"has no usable LaserScan messages; its /points is of {hint}"):
-        read(bag.drive().add("/points", message_type, 0.0, content), tmp_path)
+        read_back(bag.drive().add("/points", message_type, 0.0, content), tmp_path)
 
 
 def test_scans_of_two_lidars_on_one_topic_are_those_of_the_busier_one(bag: SmallBag, tmp_path: Path) -> None:
     bag.drive().transforms([*MOUNT, link("base_link", "rear", -0.2)])
-    log = read(bag.scan(1.0).scan(2.0, frame="rear").scan(3.0), tmp_path)
+    log = read_back(bag.scan(1.0).scan(2.0, frame="rear").scan(3.0), tmp_path)
     assert times(log) == [1.0, 3.0]
     assert log.lidar.x == pytest.approx(0.2)
     assert "/scan has scans in the frames 'laser' (2), 'rear' (1); those in 'laser' are used" in log.notes
@@ -118,7 +111,7 @@ def test_empty_odometry_does_not_hide_transforms(bag: SmallBag, tmp_path: Path) 
     bag.declare("/odom", ODOMETRY).transforms(MOUNT).scan(2.0)
     for time in range(5):
         bag.transforms([link("odom", "base_link", 0.5 * time)], time, "/tf")
-    log = read(bag, tmp_path)
+    log = read_back(bag, tmp_path)
     assert log.scan_odometry[0] is not None
     assert log.scan_odometry[0].pose.x == pytest.approx(1.0)
     assert "odometry is taken from the transforms odom → base_link" in log.notes
@@ -135,7 +128,7 @@ def test_of_several_sources_of_odometry_the_one_named_is_read(
     for time in (0.0, 10.0):
         bag.odometry(time, 1.0).odometry(time, 3.0, topic="/wheels/odometry").odometry(time, 7.0, topic="/filtered")
         bag.transforms([link("odom", "base_link", 5.0)], time, "/tf")
-    log = read(bag, tmp_path, odometry_topic=option)
+    log = read_back(bag, tmp_path, odometry_topic=option)
     assert log.scan_odometry[0] is not None
     assert log.scan_odometry[0].pose.x == pytest.approx(x)
     noted = [note for note in log.notes if note.startswith("odometry is taken from /odom (2 messages), not from")]
@@ -152,7 +145,7 @@ def test_of_several_sources_of_odometry_the_one_named_is_read(
 )
 def test_a_named_topic_without_odometry_is_refused(bag: SmallBag, tmp_path: Path, name: str, reason: str) -> None:
     with pytest.raises(InputError, match=reason):
-        read(bag.drive().transforms(MOUNT).scan(), tmp_path, odometry_topic=name)
+        read_back(bag.drive().transforms(MOUNT).scan(), tmp_path, odometry_topic=name)
 
 
 @pytest.mark.parametrize("lenient", [False, True])
@@ -161,7 +154,7 @@ def test_odometry_of_zero_quaternions_alone_is_refused(bag: SmallBag, tmp_path: 
         bag.odometry(time, orientation=(0.0, 0.0, 0.0, 0.0))
     expected = r"/odom, message 1: has the orientation \(0, 0, 0, 0\), which is not a unit quaternion"
     with pytest.raises(InputError, match=expected) as caught:
-        read(bag.transforms(MOUNT).scan(), tmp_path, lenient=lenient)
+        read_back(bag.transforms(MOUNT).scan(), tmp_path, lenient=lenient)
     assert len(str(caught.value).partition("run")[2]) < 300
     if lenient:
         assert "none of its 5 messages can be used" in str(caught.value)
@@ -171,13 +164,13 @@ def test_odometry_of_zero_quaternions_alone_is_refused(bag: SmallBag, tmp_path: 
 def test_transforms_of_zero_quaternions_give_no_odometry(bag: SmallBag, tmp_path: Path) -> None:
     bag.transforms(MOUNT).scan().transforms([link("odom", "base_link", rotation=(0.0, 0.0, 0.0, 0.0))], 0.0, "/tf")
     with pytest.raises(InputError, match="/tf, message 1: has the orientation"):
-        read(bag, tmp_path)
+        read_back(bag, tmp_path)
     with pytest.raises(InputError, match=r"odom → base_link: no transform can be used \(the first: /tf, message 1"):
-        read(bag, tmp_path / "again", lenient=True)
+        read_back(bag, tmp_path / "again", lenient=True)
 
 
 def test_odometry_of_an_unusual_name_is_said(bag: SmallBag, tmp_path: Path) -> None:
-    log = read(bag.drive(topic="/ground_truth").transforms(MOUNT).scan(), tmp_path)
+    log = read_back(bag.drive(topic="/ground_truth").transforms(MOUNT).scan(), tmp_path)
     assert log.notes == ("odometry is taken from /ground_truth (11 messages); --odom-topic chooses",)
 
 
@@ -185,7 +178,7 @@ def test_odometry_of_another_robot_is_not_read(bag: SmallBag, tmp_path: Path) ->
     bag.scan(topic="/robot1/scan").scan(topic="/robot2/scan").scan(2.0, topic="/robot2/scan").drive(
         topic="/robot1/odom"
     )
-    log = read(bag, tmp_path)
+    log = read_back(bag, tmp_path)
     assert len(log.scans) == 2
     assert log.scan_odometry == (None, None)
     assert "/robot1/odom (11 messages) is another robot's and was not read; --odom-topic chooses odometry" in log.notes
@@ -197,14 +190,14 @@ def test_odometry_of_another_robot_is_not_read(bag: SmallBag, tmp_path: Path) ->
 @pytest.mark.parametrize("definition", ["?? this is not a definition", "other_msgs/Unknown field\n", ""])
 def test_a_type_that_cannot_be_parsed_does_not_matter(bag: SmallBag, tmp_path: Path, definition: str) -> None:
     bag.drive().transforms(MOUNT).scan().define("/odd", "odd_msgs/msg/Odd", definition)
-    assert times(read(bag, tmp_path)) == [1.0]
+    assert times(read_back(bag, tmp_path)) == [1.0]
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite"])  # MCAP has no hashes
 def test_a_type_of_ros_that_is_defined_otherwise_is_refused(tmp_path: Path, kind: str) -> None:
     bag = SmallBag(kind).drive().transforms(MOUNT).define("/scan", LASER_SCAN, "float32 angle\n")
     with pytest.raises(InputError, match="/scan: its sensor_msgs/msg/LaserScan is defined otherwise than that of ROS"):
-        read(bag, tmp_path)
+        read_back(bag, tmp_path)
 
 
 # ---- files

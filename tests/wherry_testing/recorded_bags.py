@@ -14,6 +14,10 @@ import numpy as np
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from wherry.logs.lidar_log import LidarLog
+from wherry.logs.options import ReadingOptions
+from wherry.ros.bags.reading import read_bag
+
 LASER_SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 TF2, OLD_TF = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
 KINDS = ("ros1", "mcap", "sqlite")
@@ -212,3 +216,9 @@ def rotation(values: Quaternion) -> Any:
     """A quaternion."""
     x, y, z, w = values
     return SimpleNamespace(x=x, y=y, z=z, w=w)
+
+
+def read_back(bag: SmallBag, folder: Path, **options: object) -> LidarLog:
+    """Write a bag and read it again."""
+    folder.mkdir(exist_ok=True)
+    return read_bag(bag.write(folder / f"run{'.bag' * (bag.kind == 'ros1')}"), ReadingOptions(**options))  # type: ignore[arg-type]
